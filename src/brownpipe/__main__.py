@@ -1,0 +1,7 @@
+"""`python -m brownpipe`."""
+
+import sys
+
+from brownpipe.cli import main
+
+sys.exit(main())
