@@ -1,0 +1,197 @@
+"""The closed forms against their limits, numerical integrals and independent Monte Carlo.
+
+Monte-Carlo tolerances are 4.5 standard errors: a false alarm in 1 of 150,000 comparisons.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from brownpipe import theory
+
+SIGMAS = 4.5
+
+
+def integral(f, low, high, points=20001):
+    x = np.linspace(low, high, points)
+    return np.trapezoid(f(x), x)
+
+
+def assert_mean(samples, expected):
+    error = samples.std(ddof=1) / np.sqrt(samples.size)
+    assert abs(samples.mean() - expected) < SIGMAS * error
+
+
+# --- diffusion
+
+
+def test_propagator_is_normalised_and_has_the_diffusive_msd():
+    t, diffusion = 0.7, 0.31
+    assert integral(lambda r: theory.propagator(r, t, diffusion) * 2 * np.pi * r, 0, 12) == pytest.approx(1, abs=1e-6)
+    second = integral(lambda r: theory.propagator(r, t, diffusion) * 2 * np.pi * r**3, 0, 12)
+    assert second == pytest.approx(theory.diffusive_msd(t, diffusion), rel=1e-6)
+
+
+def test_propagator_solves_the_diffusion_equation():
+    r, t, diffusion, h = 0.8, 1.1, 0.4, 1e-3
+    rate = (theory.propagator(r, t + h, diffusion) - theory.propagator(r, t - h, diffusion)) / (2 * h)
+    here, out, back = (theory.propagator(x, t, diffusion) for x in (r, r + h, r - h))
+    laplacian = (out - 2 * here + back) / h**2 + (out - back) / (2 * h * r)
+    assert rate == pytest.approx(diffusion * laplacian, rel=1e-5)
+
+
+def test_rings_and_overflow_share_out_all_runs():
+    edges = np.append(np.arange(25) * 0.04, np.inf)
+    assert theory.ring_probability(edges[:-1], edges[1:], 1.0, 0.249).sum() == pytest.approx(1.0, abs=1e-14)
+
+
+def test_ring_probability_is_the_integral_of_the_propagator():
+    expected = integral(lambda r: theory.propagator(r, 2.0, 0.3) * 2 * np.pi * r, 0.5, 0.9)
+    assert theory.ring_probability(0.5, 0.9, 2.0, 0.3) == pytest.approx(expected, rel=1e-8)
+
+
+def test_thin_ring_keeps_its_digits():
+    assert theory.ring_probability(1.0, 1.0 + 1e-9, 0.25, 1.0) == pytest.approx(2e-9 * np.exp(-1), rel=1e-7)
+
+
+def test_rings_of_the_note():
+    """Figure 2 of the note: the theory curve peaks at 82.5 of 2,400 runs per 0.04 near r = 0.7 for D = 0.249."""
+    r = np.arange(24) * 0.04
+    counts = 2400 * theory.ring_probability(r, r + 0.04, 1.0, 0.249)
+    assert counts.max() == pytest.approx(82.5, abs=0.2)
+    assert r[counts.argmax()] == pytest.approx(0.68, abs=0.021)
+
+
+def test_reflecting_square_starts_free_and_ends_uniform():
+    assert theory.reflecting_square_msd(1e-9, 0.3, 2.7) == pytest.approx(4 * 0.3 * 1e-9, rel=1e-14)
+    assert theory.reflecting_square_msd(1e6, 0.3, 2.7) == pytest.approx(2 * 2.7**2 / 3, rel=1e-14)
+    assert theory.reflecting_square_msd(0.0, 0.3, 2.7) == 0.0
+
+
+def test_reflecting_square_has_no_seam():
+    below, above = theory.reflecting_square_msd(np.array([0.0067999999, 0.0068000001]), 1.0, 1.0)
+    assert above - below == pytest.approx(4 * 2e-10, rel=1e-5)
+
+
+def test_reflecting_square_against_folded_gaussians():
+    """A reflected path is a free path folded back into the box."""
+    rng, t, diffusion, a = np.random.default_rng(11), 2.0, 0.9, 1.5
+    free = rng.normal(0.0, np.sqrt(2 * diffusion * t), (400_000, 2))
+    folded = np.abs((free + a) % (4 * a) - 2 * a) - a
+    assert_mean((folded**2).sum(axis=1), theory.reflecting_square_msd(t, diffusion, a))
+
+
+# --- from ballistic flight to diffusion
+
+
+def test_langevin_limits():
+    assert theory.langevin_msd(1e-6, 3.0, 8.0, 3.2) == pytest.approx(theory.ballistic_msd(1e-6, 8.0), rel=1e-5)
+    assert theory.langevin_msd(2.0, 0.0, 8.0, 3.2) == theory.ballistic_msd(2.0, 8.0)
+    late = theory.langevin_msd(np.array([1e4, 1e4 + 1]), 3.0, 8.0, 3.2)
+    assert np.diff(late)[0] == pytest.approx(2 * 3.2 / 3.0, rel=1e-6)
+
+
+def test_langevin_has_no_seam():
+    """At gamma t = 0.1 the series hands over to the closed form: the slope changes by what the curve bends, no more."""
+    t = 0.1 + np.array([-2e-6, -1e-6, 1e-6, 2e-6])
+    before, across, after = np.diff(theory.langevin_msd(t, 1.0, 0.0, 1.0)) / np.diff(t)
+    assert before < across < after
+    assert across == pytest.approx((before + after) / 2, rel=1e-8)
+
+
+def test_langevin_against_its_own_equation():
+    """Exact Ornstein-Uhlenbeck steps of velocity, positions by the midpoint rule: its bias is far below the noise."""
+    rng, gamma, v0sq, veqsq, steps, dt = np.random.default_rng(12), 2.2, 8.0, 3.2, 200, 0.005
+    v = rng.normal(0.0, np.sqrt(v0sq / 2), (40_000, 2))
+    x = np.zeros_like(v)
+    keep, kick = np.exp(-gamma * dt), np.sqrt(veqsq / 2 * -np.expm1(-2 * gamma * dt))
+    for _ in range(steps):
+        after = keep * v + kick * rng.standard_normal(v.shape)
+        x += (v + after) * dt / 2
+        v = after
+    assert_mean((x**2).sum(axis=1), theory.langevin_msd(steps * dt, gamma, v0sq, veqsq))
+
+
+# --- Enskog
+
+
+def test_contact_values_of_a_thin_gas():
+    """B3 = (4/3 - sqrt(3)/pi) B2^2 gives chi = 1 + 1.5640 phi exactly; both forms have 25/16 = 1.5625 instead."""
+    phi = 1e-6
+    exact = 2 * (4 / 3 - np.sqrt(3) / np.pi)
+    for chi in (theory.contact_value(phi), theory.contact_value_henderson(phi)):
+        assert (chi - 1) / phi == pytest.approx(exact, rel=1e-3)
+
+
+def test_mixture_of_one_kind_is_henderson():
+    n, s = 0.6, 0.9
+    phi = np.pi / 4 * n * s**2
+    for densities, diameters in (([n], [s]), ([n / 3, 2 * n / 3], [s, s])):
+        mixed = theory.contact_value_mixture(s, s, densities, diameters)
+        assert mixed == pytest.approx(theory.contact_value_henderson(phi), rel=1e-14)
+
+
+@pytest.mark.parametrize(("phi", "z", "z_error", "rate", "rate_error"), [
+    (0.14, 1.35485, 0.00021, 0.80101, 0.00038),
+    (0.50, 4.10536, 0.00220, 7.00997, 0.00421),
+])  # fmt: skip
+def test_luding_against_simulation(phi, z, z_error, rate, rate_error):
+    """Molecular dynamics of 1,024 periodic disks, s = m = temperature = 1; the form itself is good to 0.1 %."""
+    chi, n = theory.contact_value(phi), 4 * phi / np.pi
+    assert abs(theory.compressibility(phi, chi) - z) < SIGMAS * z_error + 1e-3 * z
+    assert abs(theory.collision_rate(n, 1.0, chi, 0.5, 1.0) - rate) < SIGMAS * rate_error + 1e-3 * rate
+
+
+def test_collision_rate_against_free_flight():
+    """Rate = n sigma chi times the mean over relative velocities of the swept width 2 |u|, by Maxwell sampling."""
+    rng, n, sigma, chi, temperature, m_a, m_b = np.random.default_rng(13), 0.5, 0.4, 1.3, 1.6, 1.0, 0.4
+    size = (200_000, 2)
+    u = rng.normal(0, np.sqrt(temperature / m_a), size) - rng.normal(0, np.sqrt(temperature / m_b), size)
+    expected = theory.collision_rate(n, sigma, chi, theory.reduced_mass(m_a, m_b), temperature)
+    assert_mean(2 * n * sigma * chi * np.hypot(*u.T), expected)
+
+
+def test_friction_and_rate_are_one_quantity():
+    """gamma = 2 mu rate / m_a without a factor to choose: zeta = 2 mu rate."""
+    arguments = (0.7, 0.4, 1.2, 0.3, 1.6)
+    assert theory.enskog_friction(*arguments) == pytest.approx(2 * 0.3 * theory.collision_rate(*arguments), rel=1e-14)
+
+
+def test_diffusion_of_equal_disks():
+    n, s, chi, m, temperature = 0.6, 0.9, 1.4, 2.0, 1.7
+    expected = np.sqrt(temperature / (np.pi * m)) / (2 * n * s * chi)
+    assert theory.enskog_diffusion(n, s, chi, theory.reduced_mass(m, m), temperature) == pytest.approx(
+        expected, rel=1e-14
+    )
+
+
+# --- two uniform points in a box
+
+
+@pytest.mark.parametrize(("width", "height"), [(5.4, 5.4), (3.0, 1.0), (0.2, 7.0)])
+def test_pair_distances_are_normalised(width, height):
+    total = integral(lambda r: theory.pair_distance_density(r, width, height), 0, np.hypot(width, height), 400_001)
+    assert total == pytest.approx(1.0, abs=1e-6)
+
+
+def test_pair_distances_in_a_square():
+    r, side = np.linspace(0.01, 5.4, 50), 5.4
+    expected = 2 * r / side**2 * (np.pi - 4 * r / side + r**2 / side**2)
+    assert theory.pair_distance_density(r, side, side) == pytest.approx(expected, rel=1e-12)
+
+
+def test_pair_distances_end_at_the_diagonal():
+    assert theory.pair_distance_density([-1.0, 0.0, 5.0, 6.0], 3.0, 4.0) == pytest.approx([0, 0, 0, 0])
+    assert theory.pair_distance_density(4.99, 3.0, 4.0) > 0
+
+
+def test_pair_distances_against_random_points():
+    rng, width, height, runs = np.random.default_rng(14), 3.0, 1.0, 400_000
+    first, second = (rng.random((runs, 2)) * (width, height) for _ in range(2))
+    distance = np.hypot(*(first - second).T)
+    edges = np.linspace(0.0, 3.2, 17)
+    for low, high in pairwise(edges):
+        p = integral(lambda r: theory.pair_distance_density(r, width, height), low, high)
+        inside = np.count_nonzero((distance >= low) & (distance < high))
+        assert abs(inside - runs * p) <= SIGMAS * np.sqrt(runs * p) + 1
