@@ -1,0 +1,365 @@
+"""The scene: what is simulated and nothing else. Frozen, validated, hashable.
+
+A scene is read from a YAML file (config/README.md describes every key) and is right when it exists: all numbers are
+finite, radii and masses positive, the disks inside the box and without overlap, or, for species, not more than can fit.
+"""
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from brownpipe import reading
+from brownpipe.packing import ROUND_OFF, most_disks, overlap
+from brownpipe.reading import Entry, SceneError, must_be, refuse
+
+__all__ = ["Box", "Disk", "Scene", "SceneError", "Species", "Velocities", "parse_scene", "read_scene"]
+
+MOST_BYTES = 64 * 2**20  # of a scene file: some 500,000 explicit disks
+MOST_DISKS = 10_000_000
+MOST_SAMPLES = 10_000_000
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle [length]. Reflecting walls are hard and touch a disk at its edge."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    boundary: str  # "reflecting" or "periodic"
+
+    @property
+    def width(self) -> float:
+        return self.x[1] - self.x[0]
+
+    @property
+    def height(self) -> float:
+        return self.y[1] - self.y[0]
+
+    @property
+    def area(self) -> float:
+        return self.width * self.height
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """The lower left corner, from which the engines measure."""
+        return self.x[0], self.y[0]
+
+    @property
+    def periodic(self) -> bool:
+        return self.boundary == "periodic"
+
+
+@dataclass(frozen=True)
+class Species:
+    """Disks of one kind, placed by `state.draw`."""
+
+    name: str
+    count: int
+    radius: float
+    mass: float
+    position: tuple[float, float] | None = None  # of the tracer; None is placed like the others
+
+
+@dataclass(frozen=True)
+class Disk:
+    """One disk of an explicit list."""
+
+    position: tuple[float, float]
+    velocity: tuple[float, float]
+    radius: float
+    mass: float
+
+
+@dataclass(frozen=True)
+class Velocities:
+    """How velocity components are drawn: normal, of a given standard deviation or of variance kT/m."""
+
+    standard_deviation: float | None
+    temperature: float | None  # kT [energy]
+    zero_momentum: bool = False
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The physics of one run. Disk 0 is the disk that is followed."""
+
+    name: str
+    box: Box
+    species: tuple[Species, ...]  # the tracer, if any, first; () for explicit disks
+    disks: tuple[Disk, ...]  # () for species
+    placement: str  # "random" or "lattice"
+    velocities: Velocities | None  # None for explicit disks
+    duration: float
+    sample_interval: float
+    equilibrate: float = 0.0  # time before t = 0
+    tracer_while_equilibrating: str = "free"  # or "pinned"
+
+    @property
+    def particles(self) -> int:
+        """The number of disks, N."""
+        return len(self.disks) + sum(species.count for species in self.species)
+
+    @property
+    def radius(self) -> np.ndarray:
+        """(N,) radii [length]."""
+        return self._of_each_disk("radius")
+
+    @property
+    def mass(self) -> np.ndarray:
+        """(N,) masses."""
+        return self._of_each_disk("mass")
+
+    @property
+    def packing_fraction(self) -> float:
+        """phi = sum(pi R^2)/A."""
+        return float(math.pi * np.sum((self.radius / self.box.width) * (self.radius / self.box.height)))
+
+    @property
+    def times(self) -> np.ndarray:
+        """(T,) sample times: 0, the multiples of the sample interval, and the duration exactly."""
+        times = np.arange(math.floor(self.duration / self.sample_interval) + 1) * self.sample_interval
+        if self.duration - times[-1] > 1e-6 * self.sample_interval:
+            return np.append(times, self.duration)
+        times[-1] = self.duration  # a multiple, to round-off
+        return times
+
+    @property
+    def text(self) -> str:
+        """The physics as canonical JSON: `parse_scene(json.loads(scene.text), ...)` gives an equal scene."""
+        return json.dumps(_as_mapping(self), sort_keys=True, allow_nan=False)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the text: equal for equal physics, whatever the name."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def _of_each_disk(self, what: str) -> np.ndarray:
+        kinds = self.disks or self.species
+        counts = np.array([getattr(kind, "count", 1) for kind in kinds], dtype=int)
+        return np.repeat(np.array([getattr(kind, what) for kind in kinds], dtype=float), counts)
+
+
+def _as_mapping(scene: Scene) -> dict:
+    """Return what a scene file that leaves nothing to defaults would hold."""
+    common = {"box": asdict(scene.box), "duration": scene.duration, "sample_interval": scene.sample_interval}
+    if scene.velocities is None:
+        return common | {"disks": [asdict(disk) for disk in scene.disks]}
+    disks = {"tracer": None, "species": [], "placement": scene.placement}
+    for one in scene.species:
+        if one.name == "tracer":
+            disks["tracer"] = {"radius": one.radius, "mass": one.mass, "position": one.position}
+        else:
+            disks["species"].append({"name": one.name, "count": one.count, "radius": one.radius, "mass": one.mass})
+    return common | {
+        "particles": scene.particles,
+        "disks": disks,
+        "velocities": asdict(scene.velocities),
+        "equilibrate": {"time": scene.equilibrate, "tracer": scene.tracer_while_equilibrating},
+    }
+
+
+# -- reading --------------------------------------------------------------------------------------------------------
+
+
+def read_scene(path: str | Path, particles: int | None = None) -> Scene:
+    """Return the scene of a YAML file; `particles` replaces its total number of disks.
+
+    Raises SceneError, one line, for whatever is wrong with the file or the scene.
+    """
+    return parse_scene(reading.read_yaml(path, MOST_BYTES), str(path), particles)
+
+
+def parse_scene(mapping: object, where: str, particles: int | None = None) -> Scene:
+    """Return the scene that a mapping, as read from a scene file, describes.
+
+    `where` is the file that messages name; its stem becomes the name of the scene.
+    """
+    optional = {"particles": None, "velocities": None, "sample_interval": None, "equilibrate": None}
+    given = reading.fields(Entry(mapping, where), ("box", "disks", "duration"), optional)
+    if particles is not None:
+        given["particles"] = Entry(particles, where, ("particles asked for",))
+    duration = reading.number(given["duration"], above=0)
+    common = {
+        "name": reading.name(Entry(Path(where).stem, where, ("name of the file",))),
+        "box": _box(given["box"]),
+        "duration": duration,
+        "sample_interval": _sample_interval(given["sample_interval"], duration),
+    }
+    explicit = isinstance(given["disks"].value, list | tuple)
+    return _explicit(given, common) if explicit else _of_species(given, common)
+
+
+def _box(entry: Entry) -> Box:
+    given = reading.fields(entry, ("x", "y"), {"boundary": "reflecting"})
+    return Box(_side(given["x"]), _side(given["y"]), reading.choice(given["boundary"], ("reflecting", "periodic")))
+
+
+def _side(entry: Entry) -> tuple[float, float]:
+    low, high = (reading.number(end) for end in reading.items(entry, 2, "two numbers [low, high]"))
+    return (low, high) if 0 < high - low < math.inf else must_be(entry, "two numbers [low, high] with low < high")
+
+
+def _sample_interval(entry: Entry, duration: float) -> float:
+    if entry.value is None:
+        return duration
+    interval = reading.number(entry, above=0)
+    if interval > duration:
+        must_be(entry, f"at most the duration, {duration!r}")
+    if duration / interval > MOST_SAMPLES:
+        must_be(entry, f"at least {duration / MOST_SAMPLES:g}, for at most {MOST_SAMPLES} samples")
+    return interval
+
+
+# -- explicit disks -------------------------------------------------------------------------------------------------
+
+
+def _explicit(given: dict[str, Entry], common: dict) -> Scene:
+    for key in ("particles", "velocities", "equilibrate"):
+        if given[key].value is not None:
+            refuse(given[key], "must not be given with an explicit list of disks, which says it all")
+    entries = reading.items(given["disks"])
+    if len(entries) > MOST_DISKS:
+        must_be(given["disks"], f"at most {MOST_DISKS} disks")
+    disks = tuple(_disk(entry, common["box"]) for entry in entries)
+    _refuse_narrow(given["box"], common["box"], disks)
+    _refuse_overlap(given["disks"], common["box"], disks)
+    return Scene(species=(), disks=disks, placement="random", velocities=None, **common)
+
+
+def _disk(entry: Entry, box: Box) -> Disk:
+    given = reading.fields(entry, ("position", "velocity", "radius", "mass"))
+    radius, mass = _radius(given["radius"], box), reading.number(given["mass"], above=0)
+    return Disk(_inside(given["position"], box, radius), reading.pair(given["velocity"]), radius, mass)
+
+
+def _radius(entry: Entry, box: Box) -> float:
+    radius, most = reading.number(entry, above=0), min(box.width, box.height) / 2
+    return radius if radius <= most else must_be(entry, f"at most half the shorter side of the box, {most!r}")
+
+
+def _inside(entry: Entry, box: Box, radius: float) -> tuple[float, float]:
+    """Return a centre inside the box; with walls, the edge of the disk is inside as well, or in contact."""
+    position = reading.pair(entry)
+    for axis, value, (low, high) in zip("xy", position, (box.x, box.y), strict=True):
+        slack = ROUND_OFF * radius + 2 * math.ulp(max(-low, high))
+        if box.periodic and not low <= value < high:
+            must_be(entry, f"inside the periodic box, {low!r} <= {axis} < {high!r}")
+        if not box.periodic and not low - slack <= value - radius <= value + radius <= high + slack:
+            must_be(entry, f"inside the walls, {low!r} <= {axis} <= {high!r}, by the radius {radius!r} or more")
+    return position
+
+
+def _refuse_narrow(entry: Entry, box: Box, disks: tuple[Disk | Species, ...]) -> None:
+    """In a narrow periodic box a disk can touch two images of the same neighbour."""
+    least = 4 * max((disk.radius for disk in disks), default=0.0)
+    if box.periodic and min(box.width, box.height) < least:
+        size = f"a periodic box of {box.width!r} by {box.height!r}"
+        refuse(entry, f"{size} is too narrow; must be at least {least!r} both ways, four times the largest radius")
+
+
+def _refuse_overlap(entry: Entry, box: Box, disks: tuple[Disk, ...]) -> None:
+    position, radius = np.array([disk.position for disk in disks]), np.array([disk.radius for disk in disks])
+    found = overlap(position, radius, (box.x, box.y) if box.periodic else None)
+    if found is None:
+        return
+    a, b, gap = found
+    at = f"disk {a} at {list(disks[a].position)} and disk {b} at {list(disks[b].position)}"
+    refuse(entry, f"{at} overlap: the gap between their edges is {gap:.6g}; must be >= 0")
+
+
+# -- species --------------------------------------------------------------------------------------------------------
+
+
+def _of_species(given: dict[str, Entry], common: dict) -> Scene:
+    box, disks = common["box"], given["disks"]
+    if not isinstance(disks.value, dict) or not disks.value.keys() & {"tracer", "species"}:
+        must_be(disks, "a list of disks, or a mapping with tracer, species or both")
+    inside = reading.fields(disks, (), {"tracer": None, "species": [], "placement": "random"})
+    species = _species(inside, given["particles"], box)
+    _refuse_narrow(given["box"], box, species)
+    _refuse_crowd(disks, box, species)
+    equilibrate, tracer = _equilibrate(given["equilibrate"], inside["tracer"].value is not None)
+    return Scene(
+        species=species,
+        disks=(),
+        placement=reading.choice(inside["placement"], ("random", "lattice")),
+        velocities=_velocities(given["velocities"]),
+        equilibrate=equilibrate,
+        tracer_while_equilibrating=tracer,
+        **common,
+    )
+
+
+def _species(inside: dict[str, Entry], particles: Entry, box: Box) -> tuple[Species, ...]:
+    species = [] if inside["tracer"].value is None else [_tracer(inside["tracer"], box)]
+    kinds = [reading.fields(one, ("name", "count", "radius", "mass")) for one in reading.items(inside["species"])]
+    counts = _counts([kind["count"] for kind in kinds], particles, len(species))
+    for kind, count in zip(kinds, counts, strict=True):
+        own = reading.name(kind["name"])
+        if own in ("tracer", *(one.name for one in species)):
+            must_be(kind["name"], "a name of its own (tracer is reserved)")
+        species.append(Species(own, count, _radius(kind["radius"], box), reading.number(kind["mass"], above=0)))
+    return tuple(species)
+
+
+def _tracer(entry: Entry, box: Box) -> Species:
+    given = reading.fields(entry, ("radius", "mass"), {"position": None})
+    radius = _radius(given["radius"], box)
+    position = None if given["position"].value is None else _inside(given["position"], box, radius)
+    return Species("tracer", 1, radius, reading.number(given["mass"], above=0), position)
+
+
+def _counts(entries: list[Entry], particles: Entry, tracers: int) -> list[int]:
+    """Return the number of disks of each species, with `rest` worked out from the total."""
+    rest = [entry for entry in entries if entry.value == "rest"]
+    if len(rest) > 1:
+        must_be(rest[1], "a number, as only one species can be the rest")
+    counts = [0 if entry in rest else reading.integer(entry, 0, MOST_DISKS, " or rest") for entry in entries]
+    known = tracers + sum(counts)
+    if particles.value is None:
+        if rest:
+            refuse(particles, "missing; must be given with `count: rest`")
+        particles = Entry(known, particles.file, particles.path)
+    total = reading.integer(particles, 0, MOST_DISKS)
+    if total < known or (total > known and not rest):
+        least = "at least " if rest else ""
+        must_be(particles, f"{least}{known}, which is what the tracer and the species with numbers add up to")
+    return [total - known if entry in rest else count for entry, count in zip(entries, counts, strict=True)]
+
+
+def _refuse_crowd(entry: Entry, box: Box, species: tuple[Species, ...]) -> None:
+    """Refuse more disks than can fit, each species alone or all together; what passes may still be hard to place."""
+    for one in species:
+        most = most_disks(box.width, box.height, 2 * one.radius, box.periodic)
+        if one.count > most:
+            refuse(entry, f"{one.count} disks of radius {one.radius!r} ({one.name}) cannot fit; must be at most {most}")
+    phi = math.fsum(math.pi * one.count * (one.radius / box.width) * (one.radius / box.height) for one in species)
+    if phi > 1:
+        refuse(entry, f"the disks cover {phi:.4g} times the area of the box; must be at most 1")
+
+
+def _velocities(entry: Entry) -> Velocities:
+    if entry.value is None:
+        refuse(entry, "missing; must be given with species")
+    given = reading.fields(entry, (), {"standard_deviation": None, "temperature": None, "zero_momentum": False})
+    spreads = [given[key] for key in ("standard_deviation", "temperature")]
+    if sum(spread.value is not None for spread in spreads) != 1:
+        refuse(entry, "must have either standard_deviation or temperature")
+    deviation, temperature = (None if one.value is None else reading.number(one, least=0) for one in spreads)
+    return Velocities(deviation, temperature, reading.flag(given["zero_momentum"]))
+
+
+def _equilibrate(entry: Entry, has_tracer: bool) -> tuple[float, str]:
+    """Return the time before t = 0 and whether the tracer is then pinned (the default) or free."""
+    usual = "pinned" if has_tracer else "free"
+    if not isinstance(entry.value, dict):
+        return (0.0 if entry.value is None else reading.number(entry, least=0)), usual
+    given = reading.fields(entry, ("time",), {"tracer": usual})
+    time, tracer = reading.number(given["time"], least=0), reading.choice(given["tracer"], ("pinned", "free"))
+    if tracer == "pinned" and not has_tracer:
+        must_be(given["tracer"], "free, as there is no tracer")
+    return time, tracer if time > 0 else usual

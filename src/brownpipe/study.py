@@ -1,0 +1,256 @@
+"""The study: scenes x particle counts x engines x seeds, and what is made of them."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain, groupby
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe import reading
+from brownpipe.reading import Entry, must_be
+from brownpipe.scene import MOST_BYTES, MOST_DISKS, Scene, parse_scene
+
+MOST_STUDY_BYTES = 2**20
+MOST_SEEDS = 10_000_000
+MOST_JOBS = 10_000
+LARGEST_SEED = 2**63 - 1
+
+ENGINES = {"exact": {}}  # name: {setting: how an Entry of it is read}
+OBSERVABLES = ("msd", "displacement_distribution")
+FIGURES = {  # name: the observable it shows
+    "msd": "msd",
+    "displacement_distribution": "displacement_distribution",
+    "particle_counts": "msd",
+    "health": None,
+}
+DEFAULTS = {
+    "particles": None,  # of each scene file
+    "engines": ["exact"],
+    "batch": 600,
+    "observables": list(OBSERVABLES),
+    "figures": None,  # all
+    "fit_windows": [[0.1, 1.0], [0.5, 1.0]],
+    "rings": {"dr": 0.04, "count": 24},
+}
+
+
+class Engine(NamedTuple):
+    """An engine and its settings."""
+
+    name: str
+    settings: tuple[tuple[str, object], ...] = ()
+
+    @property
+    def label(self) -> str:
+        """Its folder: the name, followed by the settings."""
+        return "-".join([self.name, *(str(value) for _, value in self.settings)])
+
+
+class Job(NamedTuple):
+    """One call of `brownpipe simulate`: the seeds first to last (included) of one case."""
+
+    scene: str
+    particles: int
+    engine: str  # label
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to simulate, how often, and what to make of it. Read by `read_study`."""
+
+    name: str
+    scenes: tuple[Path, ...]
+    cases: tuple[Scene, ...]  # each scene with each particle count, validated
+    engines: tuple[Engine, ...]
+    seeds: Sequence[int]  # ascending; a range where there is no gap
+    batch: int  # seeds per job
+    observables: tuple[str, ...]
+    figures: tuple[str, ...]
+    fit_windows: tuple[tuple[float, float], ...]  # [time]
+    ring_width: float  # dr [length]
+    rings: int
+
+    @property
+    def batches(self) -> list[tuple[int, int]]:
+        """First and last seed of each batch, cut at multiples of `batch`: more seeds leave whole batches alone."""
+        return [cut for first, last in _runs(self.seeds) for cut in _cuts(first, last, self.batch)]
+
+    @property
+    def ring_edges(self) -> np.ndarray:
+        """(rings + 1,) radii [length] that bound the rings of the displacement distribution."""
+        return np.arange(self.rings + 1) * self.ring_width
+
+    @property
+    def table(self) -> dict[str, dict[str, dict[str, str]]]:
+        """For each scene and particle count: the file of the scene, and the digest of its physics."""
+        files = {path.stem: str(path) for path in self.scenes}
+        table = {name: {} for name in files}
+        for case in self.cases:
+            table[case.name][str(case.particles)] = {"file": files[case.name], "digest": case.digest}
+        return table
+
+    def jobs(self) -> list[Job]:
+        """Return one record per call of `brownpipe simulate`."""
+        return [
+            Job(case.name, case.particles, engine.label, first, last)
+            for case in self.cases
+            for engine in self.engines
+            for first, last in self.batches
+        ]
+
+
+def read_study(path: str | Path, overrides: dict | None = None) -> Study:
+    """Return the study of a YAML file. Its scenes are found relative to the folder of that file.
+
+    `overrides` replaces top-level keys (`snakemake --config seeds=100`). Raises SceneError, one line, for whatever is
+    wrong with the study or with any of its scenes at any of its particle counts.
+    """
+    mapping, file = reading.read_yaml(path, MOST_STUDY_BYTES), str(path)
+    if overrides and isinstance(mapping, dict):
+        mapping, file = mapping | overrides, f"{path} with {', '.join(map(str, overrides))} replaced"
+    given = reading.fields(Entry(mapping, file), ("scenes", "seeds"), DEFAULTS)
+    scenes = _scenes(given["scenes"], Path(path).parent)
+    cases = _cases(scenes, given["particles"])
+    observables = _words(given["observables"], OBSERVABLES)
+    ring_width, rings = _rings(given["rings"])
+    study = Study(
+        name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
+        scenes=scenes,
+        cases=cases,
+        engines=_engines(given["engines"]),
+        seeds=_seeds(given["seeds"]),
+        batch=reading.integer(given["batch"], 1, MOST_SEEDS),
+        observables=observables,
+        figures=_figures(given["figures"], observables),
+        fit_windows=_windows(given["fit_windows"], cases if "msd" in observables else ()),
+        ring_width=ring_width,
+        rings=rings,
+    )
+    jobs = len(cases) * len(study.engines) * len(study.batches)
+    if jobs > MOST_JOBS:
+        must_be(given["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
+    return study
+
+
+def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
+    """Return the seeds of "0-2399", "17" or "3,5,9", ascending and without repeats; a range where there is no gap."""
+    entry = entry or Entry(text, "", ("seeds",))
+    parts = [re.fullmatch(r"([0-9]{1,19})(?:-([0-9]{1,19}))?", part.strip(), re.ASCII) for part in text.split(",")]
+    if None in parts:
+        must_be(entry, "seeds like 17, 0-2399 or 3,5,9")
+    ends = [(int(part[1]), int(part[2] or part[1])) for part in parts]
+    if any(first > last for first, last in ends):
+        must_be(entry, "ranges that ascend, like 0-2399")
+    if any(last > LARGEST_SEED for _, last in ends):
+        must_be(entry, "seeds below 2**63")
+    runs = _merged(ends)
+    if sum(last - first + 1 for first, last in runs) > MOST_SEEDS:
+        must_be(entry, f"at most {MOST_SEEDS} seeds")
+    ranges = [range(first, last + 1) for first, last in runs]
+    return ranges[0] if len(ranges) == 1 else tuple(chain.from_iterable(ranges))
+
+
+def _merged(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return runs of consecutive seeds in ascending order, joined where they touch or overlap."""
+    merged = []
+    for first, last in sorted(runs):
+        if merged and first <= merged[-1][1] + 1:
+            first, last = merged[-1][0], max(last, merged.pop()[1])
+        merged.append((first, last))
+    return merged
+
+
+def _seeds(entry: Entry) -> Sequence[int]:
+    """A number is a count (seeds 0, 1, ...); a string or a list names the seeds themselves."""
+    if isinstance(entry.value, int) and not isinstance(entry.value, bool):
+        return range(reading.integer(entry, 1, MOST_SEEDS))
+    parts = entry.value if isinstance(entry.value, list | tuple) else [entry.value]
+    if not parts or not all(isinstance(part, int | str) and not isinstance(part, bool) for part in parts):
+        must_be(entry, "a count like 2400, a range like 0-2399, or a list of seeds and ranges")
+    return parse_seeds(",".join(map(str, parts)), entry)
+
+
+def _runs(seeds: Sequence[int]) -> list[tuple[int, int]]:
+    """Return first and last of each stretch of seeds without a gap."""
+    if isinstance(seeds, range):
+        return [(seeds[0], seeds[-1])]
+    stretches = (list(group) for _, group in groupby(enumerate(seeds), lambda pair: pair[1] - pair[0]))
+    return [(stretch[0][1], stretch[-1][1]) for stretch in stretches]
+
+
+def _cuts(first: int, last: int, batch: int) -> list[tuple[int, int]]:
+    starts = [first, *range(first - first % batch + batch, last + 1, batch)]
+    return [(start, min(last, start - start % batch + batch - 1)) for start in starts]
+
+
+def _one_or_more(entry: Entry) -> list[Entry]:
+    """Return the entries of a list that is not empty; a single value stands for a list of one."""
+    entries = reading.items(entry) if isinstance(entry.value, list | tuple) else [entry]
+    return entries or must_be(entry, "a list that is not empty")
+
+
+def _scenes(entry: Entry, folder: Path) -> tuple[Path, ...]:
+    paths = {}
+    for one in _one_or_more(entry):
+        if not isinstance(one.value, str) or not one.value:
+            must_be(one, "the path of a scene file, relative to the study file")
+        if Path(one.value).stem in paths:
+            must_be(one, "a scene with a name (file stem) of its own")
+        paths[Path(one.value).stem] = folder / one.value
+    return tuple(paths.values())
+
+
+def _cases(scenes: tuple[Path, ...], particles: Entry) -> tuple[Scene, ...]:
+    given = () if particles.value is None else _one_or_more(particles)
+    counts = [reading.integer(one, 0, MOST_DISKS) for one in given] or [None]
+    if len(set(counts)) < len(counts):
+        must_be(particles, "particle counts that differ")
+    read = [(reading.read_yaml(scene, MOST_BYTES), str(scene)) for scene in scenes]
+    return tuple(parse_scene(mapping, where, count) for mapping, where in read for count in counts)
+
+
+def _engines(entry: Entry) -> tuple[Engine, ...]:
+    engines = tuple(_engine(one) for one in _one_or_more(entry))
+    return engines if len(set(engines)) == len(engines) else must_be(entry, "engines or settings that differ")
+
+
+def _engine(entry: Entry) -> Engine:
+    mapping = entry.value if isinstance(entry.value, dict) else {"name": entry.value}
+    which = Entry(mapping.get("name"), entry.file, (*entry.path, "name"))
+    settings = ENGINES[reading.choice(which, tuple(ENGINES))]
+    given = reading.fields(Entry(mapping, entry.file, entry.path), ("name", *settings))
+    return Engine(which.value, tuple((key, read(given[key])) for key, read in settings.items()))
+
+
+def _words(entry: Entry, allowed: tuple[str, ...]) -> tuple[str, ...]:
+    words = tuple(reading.choice(one, allowed) for one in _one_or_more(entry))
+    return words if len(set(words)) == len(words) else must_be(entry, "words that differ")
+
+
+def _figures(entry: Entry, observables: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the figures; the default is all that the observables allow."""
+    possible = tuple(figure for figure, needed in FIGURES.items() if needed is None or needed in observables)
+    return possible if entry.value is None else _words(entry, possible)
+
+
+def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float], ...]:
+    """Return the time windows of the fits, each with at least three sample times of every scene."""
+    windows = []
+    for one in reading.items(entry):
+        t0, t1 = (reading.number(end, least=0) for end in reading.items(one, 2, "two times [t0, t1]"))
+        for case in cases:
+            inside = np.count_nonzero((case.times >= t0) & (case.times <= t1))
+            if not t0 < t1 <= case.duration or inside < 3:
+                must_be(one, f"[t0, t1] with t0 < t1 <= {case.duration!r} and three samples or more of {case.name}")
+        windows.append((t0, t1))
+    return tuple(windows)
+
+
+def _rings(entry: Entry) -> tuple[float, int]:
+    given = reading.fields(entry, ("dr", "count"))
+    return reading.number(given["dr"], above=0), reading.integer(given["count"], 1, 100_000)

@@ -1,0 +1,215 @@
+"""The scene: what a file says is what is simulated, and the canonical text says it again."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from brownpipe.packing import most_disks
+from brownpipe.scene import Disk, Scene, SceneError, Species, parse_scene, read_scene
+
+CONFIG = Path(__file__).parent.parent / "config"
+BOX = {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": "reflecting"}
+
+
+def disk(x=0.0, y=0.0, radius=0.1, mass=1.0, velocity=(1.0, 0.0)):
+    return {"position": [x, y], "velocity": list(velocity), "radius": radius, "mass": mass}
+
+
+def explicit(*disks, box=BOX, **more):
+    return parse_scene({"box": box, "disks": list(disks), "duration": 1.0, **more}, "test.yaml")
+
+
+def species(*kinds, box=BOX, particles=None, **disks):
+    mapping = {"box": box, "disks": {"species": list(kinds), **disks}, "velocities": {"temperature": 1.0}}
+    return parse_scene(mapping | {"duration": 1.0}, "test.yaml", particles)
+
+
+def kind(count, radius=0.1, name="bath", mass=1.0):
+    return {"name": name, "count": count, "radius": radius, "mass": mass}
+
+
+# -- the note ---
+
+
+def test_note_as_published():
+    scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml")
+    assert scene.species == (Species("tracer", 1, 0.3, 1.0, (0.0, 0.0)), Species("bath", 149, 0.1, 0.4))
+    assert (scene.name, scene.particles, scene.velocities.standard_deviation) == ("harrison2020", 150, 2.0)
+    assert scene.packing_fraction == pytest.approx(math.pi * (0.09 + 149 * 0.01) / 36, rel=1e-15)
+    assert scene.radius.tolist() == [0.3] + 149 * [0.1]
+    assert scene.mass.tolist() == [1.0] + 149 * [0.4]
+    assert scene.times.tolist() == [k * 0.01 for k in range(100)] + [1.0]
+
+
+def test_thermal_variant_differs_in_the_velocities_alone():
+    published, thermal = (read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml") for end in ("", "_thermal"))
+    assert thermal.velocities.temperature == 1.6
+    assert replace(thermal, name=published.name, velocities=published.velocities) == published
+
+
+def test_particles_replace_the_total():
+    scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml", particles=50)
+    assert [one.count for one in scene.species] == [1, 49]
+    assert read_scene(CONFIG / "scenes" / "harrison2020.yaml", particles=1).radius.tolist() == [0.3]
+
+
+# -- defaults, text and digest ---
+
+
+def test_empty_list_is_a_scene_of_no_disks():
+    scene = explicit()
+    assert (scene.particles, scene.radius.shape, scene.mass.shape, scene.packing_fraction) == (0, (0,), (0,), 0.0)
+
+
+def test_defaults():
+    scene = parse_scene({"box": {"x": [0, 1], "y": [0, 1]}, "disks": [], "duration": 2}, "some/folder/a.b.yaml")
+    assert (scene.name, scene.box.boundary, scene.sample_interval, scene.equilibrate) == ("a.b", "reflecting", 2.0, 0.0)
+    assert scene.times.tolist() == [0.0, 2.0]
+
+
+def test_tracer_is_pinned_only_where_there_is_one():
+    assert species(kind(3)).tracer_while_equilibrating == "free"
+    assert species(kind(3), tracer={"radius": 0.1, "mass": 1}).tracer_while_equilibrating == "pinned"
+
+
+def test_who_is_pinned_does_not_matter_without_equilibration():
+    mapping = {"box": BOX, "disks": {"tracer": {"radius": 0.1, "mass": 1}}, "velocities": {"temperature": 1}}
+    mapping |= {"duration": 1.0, "equilibrate": {"time": 0, "tracer": "free"}}
+    assert parse_scene(mapping, "test.yaml") == species(tracer={"radius": 0.1, "mass": 1})
+
+
+def test_digest_is_of_the_physics_alone():
+    scene = species(kind(149), tracer={"radius": 0.3, "mass": 1.0})
+    same = species(kind("rest"), tracer={"mass": 1, "radius": 0.3}, particles=150)
+    assert same == scene
+    assert same.digest == scene.digest == replace(scene, name="other").digest
+    assert len({scene.digest, species(kind(149, mass=1.1), tracer={"radius": 0.3, "mass": 1.0}).digest}) == 2
+    assert explicit(disk(x=-0.0)).digest == explicit(disk(x=0.0)).digest
+    assert len({scene, same}) == 1  # hashable
+
+
+lengths = st.floats(1e-3, 0.3)
+masses = st.floats(1e-300, 1e300)
+components = st.floats(-1e160, 1e160)
+
+
+@st.composite
+def scenes(draw) -> Scene:
+    """Species of any masses in boxes anywhere, and lists of disks on a grid so wide that they cannot overlap."""
+    low, duration = draw(st.floats(-1e6, 1e6)), draw(st.floats(1e-150, 1e9))
+    box = {"x": [low, low + 7], "y": [0.0, 9.0], "boundary": draw(st.sampled_from(["reflecting", "periodic"]))}
+    mapping = {"box": box, "duration": duration, "sample_interval": duration / draw(st.integers(1, 1000))}
+    if draw(st.booleans()):
+        disks = [
+            disk(low + 1 + i, 1.0, draw(lengths), draw(masses), (draw(components), draw(components))) for i in range(3)
+        ]
+        return parse_scene(mapping | {"disks": disks[: draw(st.integers(0, 3))]}, "drawn.yaml")
+    kinds = [kind(draw(st.integers(0, 9)), draw(lengths), f"kind-{i}", draw(masses)) for i in range(2)]
+    disks = {"species": kinds, "placement": draw(st.sampled_from(["random", "lattice"]))}
+    if draw(st.booleans()):
+        disks["tracer"] = {"radius": draw(lengths), "mass": draw(masses)}
+        disks["tracer"] |= draw(st.sampled_from([{}, {"position": [low + 1, 1.0]}]))
+        mapping["equilibrate"] = {"time": draw(st.sampled_from([0, 2.5])), "tracer": "free"}
+    spread = draw(st.sampled_from(["standard_deviation", "temperature"]))
+    velocities = {spread: draw(st.floats(0, 1e160)), "zero_momentum": draw(st.booleans())}
+    return parse_scene(mapping | {"disks": disks, "velocities": velocities}, "drawn.yaml")
+
+
+@given(scenes())
+@settings(max_examples=100, deadline=None)
+def test_text_reads_back_as_the_same_scene(scene):
+    again = parse_scene(json.loads(scene.text), scene.name)
+    assert again == scene
+    assert again.text == scene.text
+
+
+# -- sample times ---
+
+
+@given(st.floats(1e-150, 1e9), st.floats(1, 1000))
+@settings(max_examples=200, deadline=None)
+def test_times_are_multiples_and_end_at_the_duration(interval, intervals):
+    scene = explicit(duration=interval * intervals, sample_interval=interval)
+    times = scene.times
+    assert times[-1] == scene.duration
+    assert np.all(times[:-1] == np.arange(len(times) - 1) * interval)
+    assert np.all(np.diff(times) > 0)
+    assert np.all(np.diff(times) < interval * (1 + 2e-6))
+
+
+@pytest.mark.parametrize(
+    ("duration", "interval", "count"),
+    [(1.0, 0.1, 11), (math.nextafter(1, 2), 0.1, 11), (0.3, 0.1, 4), (1.0, 0.3, 5), (5.0, 5.0, 2)],
+)
+def test_number_of_samples(duration, interval, count):
+    assert len(explicit(duration=duration, sample_interval=interval).times) == count
+
+
+# -- contact and overlap ---
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3, -1e6])
+@pytest.mark.parametrize("angle", np.linspace(0, 2 * math.pi, 9))
+def test_contact_is_accepted_to_round_off(offset, angle):
+    box = {"x": [offset - 3, offset + 3], "y": [-3, 3]}
+    near = math.nextafter(offset + 0.2 * math.cos(angle), offset)
+    assert explicit(disk(offset), disk(near, 0.2 * math.sin(angle)), box=box).particles == 2
+
+
+@pytest.mark.parametrize("gap", [-1e-3, -1e-6, -1e-9, -1e-11])
+def test_overlap_is_refused_beyond_round_off(gap):
+    with pytest.raises(
+        SceneError, match=r"disk 0 at \[0.0, 0.0\] and disk 2 at .* overlap: the gap .* is -(1e-|0.001)"
+    ):
+        explicit(disk(), disk(x=2.0), disk(x=0.2 + gap))
+
+
+def test_wall_contact_is_accepted_to_round_off():
+    assert explicit(disk(x=2.9, y=-2.9), disk(x=math.nextafter(2.9, 3), y=0)).particles == 2
+    assert explicit(disk(radius=3.0)).particles == 1
+    far = {"x": [1e6 - 3, 1e6 + 3], "y": [-3, 3]}
+    assert explicit(disk(math.nextafter(1e6 + 2.9, 2e6)), box=far).particles == 1
+    with pytest.raises(SceneError, match=r"disks\[0\].position: must be inside the walls, -3.0 <= x <= 3.0"):
+        explicit(disk(x=2.9 + 1e-9))
+
+
+def test_overlap_through_a_periodic_boundary():
+    box = {"x": [0, 2], "y": [0, 2], "boundary": "periodic"}
+    assert explicit(disk(0.0, 0.0), disk(1.8, 0.0), disk(0.0, 1.8), box=box).particles == 3
+    for x, y in ((1.85, 0.0), (0.0, 1.85), (1.9, 1.9)):
+        with pytest.raises(SceneError, match=r"disk 0 .* and disk 1 .* overlap"):
+            explicit(disk(0.0, 0.0), disk(x, y), box=box)
+
+
+# -- what fits ---
+
+
+@pytest.mark.parametrize(("count", "periodic"), [(1030, False), (1039, True)])
+def test_more_disks_than_can_fit_are_refused(count, periodic):
+    box = BOX | {"boundary": "periodic" if periodic else "reflecting"}
+    most = most_disks(6, 6, 0.2, periodic)
+    assert species(kind(most), box=box).particles == most
+    with pytest.raises(SceneError, match=f"{most + 1} disks .* cannot fit; must be at most {most}"):
+        species(kind(most + 1), box=box)
+    assert most == count
+
+
+def test_mixture_may_fill_the_holes_but_not_more_than_the_box():
+    hexagonal = kind(1000, name="big")
+    assert species(hexagonal, kind(2000, radius=0.01, name="small")).packing_fraction > 0.87
+    with pytest.raises(SceneError, match=r"the disks cover 1\.\d+ times the area of the box"):
+        species(hexagonal, kind(5000, radius=0.02, name="small"))
+
+
+def test_records_are_what_the_engines_need():
+    scene = explicit(disk(1, 2, 0.1, 3, (4, 5)))
+    assert scene.disks == (Disk((1.0, 2.0), (4.0, 5.0), 0.1, 3.0),)
+    assert (scene.box.width, scene.box.height, scene.box.area, scene.box.origin) == (6.0, 6.0, 36.0, (-3.0, -3.0))
+    assert not scene.box.periodic
+    assert scene.velocities is None

@@ -1,0 +1,198 @@
+"""The study: which runs are made, in which batches, and what is made of them."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from brownpipe import study as study_module
+from brownpipe.reading import SceneError
+from brownpipe.study import Engine, Job, parse_seeds, read_study
+
+CONFIG = Path(__file__).parent.parent / "config"
+
+
+def small(**overrides):
+    return read_study(CONFIG / "small.yaml", overrides)
+
+
+def test_default_study_is_the_note():
+    study = read_study(CONFIG / "harrison2020.yaml")
+    assert study.name == "harrison2020"
+    assert [(case.name, case.particles) for case in study.cases] == [
+        (scene, count) for scene in ("harrison2020", "harrison2020_thermal") for count in (50, 100, 150, 200)
+    ]
+    assert study.batches == [(0, 599), (600, 1199), (1200, 1799), (1800, 2399)]
+    assert (len(study.jobs()), study.engines) == (32, (Engine("exact"),))
+    assert study.ring_edges[[0, 1, -1]].tolist() == [0.0, 0.04, 0.96]
+    assert all(path.is_file() for path in study.scenes)
+
+
+def test_small_study_says_the_rest_by_default():
+    default = read_study(CONFIG / "harrison2020.yaml")
+    for key in ("engines", "observables", "figures", "fit_windows", "ring_width", "rings"):
+        assert getattr(small(), key) == getattr(default, key)
+
+
+def test_jobs_are_every_case_by_every_batch():
+    jobs = small(particles=[50]).jobs()
+    assert jobs[:2] == [Job("harrison2020", 50, "exact", 0, 29), Job("harrison2020", 50, "exact", 30, 59)]
+    assert len(set(jobs)) == len(jobs) == 4
+
+
+def test_particles_default_to_those_of_the_scene():
+    assert [case.particles for case in small(particles=None).cases] == [150, 150]
+
+
+def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "one.yaml").write_text("box: {x: [0, 1], y: [0, 1]}\ndisks: []\nduration: 1\n")
+    (tmp_path / "study.yaml").write_text("scenes: scenes/one.yaml\nseeds: 3\nobservables: displacement_distribution\n")
+    monkeypatch.chdir("/")
+    study = read_study(tmp_path / "study.yaml")
+    assert study.scenes == (tmp_path / "scenes" / "one.yaml",)
+    assert study.figures == ("displacement_distribution", "health")  # those that need no MSD
+
+
+def test_engine_with_settings_is_read_by_the_table(monkeypatch):
+    table = {"exact": {}, "timestep": {"time_step": lambda entry: float(entry.value)}}
+    monkeypatch.setattr(study_module, "ENGINES", table)
+    study = small(engines=["exact", {"name": "timestep", "time_step": 0.001}])
+    assert [engine.label for engine in study.engines] == ["exact", "timestep-0.001"]
+    with pytest.raises(SceneError, match=r"engines\[0\].time_step: missing"):
+        small(engines=[{"name": "timestep"}])
+
+
+# -- seeds ---
+
+
+@pytest.mark.parametrize(
+    ("text", "seeds"),
+    [
+        ("17", [17]),
+        ("0-3", [0, 1, 2, 3]),
+        ("9,3,5,3", [3, 5, 9]),
+        ("0-2, 2-4", [0, 1, 2, 3, 4]),
+        ("0-9,2-3,5", list(range(10))),
+        ("007", [7]),
+        (str(2**63 - 1), [2**63 - 1]),
+    ],
+)
+def test_seeds(text, seeds):
+    assert list(parse_seeds(text)) == seeds
+
+
+def test_a_million_seeds_take_no_memory():
+    assert parse_seeds("0-499999,500000-999999") == range(1_000_000)
+    assert small(seeds=1_000_000, batch=1000).seeds == range(1_000_000)
+
+
+@given(st.sets(st.integers(0, 60), min_size=1))
+@settings(max_examples=200, deadline=None)
+def test_seeds_written_one_by_one_or_in_ranges_are_the_same(seeds):
+    one_by_one = parse_seeds(",".join(map(str, seeds)))
+    assert list(one_by_one) == sorted(seeds)
+    assert isinstance(one_by_one, range) == (max(seeds) - min(seeds) + 1 == len(seeds))
+    assert parse_seeds(",".join(f"{first}-{last}" for first, last in study_module._runs(one_by_one))) == one_by_one
+
+
+def test_a_number_is_a_count_and_a_string_names_seeds():
+    assert small(seeds=17).seeds == range(17)
+    assert small(seeds="17").seeds == range(17, 18)
+    assert small(seeds=["0-1", 17]).seeds == (0, 1, 17)
+
+
+@given(st.sets(st.integers(0, 100), min_size=1), st.integers(1, 20))
+@settings(max_examples=100, deadline=None)
+def test_batches_hold_each_seed_once_and_do_not_cross_multiples(seeds, batch):
+    batches = small(seeds=sorted(seeds), batch=batch).batches
+    assert [seed for first, last in batches for seed in range(first, last + 1)] == sorted(seeds)
+    assert all(first // batch == last // batch for first, last in batches)
+
+
+def test_more_seeds_leave_whole_batches_as_they_are():
+    assert small(seeds=150).batches[:2] == small(seeds=60).batches
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [
+        ("", "must be seeds like 17, 0-2399 or 3,5,9, not ''"),
+        ("a", "must be seeds like 17, 0-2399 or 3,5,9, not 'a'"),
+        ("1,,2", "must be seeds like"),
+        ("-1", "must be seeds like"),
+        ("1.5", "must be seeds like"),
+        ("٣", "must be seeds like"),
+        ("9-3", "must be ranges that ascend, like 0-2399, not '9-3'"),
+        (str(2**63), "must be seeds below 2**63"),
+        ("1" * 5000, "must be seeds like"),
+        ("0-9999999999", "must be at most 10000000 seeds, not '0-9999999999'"),
+    ],
+)
+def test_wrong_seeds_are_refused(text, allowed):
+    with pytest.raises(SceneError) as refusal:
+        parse_seeds(text)
+    assert str(refusal.value).startswith(f"seeds: {allowed}")
+    assert len(str(refusal.value)) < 200
+
+
+# -- refusals ---
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"sed": 3}, "unknown key 'sed'; did you mean seeds? allowed: scenes, seeds,"),
+        ({"seeds": 0}, "seeds: must be an integer from 1 to 10000000, not 0"),
+        (
+            {"seeds": True},
+            "seeds: must be a count like 2400, a range like 0-2399, or a list of seeds and ranges, not true",
+        ),
+        ({"seeds": []}, "seeds: must be a count like 2400"),
+        ({"seeds": [-1]}, "seeds: must be seeds like 17, 0-2399 or 3,5,9, not [-1]"),
+        ({"batch": 0}, "batch: must be an integer from 1 to 10000000, not 0"),
+        ({"batch": 1.5}, "batch: must be an integer from 1 to 10000000, not 1.5"),
+        (
+            {"seeds": 10000, "batch": 1},
+            "batch: must be large enough for at most 10000 jobs (40000 with this one), not 1",
+        ),
+        ({"particles": [50, 50]}, "particles: must be particle counts that differ, not [50, 50]"),
+        ({"particles": []}, "particles: must be a list that is not empty, not []"),
+        ({"particles": ["50"]}, "particles[0]: must be an integer from 0 to 10000000, not '50'"),
+        ({"engines": "timestep"}, "engines.name: 'timestep' is unknown; must be exact"),
+        ({"engines": ["exat"]}, "engines[0].name: 'exat' is unknown; did you mean exact? must be exact"),
+        ({"engines": [{"name": "langevin", "friction": "enskog"}]}, "engines[0].name: 'langevin' is unknown"),
+        ({"engines": [{"name": "exact", "time_step": 1}]}, "engines[0]: unknown key 'time_step'; allowed: name"),
+        ({"engines": ["exact", "exact"]}, "engines: must be engines or settings that differ"),
+        ({"observables": ["vacf"]}, "observables[0]: 'vacf' is unknown; must be msd or displacement_distribution"),
+        ({"observables": ["displacement_distribution"], "figures": ["msd"]}, "figures[0]: 'msd' is unknown"),
+        ({"figures": ["helth"]}, "figures[0]: 'helth' is unknown; did you mean health?"),
+        (
+            {"fit_windows": [[0.5, 0.1]]},
+            "fit_windows[0]: must be [t0, t1] with t0 < t1 <= 1.0 and three samples or more",
+        ),
+        ({"fit_windows": [[0.1, 2.0]]}, "fit_windows[0]: must be [t0, t1] with t0 < t1 <= 1.0"),
+        ({"fit_windows": [[0.1, 0.115]]}, "three samples or more of harrison2020, not [0.1, 0.115]"),
+        ({"fit_windows": [0.1, 1.0]}, "fit_windows[0]: must be two times [t0, t1], not 0.1"),
+        ({"rings": {"dr": 0.04}}, "rings.count: missing; must be given"),
+        ({"rings": {"dr": 0, "count": 3}}, "rings.dr: must be a finite number > 0, not 0"),
+        ({"scenes": []}, "scenes: must be a list that is not empty"),
+        ({"scenes": [3]}, "scenes[0]: must be the path of a scene file, relative to the study file, not 3"),
+        ({"scenes": ["scenes/harrison2020.yaml"] * 2}, "scenes[1]: must be a scene with a name (file stem) of its own"),
+    ],
+)
+def test_wrong_studies_are_refused(overrides, message):
+    with pytest.raises(SceneError) as refusal:
+        small(**overrides)
+    line = str(refusal.value)
+    assert line.startswith(f"{CONFIG / 'small.yaml'} with {', '.join(overrides)} replaced: ")
+    assert message in line
+    assert "\n" not in line
+
+
+def test_every_scene_is_read_with_every_particle_count():
+    with pytest.raises(SceneError, match=r"harrison2020.yaml: disks: 1999 disks of radius 0.1 \(bath\) cannot fit"):
+        small(particles=[50, 2000])
+    with pytest.raises(SceneError, match=r"scenes/absent.yaml: cannot be read: No such file or directory"):
+        small(scenes=["scenes/harrison2020.yaml", "scenes/absent.yaml"])
