@@ -1,0 +1,69 @@
+"""Equations (1)-(10) of the note as scalar kernels, in the form that survives finite precision.
+
+Everything here takes and returns plain numbers: positions and velocities of one disk, or of a pair, in any units.
+"""
+
+import math
+
+from brownpipe.kernels import kernel
+
+
+@kernel
+def encounter(x, y, u, v, sigma):
+    """Return (b, c, d) of the quadratic behind eqs. (1)-(3), for r = (x, y) and v = (u, v) of b seen from a.
+
+    b = r.v, c = r.r - sigma^2, and d = v.v sigma^2 - (r x v)^2, which equals b^2 - v.v c.  Written with the cross
+    product it loses a factor abs(r)/sigma less to cancellation, at the same cost.
+    """
+    cross = x * v - y * u
+    return x * u + y * v, x * x + y * y - sigma * sigma, (u * u + v * v) * (sigma * sigma) - cross * cross
+
+
+@kernel
+def meets(b, d):
+    """Whether a pair with (b, d) of `encounter` is on a course to touch: approaching, and not passing by."""
+    return (b < 0.0) & (d > 0.0)
+
+
+@kernel
+def delay(b, c, d):
+    """Time until a pair that `meets` touches, eqs. (1)-(3) multiplied by their conjugate.
+
+    A pair that round-off left overlapped by 1e-16 sigma (c < 0) collides now; eq. (1) taken literally would give a
+    negative time, and the disks would pass through each other.
+    """
+    return max(c, 0.0) / (math.sqrt(d) - b)
+
+
+@kernel
+def pair_time(x, y, u, v, sigma):
+    """Time until two disks touch, inf if never, eqs. (1)-(3); (x, y), (u, v) as in `encounter`."""
+    b, c, d = encounter(x, y, u, v, sigma)
+    return delay(b, c, d) if meets(b, d) else math.inf
+
+
+@kernel
+def wall_time(gap, speed):
+    """Time until a disk's edge has covered `gap` to a wall at `speed` towards it, eq. (4); inf if it moves away."""
+    return max(gap, 0.0) / speed if speed > 0.0 else math.inf
+
+
+@kernel
+def exchange(x, y, u, v):
+    """The vector f of eqs. (7)-(8): the part of the relative velocity (u, v) along the line of centres (x, y)."""
+    f = (x * u + y * v) / (x * x + y * y)
+    return f * x, f * y
+
+
+@kernel
+def shares(mass_a, mass_b):
+    """The factors 2 m_b/(m_a + m_b) and 2 m_a/(m_a + m_b) of eqs. (5)-(6).
+
+    The lighter disk's is taken as 2 minus the heavier's: rounded apart, the two would not conserve energy at mass
+    ratios of 1e12.  An infinite mass is a disk that does not move.
+    """
+    if mass_a >= mass_b:
+        share_a = 2.0 * mass_b / (mass_a + mass_b)
+        return share_a, 2.0 - share_a
+    share_b = 2.0 * mass_a / (mass_a + mass_b)
+    return 2.0 - share_b, share_b

@@ -1,0 +1,437 @@
+"""The events of the exact engine: predict, collide, bounce, change cell; and the loop over them.
+
+Every disk has its own time: its position and velocity are those after its last collision, and it moves straight from
+there. It knows one next event. For every pair of neighbours at least one of the two knows a next pair event that is not
+later than their collision, so that the earliest event of all is always right (B. D. Lubachevsky, J. Comput. Phys. 94,
+255 (1991)). A pair event whose partner has collided in the meantime is stale and only makes the disk predict afresh.
+"""
+
+import math
+
+from brownpipe.collisions import delay, encounter, exchange, meets, shares
+from brownpipe.exact import calendar, grid
+from brownpipe.exact.workspace import (
+    BLOCK,
+    BUCKET_NOW,
+    CELL_FULL,
+    COLUMN,
+    COUNT,
+    CROSSINGS,
+    DISK_BITS,
+    DISK_MASK,
+    DONE,
+    DOWN,
+    EVENT,
+    EVENT_TIME,
+    LEFT,
+    LINE,
+    LOG_FULL,
+    LOGGED,
+    NEAREST,
+    NOW,
+    OPEN,
+    OVERFULL,
+    PAIR,
+    PAIR_TIME,
+    PAIRS,
+    PARTNER,
+    PARTNER_COUNT,
+    PAUSED,
+    RADIUS,
+    RIGHT,
+    ROW,
+    SAMPLE,
+    SOON,
+    STALE,
+    TIME,
+    TRACER_PAIRS,
+    UP,
+    VIRIAL,
+    VX,
+    VY,
+    WALL,
+    WALL_IMPULSE,
+    WALLS,
+    X,
+    Y,
+)
+from brownpipe.kernels import kernel
+
+
+@kernel
+def contact_distance(mass, w, i, k):
+    """Return sigma of a pair; without masses all disks are equal."""
+    if mass is None:
+        return w.grid.sigma
+    return w.disk[ROW * i + RADIUS] + w.disk[ROW * k + RADIUS]
+
+
+@kernel
+def radius_of(mass, w, i):
+    """Return the radius of a disk."""
+    if mass is None:
+        return 0.5 * w.grid.sigma
+    return w.disk[ROW * i + RADIUS]
+
+
+@kernel
+def mass_of(mass, i):
+    """Return the mass of a disk."""
+    if mass is None:
+        return 1.0
+    return mass[i]
+
+
+@kernel
+def shares_of(mass, i, k):
+    """Return the shares of eqs. (5)-(6), and the mass that makes an impulse of f."""
+    if mass is None:
+        return 1.0, 1.0, 1.0
+    share_i, share_k = shares(mass[i], mass[k])
+    return share_i, share_k, mass[i] * share_i if mass[i] < mass[k] else mass[k] * share_k
+
+
+@kernel
+def shifted(shift, candidate, x, y):
+    """Move a disk's position to its image's."""
+    if shift is None:
+        return x, y
+    image = candidate >> DISK_BITS
+    return x + shift[image, 0], y + shift[image, 1]
+
+
+@kernel
+def displacement(w, i, candidate, now):
+    """Return position and velocity of a candidate (a disk or an image of it) as seen from disk i."""
+    disk, a, b = w.disk, ROW * i, ROW * (candidate & DISK_MASK)
+    since_a, since_b = now - disk[a + TIME], now - disk[b + TIME]
+    x = (disk[b + X] + disk[b + VX] * since_b) - (disk[a + X] + disk[a + VX] * since_a)
+    y = (disk[b + Y] + disk[b + VY] * since_b) - (disk[a + Y] + disk[a + VY] * since_a)
+    x, y = shifted(w.shift, candidate, x, y)
+    return x, y, disk[b + VX] - disk[a + VX], disk[b + VY] - disk[a + VY]
+
+
+@kernel
+def earliest(w, i, now, m):
+    """Make the earliest collision with one of m candidates the pair event of disk i, if it is earlier than that.
+
+    Two passes: the first, free of branches, keeps those that are on a course to touch; the second takes their square
+    roots. A partner that will predict afresh before that (its own pair event comes first) is left to find disk i then.
+    """
+    disk, approach = w.disk, w.approach
+    n = 0
+    for j in range(m):
+        candidate = w.candidate[j]
+        k = candidate & DISK_MASK
+        x, y, u, v = displacement(w, i, candidate, now)
+        sigma = contact_distance(w.mass, w, i, k)
+        b, c, d = encounter(x, y, u, v, sigma)
+        w.candidate[n] = candidate
+        approach[3 * n], approach[3 * n + 1], approach[3 * n + 2] = b, c, d
+        n += meets(b, d)
+        if (c < w.tally[NEAREST] * (sigma * sigma)) & (k != i):
+            w.tally[NEAREST] = c / (sigma * sigma)
+    best, partner = disk[ROW * i + PAIR_TIME], w.candidate[0]
+    for j in range(n):
+        time = now + delay(approach[3 * j], approach[3 * j + 1], approach[3 * j + 2])
+        if time < best and time <= disk[ROW * (w.candidate[j] & DISK_MASK) + PAIR_TIME]:
+            best, partner = time, w.candidate[j]
+    if best < disk[ROW * i + PAIR_TIME]:
+        disk[ROW * i + PAIR_TIME] = best
+        w.link[ROW * i + PARTNER] = partner
+        w.link[ROW * i + PARTNER_COUNT] = w.link[ROW * (partner & DISK_MASK) + COUNT]
+
+
+@kernel
+def edge_ahead(shift, velocity, cell, low, side, cell_side, radius):
+    """Return where a disk meets the next cell or the wall in one direction, and whether it is the wall, eq. (4)."""
+    edge = low + (cell + (velocity > 0.0)) * cell_side
+    if shift is not None:
+        return edge, False
+    wall = low + side - radius if velocity > 0.0 else low + radius
+    reached = edge >= wall if velocity > 0.0 else edge <= wall
+    return (wall if reached else edge), reached
+
+
+@kernel
+def schedule(w, i, now):
+    """Enter the next event of disk i: its collision, its next cell or a wall, whichever comes first."""
+    disk, link, box, a = w.disk, w.link, w.grid, ROW * i
+    radius = radius_of(w.mass, w, i)
+    time, event = disk[a + PAIR_TIME], PAIR
+    velocity = disk[a + VX]
+    if velocity != 0.0:
+        edge, wall = edge_ahead(w.shift, velocity, link[a + COLUMN], box.x, box.width, box.cell_width, radius)
+        reached = disk[a + TIME] + (edge - disk[a + X]) / velocity
+        if reached < time:
+            time, event = reached, (RIGHT if velocity > 0.0 else LEFT) + WALL * wall
+    velocity = disk[a + VY]
+    if velocity != 0.0:
+        edge, wall = edge_ahead(w.shift, velocity, link[a + LINE], box.y, box.height, box.cell_height, radius)
+        reached = disk[a + TIME] + (edge - disk[a + Y]) / velocity
+        if reached < time:
+            time, event = reached, (UP if velocity > 0.0 else DOWN) + WALL * wall
+    time = max(time, now)
+    disk[a + EVENT_TIME] = time
+    link[a + EVENT] = event
+    calendar.push(w, i, time)
+
+
+@kernel
+def predict(w, i, now):
+    """Find the next event of disk i afresh, among all its neighbours."""
+    column, line = int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE])
+    w.disk[ROW * i + PAIR_TIME] = math.inf
+    m = grid.gather(w.big, w, i, column, line)
+    earliest(w, i, now, m)
+    schedule(w, i, now)
+
+
+@kernel
+def wrapped(image, w, i, column, line):
+    """Take disk i, about to enter a cell, to the other side of a periodic box if that cell is outside; return if so.
+
+    Disks see each other as other images then, so that all that was predicted with disk i is out of date.
+    """
+    if image is None:
+        return False
+    across, up = column // w.grid.columns, line // w.grid.lines
+    if across == 0 and up == 0:
+        return False
+    w.disk[ROW * i + X] -= across * w.grid.width
+    w.disk[ROW * i + Y] -= up * w.grid.height
+    image[2 * i] += across
+    image[2 * i + 1] += up
+    w.link[ROW * i + COUNT] += 1
+    return True
+
+
+@kernel
+def cross(w, i, now, event):
+    """Let disk i go into the next cell; its collision found before stands, unless the new neighbours come earlier."""
+    box, a = w.grid, ROW * i
+    column, line = int(w.link[a + COLUMN]), int(w.link[a + LINE])
+    grid.leave(w.big, w, i, column, line)
+    column += (event == RIGHT) - (event == LEFT)
+    line += (event == UP) - (event == DOWN)
+    if wrapped(w.image, w, i, column, line):
+        column, line = column % box.columns, line % box.lines
+        grid.enter(w.big, w, i, column, line)
+        predict(w, i, now)
+        return
+    grid.enter(w.big, w, i, column, line)
+    earliest(w, i, now, grid.gather_new(w.big, w, i, column, line, event))
+    schedule(w, i, now)
+
+
+@kernel
+def move(w, i, now):
+    """Bring disk i to the time now."""
+    a = ROW * i
+    since = now - w.disk[a + TIME]
+    w.disk[a + X] += w.disk[a + VX] * since
+    w.disk[a + Y] += w.disk[a + VY] * since
+    w.disk[a + TIME] = now
+
+
+@kernel
+def collide(w, i, candidate, now):
+    """Exchange momentum between disk i and its partner, eqs. (5)-(8); return the impulse given to disk i."""
+    disk, k = w.disk, candidate & DISK_MASK
+    a, b = ROW * i, ROW * k
+    move(w, i, now)
+    move(w, k, now)
+    x, y, u, v = displacement(w, i, candidate, now)
+    fx, fy = exchange(x, y, u, v)
+    share_a, share_b, mass = shares_of(w.mass, i, k)
+    disk[a + VX] += share_a * fx
+    disk[a + VY] += share_a * fy
+    disk[b + VX] -= share_b * fx
+    disk[b + VY] -= share_b * fy
+    w.link[a + COUNT] += 1
+    w.link[b + COUNT] += 1
+    w.tally[VIRIAL] -= mass * (x * fx + y * fy)
+    return mass * fx, mass * fy
+
+
+@kernel
+def bounce(w, i, event, now):
+    """Reflect disk i at a wall, eqs. (9)-(10), its edge exactly at it; return the impulse given to the disk."""
+    disk, box, a = w.disk, w.grid, ROW * i
+    radius = radius_of(w.mass, w, i)
+    mass = mass_of(w.mass, i)
+    move(w, i, now)
+    w.link[a + COUNT] += 1
+    side = event - WALL
+    if side <= RIGHT:
+        disk[a + X] = box.x + radius if side == LEFT else box.x + box.width - radius
+        disk[a + VX] = -disk[a + VX]
+        fx, fy = 2.0 * mass * disk[a + VX], 0.0
+    else:
+        disk[a + Y] = box.y + radius if side == DOWN else box.y + box.height - radius
+        disk[a + VY] = -disk[a + VY]
+        fx, fy = 0.0, 2.0 * mass * disk[a + VY]
+    w.tally[WALL_IMPULSE + side - 1] += abs(fx + fy)
+    return fx, fy
+
+
+@kernel
+def log(w, r, i, partner, fx, fy, now):
+    """Note a collision, where a log is asked for."""
+    n = w.clock[LOGGED]
+    if n < len(r.log_time):
+        r.log_block[n], r.log_time[n] = w.clock[BLOCK], now
+        r.log_pair[n, 0], r.log_pair[n, 1] = i, partner
+        r.log_impulse[n, 0], r.log_impulse[n, 1] = fx, fy
+        w.clock[LOGGED] = n + 1
+
+
+@kernel
+def happen(w, r, i, now):
+    """Let the next event of disk i happen."""
+    link, count = w.link, w.count
+    event = int(link[ROW * i + EVENT])
+    other = i
+    if event == PAIR:
+        partner = link[ROW * i + PARTNER]
+        k = partner & DISK_MASK
+        if link[ROW * k + COUNT] == link[ROW * i + PARTNER_COUNT]:
+            fx, fy = collide(w, i, partner, now)
+            log(w, r, i, int(k), fx, fy, now)
+            count[PAIRS] += 1
+            count[TRACER_PAIRS] += (i == r.tracer) | (k == r.tracer)
+            w.disk[ROW * k + PAIR_TIME] = math.inf
+            other = k
+        else:
+            count[STALE] += 1
+    elif event > WALL:
+        fx, fy = bounce(w, i, event, now)
+        log(w, r, i, WALL - event, fx, fy, now)
+        count[WALLS] += 1
+    else:
+        count[CROSSINGS] += 1
+        cross(w, i, now, event)
+        return
+    predict(w, i, now)
+    if other != i:
+        predict(w, other, now)
+
+
+@kernel
+def run(w, r, until, most):
+    """Let events happen up to a time within the block, at most so many of them."""
+    clock = w.clock
+    for _ in range(most):
+        while not calendar.next_is_due(w):
+            if (clock[BUCKET_NOW] + 1) * w.calendar.width > until:
+                return DONE
+            calendar.open_next_bucket(w)
+        soon = clock[SOON] - 1
+        now, i = w.soon_time[soon], w.soon_disk[soon]
+        if now > until:
+            return DONE
+        if len(r.log_time) > 0 and clock[LOGGED] == len(r.log_time):
+            return LOG_FULL
+        clock[SOON] = soon
+        if w.disk[ROW * i + EVENT_TIME] == now:
+            happen(w, r, i, now)
+            w.tally[NOW] = now
+            if clock[OVERFULL]:
+                return CELL_FULL
+    return PAUSED
+
+
+@kernel
+def begin_block(w):
+    """Put the disks into cells and predict all events, from nothing but positions and velocities at local time 0."""
+    disk, box = w.disk, w.grid
+    w.cell[:: box.slots] = 0
+    calendar.clear(w)
+    n = len(disk) // ROW
+    for i in range(n):
+        a = ROW * i
+        column = min(max(int((disk[a + X] - box.x) / box.cell_width), 0), box.columns - 1)
+        line = min(max(int((disk[a + Y] - box.y) / box.cell_height), 0), box.lines - 1)
+        w.link[a + COUNT] = 0
+        disk[a + PAIR_TIME] = math.inf
+        grid.enter(w.big, w, i, column, line)
+    for i in range(n):
+        predict(w, i, 0.0)
+
+
+@kernel
+def end_block(w):
+    """Bring all disks to the end of the block, which is the beginning of the next."""
+    for i in range(len(w.disk) // ROW):
+        move(w, i, w.calendar.block)
+        w.disk[ROW * i + TIME] = 0.0
+    w.clock[BLOCK] += 1
+    w.tally[NOW] = 0.0
+
+
+@kernel
+def audit(w, i, now):
+    """Look for overlaps of disk i with its neighbours."""
+    column, line = int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE])
+    m = grid.gather(w.big, w, i, column, line)
+    for j in range(m):
+        k = w.candidate[j] & DISK_MASK
+        if k != i:
+            x, y, u, v = displacement(w, i, w.candidate[j], now)
+            sigma = contact_distance(w.mass, w, i, k)
+            b, c, d = encounter(x, y, u, v, sigma)
+            w.tally[NEAREST] = min(w.tally[NEAREST], c / (sigma * sigma))
+
+
+@kernel
+def note(image, w, i, now, position, velocity, images, row, column):
+    """Write where disk i is now into a row of a record."""
+    disk, a = w.disk, ROW * i
+    since = now - disk[a + TIME]
+    position[row, column, 0] = disk[a + X] + disk[a + VX] * since
+    position[row, column, 1] = disk[a + Y] + disk[a + VY] * since
+    velocity[row, column, 0] = disk[a + VX]
+    velocity[row, column, 1] = disk[a + VY]
+    if image is not None:
+        images[row, column, 0] = image[2 * i]
+        images[row, column, 1] = image[2 * i + 1]
+
+
+@kernel
+def sample(w, r, now):
+    """Take a sample, and look for overlaps among what it shows; at the last one among all."""
+    row = w.clock[SAMPLE]
+    w.clock[SAMPLE] = row + 1
+    if len(w.disk) == 0:
+        return
+    note(w.image, w, r.tracer, now, r.position, r.velocity, r.image, row, 0)
+    audit(w, r.tracer, now)
+    whole = r.whole_position.shape[1] > 0
+    for i in range(len(w.disk) // ROW):
+        if whole:
+            note(w.image, w, i, now, r.whole_position, r.whole_velocity, r.whole_image, row, i)
+        if whole or row == len(r.block) - 1:
+            audit(w, i, now)
+
+
+@kernel
+def advance(w, r, most):
+    """Run until all samples are taken; return why it stopped. To go on after PAUSED or LOG_FULL, call it again."""
+    clock = w.clock
+    while clock[SAMPLE] < len(r.block):
+        if not clock[OPEN]:
+            begin_block(w)
+            clock[OPEN] = 1
+        if clock[OVERFULL]:
+            return CELL_FULL
+        here = r.block[clock[SAMPLE]] == clock[BLOCK]
+        until = r.time[clock[SAMPLE]] if here else w.calendar.block
+        outcome = run(w, r, until, most)
+        if outcome != DONE:
+            return outcome
+        if here:
+            sample(w, r, until)
+        else:
+            end_block(w)
+            clock[OPEN] = 0
+    return DONE

@@ -1,0 +1,183 @@
+"""From a state to a workspace: units, the order of the disks, cells, the clock."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe import theory
+from brownpipe.exact.calendar import LINE as BUCKET_LINE
+from brownpipe.exact.workspace import (
+    CLOCK,
+    COUNTS,
+    NEAREST,
+    RADIUS,
+    ROW,
+    TALLY,
+    TIME,
+    VX,
+    BigDisks,
+    Calendar,
+    Grid,
+    Workspace,
+    X,
+)
+from brownpipe.placement import common_radius
+from brownpipe.scene import Scene
+from brownpipe.state import State
+
+EVENTS_PER_BUCKET = 3.0  # in the mean
+COLLISIONS_PER_BLOCK = 128.0  # of one disk: a block begins with predicting everything afresh, which should cost little
+PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
+
+
+class Frame(NamedTuple):
+    """The engine's coordinates: internal = (scene's - origin) / unit. All units are powers of two, so exact."""
+
+    origin: np.ndarray  # (2,) zero if the box holds the zero of the scene's coordinates, else its centre
+    length: float
+    time: float
+    mass: float
+    order: np.ndarray  # (N,) the scene's number of each of the engine's disks; much bigger ones come first
+    back: np.ndarray  # (N,) the inverse
+
+
+def power_of_two(value: float) -> float:
+    """Return the power of two at or below a positive number; 1 for 0."""
+    return math.ldexp(1.0, math.frexp(value)[1] - 1) if value > 0 else 1.0
+
+
+def frame_of(scene: Scene) -> Frame:
+    """Choose units in which sizes, speeds and masses are near 1."""
+    box, radius, mass = scene.box, scene.radius, scene.mass
+    origin = np.array([0.0 if low <= 0.0 <= high else low + (high - low) / 2 for low, high in (box.x, box.y)])
+    common = common_radius(radius) if len(radius) else box.width
+    length, speed = power_of_two(2 * common), power_of_two(thermal_speed(scene))
+    order = np.argsort(radius <= common, kind="stable")
+    return Frame(origin, length, length / speed, power_of_two(mass.max(initial=0.0)), order, np.argsort(order))
+
+
+def thermal_speed(scene: Scene) -> float:
+    """Return sqrt(2 kT/m) of the lightest disks if all shared the energy that the scene gives them; 0 at rest."""
+    if scene.particles == 0:
+        return 0.0
+    if scene.velocities is None:
+        velocity = np.array([disk.velocity for disk in scene.disks])
+        largest = power_of_two(np.abs(velocity).max())
+        squares = np.sum((velocity / largest) ** 2, axis=1)
+    else:
+        given = scene.velocities
+        largest = given.standard_deviation if given.temperature is None else math.sqrt(given.temperature)
+        squares = 2.0 if given.temperature is None else 2.0 / scene.mass
+    return largest * math.sqrt(np.mean(scene.mass / scene.mass.min() * squares))
+
+
+def prepare(scene: Scene, frame: Frame, slots: int | None = None) -> Workspace:
+    """Lay out a workspace for the runs of a scene. `slots` is the room of a cell where the usual proved too small."""
+    n, radius, mass = scene.particles, scene.radius[frame.order] / frame.length, scene.mass[frame.order] / frame.mass
+    equal = n < 2 or (np.all(radius == radius[0]) and np.all(mass == mass[0]))
+    common = common_radius(radius) if n else 0.5
+    cells = _grid(scene, frame, common, slots or _slots(radius, common))
+    big = _big_disks(cells, radius, common)
+    if big is None and n and radius.max() > common:
+        common = radius.max()
+        cells = _grid(scene, frame, common, slots or _slots(radius, common))
+    calendar = _calendar(scene, thermal_speed(scene) * frame.time / frame.length, common, cells)
+    room = 9 * cells.slots + 8 if big is None else cells.slots * (len(big.reach) + 9) + 9 * big.number + 8
+    shift = np.array([(a, u) for u in (0, 1, -1) for a in (0, 1, -1)]) * (cells.width, cells.height)
+    disk = np.zeros((n, ROW))
+    disk[:, RADIUS] = radius
+    return Workspace(
+        grid=cells,
+        calendar=calendar,
+        disk=disk.ravel(),
+        link=np.zeros(ROW * n, np.uint32),
+        mass=None if equal else mass,
+        cell=np.zeros((cells.columns + 2) * (cells.lines + 2) * cells.slots, np.uint32),
+        image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
+        shift=shift if scene.box.periodic else None,
+        big=big,
+        bucket=np.zeros(BUCKET_LINE * (calendar.ring + 1), np.uint32),
+        soon_time=np.empty(2 * n + 16),
+        soon_disk=np.empty(2 * n + 16, np.uint32),
+        candidate=np.zeros(room, np.uint32),
+        approach=np.zeros(3 * room),
+        clock=np.zeros(CLOCK, np.int64),
+        count=np.zeros(COUNTS, np.int64),
+        tally=np.zeros(TALLY),
+    )
+
+
+def fill(w: Workspace, state: State, frame: Frame) -> None:
+    """Set a workspace to the beginning of a run from a state."""
+    disk = w.disk.reshape(-1, ROW)
+    disk[:, X : X + 2] = (state.position[frame.order] - frame.origin) / frame.length
+    disk[:, VX : VX + 2] = state.velocity[frame.order] / (frame.length / frame.time)
+    disk[:, TIME] = 0.0
+    w.clock[:], w.count[:], w.tally[:] = 0, 0, 0.0
+    w.tally[NEAREST] = np.inf
+    if w.image is not None:
+        w.image[:] = 0
+
+
+def _slots(radius: np.ndarray, common: float) -> int:
+    """Return the room of a cell: a multiple of 4, of which one is the counter."""
+    smallest = radius.min(initial=common)
+    most = 1.5 * (1.6 * common / smallest) ** 2 + 2.0
+    return int(min(max(8, 4 * math.ceil(most / 4)), 64))
+
+
+def _grid(scene: Scene, frame: Frame, common: float, slots: int) -> Grid:
+    """Cells 1.05 (dense) to 1.4 (dilute) contact distances wide, but not many more than there are disks."""
+    box, n = scene.box, scene.particles
+    width, height = box.width / frame.length, box.height / frame.length
+    side = max(2 * common * (1.4 - 0.7 * min(scene.packing_fraction, 0.5)), math.sqrt(width * height / (4 * n + 4)))
+    columns, lines = max(int(width / side), 1), max(int(height / side), 1)
+    x, y = (box.x[0] - frame.origin[0]) / frame.length, (box.y[0] - frame.origin[1]) / frame.length
+    return Grid(columns, lines, x, y, width, height, width / columns, height / lines, slots, 2 * common)
+
+
+def _calendar(scene: Scene, speed: float, common: float, cells: Grid) -> Calendar:
+    """Choose block and bucket: see the constants at the head of this file."""
+    n, sigma = scene.particles, 2 * common
+    if speed == 0.0:
+        return Calendar(2.0**1000, 2.0**999, 2.0**-999, 15)
+    chi = theory.contact_value_henderson(min(scene.packing_fraction, 0.9))
+    rate = theory.collision_rate(n / (cells.width * cells.height), sigma, chi, 0.5, 0.5 * speed**2)
+    crossing = speed * (1 / cells.cell_width + 1 / cells.cell_height)
+    block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, PATH_PER_BLOCK * sigma / speed))
+    width = power_of_two(min(EVENTS_PER_BUCKET / (n * (rate + crossing)), block))
+    ring = max(16, 2 ** math.ceil(math.log2(0.75 * n)))
+    return Calendar(block, width, 1 / width, ring - 1)
+
+
+def _big_disks(cells: Grid, radius: np.ndarray, common: float) -> BigDisks | None:
+    """Return the patterns of the disks larger than the common radius; None without such disks or room for patterns."""
+    number = int(np.count_nonzero(radius > common))
+    if number == 0:
+        return None
+    patterns = [_pattern(cells, r, common, radius.min()) for r in radius[:number]]
+    if max(2 * np.abs(reach).max() + 1 for _, reach in patterns) > min(cells.columns, cells.lines):
+        return None
+    listed, reach = zip(*patterns, strict=True)
+    first = [np.cumsum([0] + [len(each) for each in offsets]) for offsets in (listed, reach)]
+    return BigDisks(number, first[0], np.concatenate(listed), first[1], np.concatenate(reach))
+
+
+def _pattern(cells: Grid, radius: float, common: float, smallest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a big disk is listed, and the cells that see it there, as offsets from its own cell, (k, 2) each.
+
+    It must be seen from every cell in which a small disk can touch it while it is somewhere in its own cell. It is
+    listed at most three cells apart, as one of the 3 x 3 cells of each of these; and whatever sees it counts as within
+    reach, so that a disk that comes to see it and the big disk itself always know of each other.
+    """
+    sides = np.array((cells.cell_width, cells.cell_height))
+    furthest = np.ceil((radius + common) / sides).astype(np.int64)  # cells from its own
+    places = [np.round(np.linspace(1 - m, m - 1, -(-(2 * m + 1) // 3))).astype(np.int64) for m in furthest]
+    centres = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 1, 2)
+    block = np.stack(np.meshgrid((-1, 0, 1), (-1, 0, 1), indexing="ij"), axis=-1).reshape(1, 9, 2)
+    seen_from = np.abs(centres + block)
+    nearest = np.hypot(*np.moveaxis(np.maximum(seen_from - 1, 0) * sides, -1, 0))
+    opposite = np.hypot(*np.moveaxis((seen_from + 1) * sides, -1, 0))
+    needed = ((nearest < radius + common) & (opposite >= radius + smallest)).any(axis=1)
+    return centres[needed, 0], np.unique((centres + block)[needed].reshape(-1, 2), axis=0)

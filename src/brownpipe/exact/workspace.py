@@ -1,0 +1,103 @@
+"""What the kernels of the exact engine work on: flat arrays, and the names of their columns.
+
+One disk is one row of `disk` (64 bytes, a cache line) and one of `link` (32 bytes). The arrays are flat, disk i
+beginning at 8 * i: two-dimensional ones cost 10 to 28 % here. Identifiers are uint32, so that the compiler knows that
+an index is not negative.
+"""
+
+from typing import NamedTuple
+
+# The row of a disk: position and velocity at its own time, its next events, its radius.
+ROW = 8
+X, Y, VX, VY, TIME, PAIR_TIME, EVENT_TIME, RADIUS = range(ROW)
+# The row of its links. COUNT is how often its velocity has changed, PARTNER_COUNT what the partner's was.
+PARTNER, PARTNER_COUNT, COUNT, COLUMN, LINE, BUCKET, EVENT = range(ROW - 1)
+# The event that is next: with the partner, into the next cell, or with a wall (whose code is WALL + the side).
+PAIR, LEFT, RIGHT, DOWN, UP, WALL = 0, 1, 2, 3, 4, 4
+# A candidate for a collision is a disk or an image of it: disk + (image << DISK_BITS), image 0 the disk itself.
+DISK_BITS = 28
+DISK_MASK = (1 << DISK_BITS) - 1
+# Columns of `tally` and `count`: what a run reports.
+NOW, NEAREST, VIRIAL, WALL_IMPULSE = 0, 1, 2, 3  # WALL_IMPULSE + side - 1: four of them
+TALLY = WALL_IMPULSE + 4
+PAIRS, WALLS, TRACER_PAIRS, STALE, CROSSINGS = range(5)
+COUNTS = 5
+# Columns of `clock`.
+BUCKET_NOW, SOON, BLOCK, SAMPLE, LOGGED, OVERFULL, OPEN = range(7)
+CLOCK = 7
+# How a call of `advance` ends.
+DONE, PAUSED, LOG_FULL, CELL_FULL = range(4)
+
+
+class BigDisks(NamedTuple):
+    """The disks much bigger than the cells, numbered first, and the cells around their own that concern them."""
+
+    number: int
+    listed_first: object  # (number + 1,) where the rows of big disk i begin
+    listed: object  # (n, 2) offsets (columns, lines) of the cells that list it
+    reach_first: object
+    reach: object  # (n, 2) offsets of the cells in which it can touch something
+
+
+class Grid(NamedTuple):
+    """The box, in the engine's frame and units, cut into cells with a rim of ghost cells around them."""
+
+    columns: int
+    lines: int
+    x: float  # lower left corner of the box
+    y: float
+    width: float  # of the box
+    height: float
+    cell_width: float
+    cell_height: float
+    slots: int  # per cell: how many disks are in it, and which
+    sigma: float  # contact distance, where all disks are equal
+
+
+class Calendar(NamedTuple):
+    """The bucket queue's scale: buckets of equal width in time, a ring of them, a block of time cut into them."""
+
+    block: float  # length of a block of time, a power of two
+    width: float  # of a bucket, a power of two
+    per_time: float  # 1/width
+    ring: int  # number of buckets in the ring - 1, a mask
+
+
+class Workspace(NamedTuple):
+    """All that a run needs. What a scene does not need is None, and the code for it is not compiled."""
+
+    grid: Grid
+    calendar: Calendar
+    disk: object  # (8 N,) float64
+    link: object  # (8 N,) uint32
+    mass: object  # (N,) float64, or None where all are equal in mass and radius
+    cell: object  # (cells * slots,) uint32
+    image: object  # (2 N,) int32, times a disk has gone round a periodic box; None between walls
+    shift: object  # (9, 2) float64, of the images; None between walls
+    big: object  # BigDisks, or None
+    bucket: object  # (16 * ring,) uint32
+    soon_time: object  # events of the current bucket, the next one last
+    soon_disk: object
+    candidate: object  # scratch of `predict`
+    approach: object
+    clock: object  # int64
+    count: object  # int64
+    tally: object  # float64
+
+
+class Recorder(NamedTuple):
+    """When to sample, and where to write it. Records of all disks and of events are empty if not asked for."""
+
+    tracer: int  # its number in the engine
+    block: object  # (T,) int64, the block of each sample
+    time: object  # (T,) time of each sample within its block
+    position: object  # (T, 1, 2) of the tracer
+    velocity: object
+    image: object
+    whole_position: object  # (T, N, 2) of all disks, or (T, 0, 2)
+    whole_velocity: object
+    whole_image: object
+    log_block: object  # (L,) int64, of each collision
+    log_time: object  # (L,)
+    log_pair: object  # (L, 2) int32
+    log_impulse: object  # (L, 2)

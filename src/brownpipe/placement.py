@@ -1,0 +1,176 @@
+"""Where the disks of a scene begin: random sequential insertion, or a lattice for the dense."""
+
+import math
+
+import numpy as np
+
+from brownpipe.kernels import kernel
+from brownpipe.scene import Scene, SceneError
+
+TRIES = 1_000_000  # in a row, before a disk counts as one that cannot be placed
+PLACED, HUNGRY, STUCK = range(3)  # all done; out of random numbers; out of tries
+
+
+def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.ndarray:
+    """Return the (N, 2) centres of the disks of a scene of species.
+
+    The tracer stands where the scene puts it. `random`: every other centre is uniform over the places where the disk
+    lies in the box and overlaps none before it (random sequential insertion, which ends near phi = 0.5).
+    `lattice`: a triangular lattice that fills the box, its sites shared out at random.
+    Raises SceneError if the disks do not fit.
+    """
+    fixed = scene.species[0].position if scene.species else None
+    if scene.placement == "lattice":
+        return _on_lattice(scene, radius, fixed, stream)
+    return _insert(scene, radius, fixed, stream)
+
+
+def common_radius(radius: np.ndarray) -> float:
+    """Return the radius that cells are sized by: the largest, leaving out the few that are much larger than the rest.
+
+    Few is at most sqrt(N), much larger is more than half as large again as the largest that stays.
+    """
+    ordered = np.sort(radius)
+    for few in range(math.isqrt(len(ordered)), 0, -1):
+        if len(ordered) > few and ordered[-few] > 1.5 * ordered[-few - 1]:
+            return float(ordered[-few - 1])
+    return float(ordered[-1])
+
+
+def _accessible(scene: Scene, margin) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower corner and the size of the region that centres may be in, a margin away from walls."""
+    margin = 0.0 if scene.box.periodic else margin
+    low, high = np.array((scene.box.x, scene.box.y)).T
+    return low + margin, high - low - 2 * margin
+
+
+def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator) -> np.ndarray:
+    n = len(radius)
+    position = np.zeros((n, 2))
+    if n == 0:
+        return position
+    low, size = np.array((scene.box.x[0], scene.box.y[0])), np.array((scene.box.width, scene.box.height))
+    common = common_radius(radius)
+    shape = np.clip((size / (2 * common)).astype(np.int64), 1, 1 + math.isqrt(4 * n))
+    grid = np.full((shape[0], shape[1]), -1, dtype=np.int64)
+    following = np.full(n, -1, dtype=np.int64)
+    big = np.flatnonzero(radius > common)
+    progress = np.zeros(2, dtype=np.int64)  # disks placed, tries for the next
+    if fixed is not None:
+        position[0] = np.array(fixed) - low
+        register(grid, following, position, size, 0)
+        progress[0] = 1
+    outcome = HUNGRY
+    while outcome == HUNGRY:
+        numbers = stream.random((2 * n + 64, 2))
+        outcome = insert(position, radius, common, big, size, scene.box.periodic, numbers, grid, following, progress)
+    if outcome == STUCK:
+        raise SceneError(
+            f"{scene.name}: disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "
+            f"(packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
+        )
+    return position + low
+
+
+@kernel
+def cell_of(value, size, cells):
+    """Return which of `cells` equal parts of [0, size] holds a coordinate."""
+    return min(max(int(value / size * cells), 0), cells - 1)
+
+
+@kernel
+def register(grid, following, position, size, i):
+    """Put disk i at the head of the list of its cell."""
+    column, row = cell_of(position[i, 0], size[0], grid.shape[0]), cell_of(position[i, 1], size[1], grid.shape[1])
+    following[i] = grid[column, row]
+    grid[column, row] = i
+
+
+@kernel
+def overlaps(position, radius, size, periodic, i, k):
+    """Whether disks i and k overlap."""
+    x, y = abs(position[i, 0] - position[k, 0]), abs(position[i, 1] - position[k, 1])
+    if periodic:
+        x, y = min(x, size[0] - x), min(y, size[1] - y)
+    sigma = radius[i] + radius[k]
+    return x * x + y * y < sigma * sigma
+
+
+@kernel
+def fits(position, radius, common, big, size, periodic, grid, following, i):
+    """Whether disk i, of common size or big, overlaps none of those placed before."""
+    for k in big:
+        if k >= i:
+            break
+        if overlaps(position, radius, size, periodic, i, k):
+            return False
+    columns, rows = grid.shape
+    reach_x = min(int((radius[i] + common) / size[0] * columns) + 1, columns)
+    reach_y = min(int((radius[i] + common) / size[1] * rows) + 1, rows)
+    column, row = cell_of(position[i, 0], size[0], columns), cell_of(position[i, 1], size[1], rows)
+    for c in range(column - reach_x, column + reach_x + 1):
+        for r in range(row - reach_y, row + reach_y + 1):
+            if not periodic and (c < 0 or c >= columns or r < 0 or r >= rows):
+                continue
+            k = grid[c % columns, r % rows]
+            while k >= 0:
+                if overlaps(position, radius, size, periodic, i, k):
+                    return False
+                k = following[k]
+    return True
+
+
+@kernel
+def insert(position, radius, common, big, size, periodic, numbers, grid, following, progress):
+    """Insert disks one after another until all are placed, the random numbers are used up, or one finds no place."""
+    i, tries = progress
+    for j in range(len(numbers)):
+        if i == len(radius):
+            break
+        margin = 0.0 if periodic else radius[i]
+        position[i, 0] = margin + numbers[j, 0] * (size[0] - 2.0 * margin)
+        position[i, 1] = margin + numbers[j, 1] * (size[1] - 2.0 * margin)
+        tries += 1
+        if fits(position, radius, common, big, size, periodic, grid, following, i):
+            register(grid, following, position, size, i)
+            i, tries = i + 1, 0
+        elif tries == TRIES:
+            return STUCK
+    progress[0], progress[1] = i, tries
+    return PLACED if i == len(radius) else HUNGRY
+
+
+def _on_lattice(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator) -> np.ndarray:
+    n = len(radius)
+    low, size = _accessible(scene, radius.max(initial=0.0))
+    free = radius if fixed is None else radius[1:]
+    sites = _lattice(size, 2 * free.max(initial=0.0), scene.box.periodic, n)
+    if fixed is not None and len(sites):
+        apart = np.abs(sites + low - fixed)
+        if scene.box.periodic:
+            apart = np.minimum(apart, size - apart)
+        sites = sites[np.hypot(*apart.T) >= radius[0] + free.max(initial=0.0)]
+    if len(sites) < len(free):
+        raise SceneError(
+            f"{scene.name}: disks: a triangular lattice in this box has {len(sites)} places for {len(free)} disks of "
+            f"radius {free.max()!r} (packing fraction {scene.packing_fraction:.4g}); must be fewer or smaller disks"
+        )
+    position = low + sites[stream.permutation(len(sites))[: len(free)]]
+    return position if fixed is None else np.concatenate([[fixed], position])
+
+
+def _lattice(size: np.ndarray, sigma: float, periodic: bool, n: int) -> np.ndarray:
+    """Return the sites of the widest triangular lattice in a rectangle with at least n sites, or of the densest."""
+    best, spacing = None, 0.0
+    for rows in range(1 + periodic, 2 * n + 3, 1 + periodic):
+        columns = -(-n // rows)
+        wide = size[0] / columns if periodic else size[0] / max(columns - 0.5, 0.5)
+        high = size[1] / rows if periodic else size[1] / max(rows - 1, 1)
+        nearest = min(wide, math.hypot(wide / 2, high))
+        if nearest > spacing:
+            best, spacing = (rows, columns, wide, high), nearest
+    rows, columns, wide, high = best
+    if spacing < sigma * (1 - 1e-14):
+        return np.zeros((0, 2))
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    return np.stack([(column + 0.5 * (row % 2)) * wide, row * high], axis=1)

@@ -1,0 +1,78 @@
+"""Where the disks are: the initial state of a run, and the records that engines hand back."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe import placement
+from brownpipe.scene import Scene
+
+ROOT_SEED = 2020  # of every stream of random numbers; the year of the note
+
+
+class State(NamedTuple):
+    """All disks at one time."""
+
+    position: np.ndarray  # (N, 2) centres [length]
+    velocity: np.ndarray  # (N, 2) [length/time]
+    radius: np.ndarray  # (N,) [length]
+    mass: np.ndarray  # (N,)
+
+
+class Track(NamedTuple):
+    """Where M disks were at T sample times."""
+
+    position: np.ndarray  # (T, M, 2) centres, inside the box [length]
+    velocity: np.ndarray | None = None  # (T, M, 2)
+    image: np.ndarray | None = None  # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
+
+
+class Events(NamedTuple):
+    """Every collision of one run, in order."""
+
+    time: np.ndarray  # (E,)
+    a: np.ndarray  # (E,) int32, the disk
+    b: np.ndarray  # (E,) int32, the other disk, or a wall: -1 left, -2 right, -3 bottom, -4 top
+    impulse: np.ndarray  # (E, 2), given to a [mass length/time]
+
+
+class Ensemble(NamedTuple):
+    """What an engine returns for a batch of S seeds."""
+
+    seeds: np.ndarray  # (S,) int64
+    times: np.ndarray  # (T,) sample times
+    tracer: Track | None  # disk 0 of every run, M = S
+    observables: dict[str, np.ndarray]  # name -> (S,)
+    whole: dict[int, Track]  # seed -> all disks of that run, M = N, where asked for
+    events: dict[int, Events]  # seed -> its collisions, where asked for
+
+
+def draw(scene: Scene, seed: int) -> State:
+    """Return the initial state of one run, the same for the same (scene, seed) whatever else is asked for.
+
+    An explicit list of disks is returned as it is. Species get their velocities first, every component normal with
+    the scene's standard deviation or with variance kT/m, and then their places (`placement`), the tracer first.
+    The stream is Philox, seeded by (2020, N, seed). Raises SceneError if the disks cannot be placed.
+    """
+    radius, mass = scene.radius, scene.mass
+    if scene.velocities is None:
+        position = np.array([disk.position for disk in scene.disks]).reshape(-1, 2)
+        velocity = np.array([disk.velocity for disk in scene.disks]).reshape(-1, 2)
+        return State(position, velocity, radius, mass)
+    numbers = np.random.SeedSequence(ROOT_SEED, spawn_key=(scene.particles, seed))
+    stream = np.random.Generator(np.random.Philox(numbers))
+    velocity = _velocities(scene, mass, stream)
+    return State(placement.place(scene, radius, stream), velocity, radius, mass)
+
+
+def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> np.ndarray:
+    given = scene.velocities
+    normal = stream.standard_normal((len(mass), 2))
+    if given.temperature is None:
+        velocity = given.standard_deviation * normal
+    else:
+        velocity = np.sqrt(given.temperature / mass)[:, None] * normal
+    if given.zero_momentum and len(mass):
+        velocity -= [math.fsum(mass * component) / math.fsum(mass) for component in velocity.T]
+    return velocity
