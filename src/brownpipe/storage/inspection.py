@@ -1,0 +1,102 @@
+"""What is in a file, and is it intact: `brownpipe inspect`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from brownpipe.storage.datasets import read_dataset
+from brownpipe.storage.files import StorageError
+from brownpipe.storage.provenance import source_digest
+from brownpipe.storage.trajectories import read_header, read_trajectories, seed_text
+
+
+def verify(path: str | Path) -> list[str]:
+    """The problems of a trajectory file or of a dataset (.nc), one line each; none if it is intact."""
+    try:
+        _read(path)
+    except StorageError as error:
+        return [str(error)]
+    return []
+
+
+def describe(path: str | Path) -> str:
+    """What the file at `path` holds, as text for people; one line if it cannot be trusted."""
+    try:
+        contents = _read(path)
+    except StorageError as error:
+        return f"NOT INTACT  {error}"
+    describe_it = _dataset if _is_dataset(path) else _trajectories
+    size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
+    lines = [f"{path}  {size}", *describe_it(path, contents), "intact       yes: every byte as it was written"]
+    return "\n".join(lines)
+
+
+def _is_dataset(path):
+    return Path(path).suffix == ".nc"
+
+
+def _read(path):
+    return read_dataset(path) if _is_dataset(path) else read_trajectories(path)
+
+
+def _trajectories(path, contents):
+    scene, engine, settings, ensemble = contents
+    times = ensemble.times
+    box = f"{scene.box.boundary} box {scene.box.width:g} x {scene.box.height:g}"
+    return [
+        f"scene        {scene.name}: {scene.particles} disks in a {box}, packing fraction {scene.packing_fraction:.4g}",
+        f"engine       {engine} {json.dumps(settings, sort_keys=True)}",
+        f"seeds        {seed_text(ensemble.seeds)} ({len(ensemble.seeds)} runs)",
+        f"samples      {len(times)} from t = {times[0]:g} to {times[-1]:g}",
+        f"recorded     {_recorded(ensemble)}",
+        *_health(ensemble.observables),
+        *_statistics(ensemble.observables),
+        *_origin(read_header(path)),
+    ]
+
+
+def _recorded(ensemble):
+    tracer = "tracer positions" if ensemble.tracer is not None else "no tracer"
+    return f"{tracer}, {len(ensemble.whole)} whole runs, every collision of {len(ensemble.events)} runs"
+
+
+def _health(observables):
+    worst = {name: np.max(np.abs(observables[name]), initial=0.0) for name in _HEALTH if name in observables}
+    failed = int(np.sum(observables["failed"]))
+    return [f"health       {failed} failed runs" + "".join(f"; {_HEALTH[name]} {worst[name]:.2g}" for name in worst)]
+
+
+_HEALTH = {
+    "energy_drift": "worst energy drift",
+    "worst_overlap": "worst overlap (sigma)",
+    "momentum_residual": "worst momentum residual",
+}
+
+
+def _statistics(observables):
+    """A table of the runs that did not fail."""
+    yield f"{'observables':<22} {'mean':>12} {'min':>12} {'max':>12}"
+    for name, value in observables.items():
+        value = value[observables["failed"] == 0]
+        if value.size and name != "failed":
+            yield f"  {name:<20} {np.mean(value):12.6g} {np.min(value):12.6g} {np.max(value):12.6g}"
+
+
+def _origin(header):
+    names = ("brownpipe", "numpy", "numba", "h5py")
+    source = "as in this brownpipe" if header["source_digest"] == source_digest() else "not that of this brownpipe"
+    return [
+        "written by   " + ", ".join(f"{name} {header[f'{name}_version']}" for name in names),
+        f"source       {header['source_digest'][:12]}, {source}",
+        f"contents     {header['contents_digest'][:12]}",
+    ]
+
+
+def _dataset(path, dataset):
+    sizes = ", ".join(f"{name} {size}" for name, size in dataset.sizes.items())
+    return [
+        f"title        {dataset.attrs.get('title', '-')}",
+        f"dimensions   {sizes}",
+        f"variables    {', '.join(map(str, dataset.data_vars))}",
+    ]

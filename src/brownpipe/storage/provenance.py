@@ -1,0 +1,43 @@
+"""What a file was made with."""
+
+import hashlib
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+PACKAGE = Path(__file__).parent.parent
+# The modules and packages that decide trajectories.
+SOURCES = ("reading", "packing", "scene", "placement", "state", "theory", "collisions", "kernels", "exact")
+
+
+def source_digest(folder: Path = PACKAGE, sources: tuple[str, ...] = SOURCES) -> str:
+    """The sha256 over the source text of everything that decides trajectories; line ends do not count.
+
+    Raises FileNotFoundError for a source that is neither a module nor a package.
+    """
+    total = hashlib.sha256()
+    for file in (file for name in sources for file in _files(folder, name)):
+        text = file.read_text(encoding="utf-8").encode()
+        total.update(f"{file.relative_to(folder).as_posix()} {len(text)}\n".encode())
+        total.update(text)
+    return total.hexdigest()
+
+
+def _files(folder, name):
+    files = sorted((folder / name).rglob("*.py")) or [folder / f"{name}.py"]
+    if not files[0].is_file():
+        raise FileNotFoundError(f"{folder / name}: neither a module nor a package")
+    return files
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of brownpipe and of the packages that decide its numbers and its files."""
+    return {f"{name}_version": _version(name) for name in ("brownpipe", "numpy", "numba", "h5py")}
+
+
+def _version(name):
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"

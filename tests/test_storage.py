@@ -1,0 +1,421 @@
+"""Files are whole or absent, the same bytes every time, and never silently wrong."""
+
+import errno
+import os
+import re
+import resource
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+
+from brownpipe import storage
+from brownpipe.scene import parse_scene
+from brownpipe.state import Ensemble, Events, Track
+from brownpipe.storage import StorageError, files, provenance, trajectories, tree
+
+COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
+ERRORS = ("energy_drift", "worst_overlap", "momentum_residual")
+
+
+def make_scene(particles=5, boundary="reflecting"):
+    species = [{"name": "bath", "count": "rest", "radius": 0.1, "mass": 0.4}]
+    tracer = {"tracer": {"radius": 0.3, "mass": 1.0}} if particles else {}
+    mapping = {
+        "box": {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": boundary},
+        "particles": particles,
+        "disks": tracer | {"species": species},
+        "velocities": {"standard_deviation": 2.0},
+        "duration": 1.0,
+        "sample_interval": 0.2,
+    }
+    return parse_scene(mapping, "a.scene.yaml")
+
+
+def make_ensemble(scene, seeds=(0, 1, 2, 7), whole=(), events=()):
+    """Records of the right shapes with random numbers in them."""
+    rng, samples = np.random.default_rng(1), len(scene.times)
+
+    def track(disks, moving):
+        shape, periodic = (samples, disks, 2), scene.box.periodic
+        velocity = rng.normal(size=shape) if moving else None
+        image = rng.integers(-2, 3, shape).astype(np.int32) if periodic else None
+        return Track(rng.normal(size=shape), velocity, image)
+
+    def log(size):
+        a, b = rng.integers(-4, max(1, scene.particles), (2, size)).astype(np.int32)
+        return Events(np.sort(rng.random(size)), a, b, rng.normal(size=(size, 2)))
+
+    observables = {name: rng.integers(0, 2000, len(seeds)) for name in COUNTS}
+    observables |= {name: 1e-15 * rng.random(len(seeds)) for name in ERRORS}
+    observables["failed"] = np.zeros(len(seeds), np.uint8)
+    return Ensemble(
+        seeds=np.array(seeds, np.int64),
+        times=scene.times,
+        tracer=track(len(seeds), False) if scene.particles else None,
+        observables=observables,
+        whole={seed: track(scene.particles, True) for seed in whole},
+        events={seed: log(size) for seed, size in events},
+    )
+
+
+def make_dataset():
+    rng = np.random.default_rng(2)
+    data = {
+        "msd": (("scene", "time"), rng.random((2, 6)), {"units": "length^2", "long_name": "mean squared displacement"}),
+        "runs": (("scene",), np.array([2400, 100])),
+        "diffusion": ((), 0.2435, {"window": [0.1, 1.0]}),
+    }
+    coords = {"scene": ["harrison2020", "thermal"], "time": ("time", np.arange(6.0), {"units": "time"})}
+    return xarray.Dataset(data, coords, {"title": "a study", "Conventions": "CF-1.11"})
+
+
+CASES = {
+    "tracer": (make_scene(), {}),
+    "whole runs and events": (make_scene(), {"whole": (7, 1), "events": ((0, 12), (2, 0))}),
+    "periodic": (make_scene(boundary="periodic"), {"whole": (2,)}),
+    "no disks": (make_scene(0), {"whole": (0,), "events": ((0, 0),)}),
+    "one seed": (make_scene(), {"seeds": (123456,), "whole": (123456,)}),
+}
+
+
+@pytest.fixture(params=CASES)
+def case(request):
+    scene, recorded = CASES[request.param]
+    return scene, make_ensemble(scene, **recorded)
+
+
+@pytest.fixture
+def full(tmp_path):
+    """A file with everything in it."""
+    scene, path = make_scene(boundary="periodic"), tmp_path / "full.h5"
+    storage.write_trajectories(path, scene, "exact", {}, make_ensemble(scene, whole=(1,), events=((0, 9),)))
+    return path
+
+
+def same(one, other):
+    """Equal to the bit, types included."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, tuple):
+        return type(one) is type(other) and len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+    return one == other
+
+
+def refusal(read, path):
+    with pytest.raises(StorageError) as error:
+        read(path)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+    return str(error.value)
+
+
+# -- trajectories ---------------------------------------------------------------------------------------------------
+
+
+def test_round_trip(case, tmp_path):
+    scene, ensemble = case
+    settings = {"cell_side": 1.5, "name": "ü"}
+    storage.write_trajectories(tmp_path / "new" / "runs.h5", scene, "exact", settings, ensemble)
+    assert os.listdir(tmp_path / "new") == ["runs.h5"]
+    written = storage.Trajectories(scene, "exact", settings, ensemble)
+    assert same(storage.read_trajectories(tmp_path / "new" / "runs.h5"), written)
+
+
+def test_every_dataset_is_filtered_and_explained(case, tmp_path):
+    storage.write_trajectories(tmp_path / "runs.h5", case[0], "exact", {}, case[1])
+    seen = []
+
+    def look(name, item):
+        if isinstance(item, h5py.Dataset):
+            seen.append(name)
+            assert item.attrs["units"] and item.attrs["long_name"]
+            if item.ndim and item.size and item.dtype.kind in "iuf":
+                assert (item.compression, item.compression_opts) == ("gzip", 4)
+                assert item.shuffle and item.fletcher32
+
+    with h5py.File(tmp_path / "runs.h5") as file:
+        file.visititems(look)
+        assert list(file["h5md"].attrs["version"]) == [1, 1]
+        for group in file["particles"].values():
+            assert group["box"].attrs["dimension"] == 2
+            assert len(group["box"].attrs["boundary"]) == len(group["box/edges"]) == 2
+            for element in group.keys() & {"position", "velocity", "image"}:
+                assert group[element].keys() >= {"step", "time", "value"}
+    assert len(seen) > 10
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("engine", ["h5netcdf", None])
+def test_xarray_names_dimensions(engine, full):
+    written = storage.read_trajectories(full).ensemble
+    expected = {
+        "particles/tracer/position": ("time", "seed", "component"),
+        "particles/tracer/image": ("time", "seed", "component"),
+        "particles/seed_00001/velocity": ("time", "disk", "component"),
+    }
+    for group, dims in expected.items():
+        with xarray.open_dataset(full, group=group, engine=engine) as found:
+            assert found["value"].dims == dims and set(found.coords) == set(dims)
+            assert np.array_equal(found["time"], written.times)
+            assert list(found["component"].values) == ["x", "y"]
+    with xarray.open_dataset(full, group="particles/tracer/position", engine=engine) as found:
+        assert np.array_equal(found["value"].sel(seed=7), written.tracer.position[:, 3])
+    with xarray.open_dataset(full, group="observables/run", engine=engine) as found:
+        assert int(found["pair_collisions"].sel(seed=2)) == written.observables["pair_collisions"][2]
+    with xarray.open_dataset(full, group="observables/events/seed_00000", engine=engine) as found:
+        assert found["impulse"].dims == ("time", "component")
+
+
+def test_chunks_span_all_times_of_the_tracers():
+    assert tree._chunks((101, 600, 2), 8, trajectories.TIME_FIRST) == (101, 162, 2)
+    assert tree._chunks((101, 100_000, 2), 8, (2, 1, 0)) == (1, 16384, 2)
+
+
+def test_digest_sees_every_name_value_type_and_attribute():
+    nodes = {"g": tree.Node(None, {"n": 1}), "g/x": tree.Node(np.zeros(2), {"units": "1"})}
+    others = [
+        {"g": nodes["g"], "g/y": nodes["g/x"]},
+        nodes | {"g": tree.Node(None, {"n": 2})},
+        nodes | {"g/x": tree.Node(np.zeros(2), {"units": "2"})},
+        nodes | {"g/x": tree.Node(np.zeros(2, np.int64), {"units": "1"})},
+        nodes | {"g/x": tree.Node(np.zeros((2, 1)), {"units": "1"})},
+        nodes | {"g/x": tree.Node(np.array([0.0, -0.0]), {"units": "1"})},
+        nodes | {"g/x": tree.Node("", {"units": "1"})},
+    ]
+    assert len({tree.digest(tree_) for tree_ in [nodes, *others]}) == 8
+    assert tree.digest(nodes) == tree.digest(tree.from_bytes(tree.to_bytes(nodes)))
+
+
+def test_seed_text():
+    assert [storage.seed_text(seeds) for seeds in ([], [17], range(600), [0, 1, 2, 7, 9, 10])] == [
+        "",
+        "17",
+        "0-599",
+        "0-2,7,9-10",
+    ]
+
+
+# -- datasets -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("error")
+def test_dataset_round_trip(tmp_path):
+    path, dataset = tmp_path / "study.nc", make_dataset()
+    storage.write_dataset(path, dataset)
+    assert storage.read_dataset(path).identical(dataset)
+    with xarray.open_dataset(path) as plain:
+        assert plain.drop_attrs().identical(dataset.drop_attrs())
+    with h5py.File(path) as file:
+        assert file["msd"].fletcher32 and file["msd"].shuffle and file["msd"].compression_opts == 4
+    storage.write_dataset(tmp_path / "again.nc", storage.read_dataset(path))
+    assert (tmp_path / "again.nc").read_bytes() == path.read_bytes()
+
+
+# -- the same bytes -------------------------------------------------------------------------------------------------
+
+ELSEWHERE = """
+import sys, time
+sys.path[:0] = sys.argv[1:3]
+from test_storage import *
+time.sleep(1.1)  # a time stamp in seconds would show
+scene = make_scene()
+storage.write_trajectories("a/runs.h5", scene, "exact", {}, make_ensemble(scene, whole=(1,), events=((0, 9),)))
+storage.write_dataset("a/study.nc", make_dataset())
+"""
+
+
+def test_same_bytes_in_another_process_place_and_time_zone(tmp_path):
+    scene = make_scene()
+    storage.write_trajectories(
+        tmp_path / "runs.h5", scene, "exact", {}, make_ensemble(scene, whole=(1,), events=((0, 9),))
+    )
+    storage.write_dataset(tmp_path / "study.nc", make_dataset())
+    other = {"TZ": "Asia/Tokyo", "LANG": "C", "LC_ALL": "C", "PYTHONHASHSEED": "7", "HOME": str(tmp_path)}
+    run_elsewhere(ELSEWHERE, tmp_path, other)
+    for name in ("runs.h5", "study.nc"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / name).read_bytes()
+    assert str(tmp_path).encode() not in (tmp_path / "runs.h5").read_bytes()
+
+
+def run_elsewhere(program, folder, environment):
+    places = [os.path.dirname(__file__), str(provenance.PACKAGE.parent)]
+    environment = {"PATH": os.environ["PATH"]} | environment
+    command = [sys.executable, "-c", program, *places]
+    return subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True, text=True)
+
+
+def test_writing_trajectories_leaves_xarray_alone(tmp_path):
+    program = "import sys; sys.path[:0] = sys.argv[1:3]; import brownpipe.storage; print('xarray' in sys.modules)"
+    assert run_elsewhere(program, tmp_path, {}).stdout == "False\n"
+
+
+# -- damage ---------------------------------------------------------------------------------------------------------
+
+
+def test_no_bit_flip_is_silent(full):
+    contents = full.read_bytes()
+    for bit in np.random.default_rng(3).integers(0, 8 * len(contents), 400):
+        damaged = bytearray(contents)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        full.write_bytes(damaged)
+        refusal(storage.read_trajectories, full)
+
+
+def test_no_truncation_is_silent(full):
+    contents = full.read_bytes()
+    for size in (0, 7, 8, 100, len(contents) // 2, len(contents) - 1):
+        full.write_bytes(contents[:size])
+        refusal(storage.read_trajectories, full)
+
+
+def test_no_bit_flip_of_a_dataset_is_silent(tmp_path):
+    path = tmp_path / "study.nc"
+    storage.write_dataset(path, make_dataset())
+    contents = path.read_bytes()
+    for bit in np.random.default_rng(4).integers(0, 8 * len(contents), 200):
+        damaged = bytearray(contents)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        path.write_bytes(damaged)
+        refusal(storage.read_dataset, path)
+
+
+def test_a_damaged_file_names_its_seeds_and_the_cure(full):
+    contents = bytearray(full.read_bytes())
+    contents[-1] ^= 1
+    full.write_bytes(contents)
+    message = refusal(storage.read_trajectories, full)
+    assert "seeds 0-2,7 are lost" in message
+    command = "brownpipe simulate a.scene.yaml --particles 5 --seeds 0-2,7 --engine exact --record all"
+    assert f"{command} --output {full}" in message
+    assert storage.verify(full) == [message]
+    assert storage.describe(full) == f"NOT INTACT  {message}"
+
+
+def test_an_edited_file_is_refused(full):
+    with h5py.File(full, "r+") as file:
+        file["parameters"].attrs["engine"] = "other"
+    assert "edited" in refusal(storage.read_trajectories, full)
+
+
+def test_other_files_are_refused(tmp_path, monkeypatch):
+    path = tmp_path / "runs.h5"
+    assert "No such file" in refusal(storage.read_trajectories, path)
+    path.write_text("no HDF5 at all")
+    assert "not an HDF5 file" in refusal(storage.read_trajectories, path)
+    with h5py.File(path, "w") as file:
+        file["x"] = 1
+    assert "not a file of brownpipe" in refusal(storage.read_trajectories, path)
+    assert "not a file of brownpipe" in refusal(storage.read_dataset, path)
+    storage.write_dataset(path, make_dataset())
+    assert "not a trajectory file" in refusal(storage.read_trajectories, path)
+    monkeypatch.setattr(trajectories, "FORMAT", 2)
+    storage.write_trajectories(path, make_scene(), "exact", {}, make_ensemble(make_scene()))
+    monkeypatch.setattr(trajectories, "FORMAT", 1)
+    assert "upgrade" in refusal(storage.read_trajectories, path)
+    assert "not a dataset" in refusal(storage.read_dataset, path)
+
+
+# -- writing whole or not at all ------------------------------------------------------------------------------------
+
+FAILURES = [OSError(errno.ENOSPC, "No space left on device"), OSError(errno.EROFS, "Read-only file system")]
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+@pytest.mark.parametrize("failure", [*FAILURES, KeyboardInterrupt(), SystemExit(143)], ids=repr)
+def test_a_failed_write_keeps_the_old_file_and_nothing_else(call, failure, tmp_path, monkeypatch):
+    (tmp_path / "x").write_bytes(b"old")
+
+    def fail(*_):
+        raise failure
+
+    monkeypatch.setattr(files.os, call, fail)
+    with pytest.raises(StorageError if isinstance(failure, OSError) else type(failure)) as error:
+        storage.write_file(tmp_path / "x", b"new")
+    assert os.listdir(tmp_path) == ["x"] and (tmp_path / "x").read_bytes() == b"old"
+    if isinstance(failure, OSError):
+        assert f"{tmp_path / 'x'}: not written: {failure.strerror}" in str(error.value)
+
+
+def test_a_limit_met_in_the_middle_of_a_file(tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        with pytest.raises(StorageError, match="too large"):
+            storage.write_file(tmp_path / "x", bytes(10_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_write_that_reads_back_differently(tmp_path, monkeypatch):
+    monkeypatch.setattr(files.Path, "read_bytes", lambda _: b"other")
+    with pytest.raises(StorageError, match="reads back differently"):
+        storage.write_file(tmp_path / "x", b"new")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_file_in_place_of_the_folder(tmp_path):
+    (tmp_path / "x").write_bytes(b"")
+    with pytest.raises(StorageError, match="choose a place"):
+        storage.write_file(tmp_path / "x" / "y", b"")
+
+
+KILLED = """
+import os, signal, sys
+sys.path[:0] = sys.argv[1:3]
+from brownpipe.storage import write_file
+os.fsync = lambda _: os.kill(os.getpid(), signal.SIGTERM)
+write_file("x", b"new")
+"""
+
+
+def test_a_killed_writer_leaves_nothing_under_the_final_name(tmp_path):
+    with pytest.raises(subprocess.CalledProcessError):
+        run_elsewhere(KILLED, tmp_path, {})
+    assert not (tmp_path / "x").exists()
+
+
+# -- provenance and inspection --------------------------------------------------------------------------------------
+
+
+def test_source_digest_covers_modules_and_packages(tmp_path):
+    assert len(storage.source_digest()) == 64
+    (tmp_path / "one.py").write_bytes(b"a = 1\n")
+    (tmp_path / "two").mkdir()
+    (tmp_path / "two" / "__init__.py").write_bytes(b"")
+    before = storage.source_digest(tmp_path, ("one", "two"))
+    (tmp_path / "one.py").write_bytes(b"a = 1\r\n")
+    assert storage.source_digest(tmp_path, ("one", "two")) == before
+    (tmp_path / "two" / "more.py").write_bytes(b"")
+    assert storage.source_digest(tmp_path, ("one", "two")) != before
+    with pytest.raises(FileNotFoundError):
+        storage.source_digest(tmp_path, ("one", "three"))
+
+
+def test_source_digest_covers_all_that_its_sources_import():
+    imported = set()
+    for name in provenance.SOURCES:
+        for file in provenance._files(provenance.PACKAGE, name):
+            imported |= set(re.findall(r"^from brownpipe(?:\.| import )(\w+)", file.read_text(), re.MULTILINE))
+    assert imported <= set(provenance.SOURCES)
+
+
+def test_describe(case, tmp_path):
+    path = tmp_path / "runs.h5"
+    storage.write_trajectories(path, case[0], "exact", {}, case[1])
+    text = storage.describe(path)
+    for word in ("a.scene", f"{case[0].particles} disks", "6 from t = 0 to 1", "0 failed", "intact       yes"):
+        assert word in text
+    assert all(name in text for name in case[1].observables)
+    assert storage.verify(path) == []
+
+
+def test_describe_a_dataset(tmp_path):
+    storage.write_dataset(tmp_path / "study.nc", make_dataset())
+    text = storage.describe(tmp_path / "study.nc")
+    assert "a study" in text and "msd, runs, diffusion" in text and "intact       yes" in text
