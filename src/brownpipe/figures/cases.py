@@ -1,0 +1,60 @@
+"""The parts of a dataset that figures and tables show: a case is one scene with one particle count and one engine."""
+
+import numpy as np
+
+NOTE_PARTICLES = 150  # of the 2020 note
+
+
+def cases_of(dataset):
+    """Every case that has runs, as a dataset without those three dimensions: by scene, then particle count."""
+    labels = [(s, n, e) for s in dataset.scene.values for n in dataset.particles.values for e in dataset.engine.values]
+    cases = [dataset.sel(scene=s, particles=n, engine=e) for s, n, e in labels]
+    return [case for case in cases if case.runs + case.failed_runs > 0]
+
+
+def has_msd(case):
+    return bool(np.isfinite(case.msd).any())
+
+
+def shown_particles(dataset, particles=None):
+    """The particle count that figures of a single one show: the one asked for, the note's, or the largest."""
+    available = [int(n) for n in dataset.particles.values]
+    if particles is not None and particles not in available:
+        raise ValueError(f"particles: {particles} is not in the dataset; choose one of {available}")
+    if particles is not None:
+        return particles
+    return NOTE_PARTICLES if NOTE_PARTICLES in available else max(available)
+
+
+def by_scene(cases):
+    """The cases of each scene, scenes and cases in their order: name -> list."""
+    grouped = {}
+    for case in cases:
+        grouped.setdefault(case.scene.item(), []).append(case)
+    return grouped
+
+
+def over_time(case):
+    """The case at the times it has: scenes of other durations leave gaps."""
+    return case.sel(time=case.time[np.isfinite(case.msd).values])
+
+
+def fits_of(case):
+    """The windows whose line is defined, each as a dataset without the window dimension."""
+    windows = [case.isel(window=k) for k in range(case.sizes["window"])]
+    return [fit for fit in windows if np.isfinite(fit.slope)]
+
+
+def title_of(case):
+    """Scene, particle count and, if it is not the exact one, engine."""
+    engine = "" if case.engine == "exact" else f", {case.engine.item()}"
+    return f"{case.scene.item()}, N = {case.particles.item()}{engine}"
+
+
+def plus_minus(value, error):
+    """`0.974 ± 0.022`: the value to the two leading digits of its standard error."""
+    value, error = float(value), float(error)
+    if not np.isfinite(error) or error <= 0.0:
+        return f"{value:.4g}" if np.isfinite(value) else "-"
+    decimals = max(0, 1 - int(np.floor(np.log10(error))))
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}"

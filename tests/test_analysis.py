@@ -1,0 +1,395 @@
+"""Measures, their errors, and the dataset of a study.
+
+Tolerances are in standard errors: 4.5 is a false alarm in 1 of 150,000 comparisons.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from brownpipe import analysis, state, theory
+from brownpipe.analysis import aggregate, displacement, resampling
+from brownpipe.analysis.dataset import initial_square_speed
+from brownpipe.scene import parse_scene
+from brownpipe.storage import read_dataset, write_dataset
+from ensembles import DIFFUSION, make_runs, make_scene, study, walk, write
+
+SIGMAS = 4.5
+TIMES = np.arange(101) * 0.01
+WINDOWS = ((0.1, 1.0), (0.5, 1.0))
+
+
+# --- displacement
+
+
+def test_squared_displacement_is_from_the_start():
+    position = np.array([[[1.0, 2.0], [0.0, 0.0]], [[4.0, 6.0], [0.0, -1.0]]])
+    assert analysis.squared_displacement(position).tolist() == [[0.0, 25.0], [0.0, 1.0]]
+
+
+def test_squared_displacement_is_unwrapped():
+    position = np.array([[[0.9, 0.1]], [[0.1, 0.9]]])
+    image = np.array([[[7, 0]], [[8, -1]]], np.int32)
+    assert analysis.squared_displacement(position, image, (1.0, 1.0))[0, 1] == pytest.approx(0.2**2 + 0.2**2)
+
+
+def test_far_images_cost_no_digits():
+    position, image = np.array([[[0.25, 0.0]], [[0.5, 0.0]]]), np.full((2, 1, 2), 2_000_000_000, np.int32)
+    assert analysis.squared_displacement(position, image, (1.1, 1.1))[0, 1] == 0.0625
+
+
+def test_line_is_polyfit():
+    y = np.sin(TIMES) + 3.0
+    for window in WINDOWS:
+        inside = (window[0] - 1e-12 <= TIMES) & (window[1] + 1e-12 >= TIMES)
+        line = analysis.fit_line(TIMES, y, window)
+        assert (line.slope, line.intercept) == pytest.approx(np.polyfit(TIMES[inside], y[inside], 1), rel=1e-12)
+
+
+def test_naive_slope_error_is_the_textbook_one():
+    from scipy.stats import linregress
+
+    t = np.arange(9.0)  # the middle one has no weight in the slope, but a residual
+    y = t + np.random.default_rng(1).normal(0, 0.1, 9)
+    assert analysis.fit_line(t, y, (2.0, 8.0)).naive_slope_error == pytest.approx(linregress(t[2:], y[2:]).stderr)
+
+
+def test_window_includes_both_ends_despite_round_off():
+    weights = analysis.line_weights(np.arange(11) * 0.1, (0.3, 0.7))[0]
+    assert weights == pytest.approx([0, 0, 0, -2, -1, 0, 1, 2, 0, 0, 0])
+
+
+@pytest.mark.parametrize("window", [(0.5, 1.5), (0.101, 0.115), (2.0, 3.0)])
+def test_line_that_is_not_defined_is_nan(window):
+    assert np.isnan(analysis.line_weights(TIMES, window)).all()
+
+
+def test_mean_of_lines_is_line_of_mean():
+    squared = analysis.squared_displacement(walk(np.random.default_rng(2), TIMES, 30))
+    lines = displacement.per_run_lines(squared, TIMES, WINDOWS).mean(axis=0)
+    for k, window in enumerate(WINDOWS):
+        assert lines[:, k] == pytest.approx(analysis.fit_line(TIMES, squared.mean(axis=0), window)[:2], rel=1e-12)
+
+
+def test_rings_are_half_open_and_count_everybody():
+    edges = analysis.ring_edges(0.5, 3)
+    assert analysis.ring_counts(np.array([0.0, 0.49, 0.5, 1.4, 1.5, 9.0]), edges).tolist() == [2, 1, 1, 2]
+
+
+# --- chi-square
+
+
+def test_chi_square_of_full_bins_is_pearsons():
+    from scipy.stats import chisquare
+
+    observed, expected = [18, 25, 30, 27], [20.0, 20.0, 35.0, 25.0]
+    test = analysis.chi_square(observed, expected, fitted=0)
+    assert (test.statistic, test.p) == pytest.approx(tuple(chisquare(observed, expected)))
+    assert test.degrees_of_freedom == 3
+
+
+def test_sparse_bins_are_pooled():
+    sparse = analysis.chi_square([1, 2, 9, 10, 3, 1], [2.0, 4.0, 7.0, 9.0, 3.0, 1.0])
+    assert sparse == analysis.chi_square([3, 9, 14], [6.0, 7.0, 13.0])
+    assert sparse.degrees_of_freedom == 1
+
+
+def test_chi_square_without_freedom_is_nan():
+    assert np.isnan(analysis.chi_square([3, 4], [3.0, 4.0]).p)
+    assert np.isnan(analysis.chi_square([30, 40, 50], [np.nan] * 3).p)
+
+
+def test_chi_square_of_diffusers_has_its_degrees_of_freedom():
+    """With D = MSD/4t of the unbinned runs the mean lies between that of 22 and 23 degrees (Chernoff and Lehmann)."""
+    rng, edges, runs, ensembles = np.random.default_rng(3), analysis.ring_edges(0.04, 24), 2400, 400
+    statistics = []
+    for squared in rng.exponential(4 * DIFFUSION, (ensembles, runs)):
+        counts = analysis.ring_counts(np.sqrt(squared), edges)
+        expected = displacement.expected_ring_counts(runs, edges, 1.0, squared.mean() / 4)
+        test = analysis.chi_square(counts, expected)
+        statistics.append(test.statistic)
+        assert test.degrees_of_freedom == 22  # 24 rings, the first two pooled, and the overflow
+    error = np.sqrt(2 * 22 / ensembles)
+    assert 22 - SIGMAS * error < np.mean(statistics) < 23 + SIGMAS * error
+
+
+# --- resampling
+
+
+def ensembles_of_diffusers(runs, count, seed):
+    """r^2(1) and the slope over [0.1, 1] of every run: (runs, count, 2), in `count` ensembles."""
+    rng, times = np.random.default_rng(seed), np.arange(11) * 0.1
+    samples = []
+    for _ in range(0, count, 50):
+        squared = analysis.squared_displacement(walk(rng, times, runs * 50))
+        lines = displacement.per_run_lines(squared, times, ((0.1, 1.0),))
+        samples.append(np.stack([squared[:, -1], lines[:, 0, 0]], axis=-1).reshape(runs, 50, 2))
+    return np.concatenate(samples, axis=1)
+
+
+@pytest.mark.parametrize(("runs", "count"), [(50, 1000), (200, 600), (2400, 200)])
+def test_interval_covers_the_truth(runs, count):
+    """95 +- 4 % of the ensembles, for MSD(1) and for the slope: 2.6 standard errors of 200 ensembles (1 alarm in 100
+    seeds, and this seed is fixed), 4.5 of 600, 5.8 of 1,000."""
+    estimate = analysis.resample(ensembles_of_diffusers(runs, count, seed=runs))
+    covered = (estimate.low < 4 * DIFFUSION) & (estimate.high > 4 * DIFFUSION)
+    assert covered.mean(axis=0) == pytest.approx([0.95, 0.95], abs=0.04)
+
+
+def test_standard_error_is_the_scatter_of_ensembles():
+    estimate = analysis.resample(ensembles_of_diffusers(200, 600, seed=4))
+    scatter, claimed = estimate.mean.std(axis=0, ddof=1), estimate.standard_error.mean(axis=0)
+    assert np.abs(claimed / scatter - 1).max() < SIGMAS / np.sqrt(2 * 600)
+
+
+def test_least_squares_alone_claims_far_too_little():
+    squared = analysis.squared_displacement(walk(np.random.default_rng(5), TIMES, 400))
+    true = analysis.resample(displacement.per_run_lines(squared, TIMES, WINDOWS)).standard_error[0]
+    naive = [analysis.fit_line(TIMES, squared.mean(axis=0), window).naive_slope_error for window in WINDOWS]
+    assert (true > 3 * np.array(naive)).all()
+
+
+def test_mean_and_error_do_not_depend_on_the_order_of_runs():
+    samples = np.random.default_rng(9).exponential(1.0, (500, 3)) * [1.0, 1e-20, 1e9]
+    one, other = analysis.resample(samples), analysis.resample(samples[::-1])
+    assert np.array_equal(one.mean, other.mean)
+    assert np.array_equal(one.standard_error, other.standard_error)
+
+
+def test_sums_over_resampled_runs_have_no_round_off():
+    """So no order of summation, number of threads or processor changes a bit of an interval."""
+    rng = np.random.default_rng(6)
+    values = resampling._on_a_grid(rng.exponential(1.0, (777, 4)) * [1.0, 1e-30, 1e20, np.pi])
+    weights = resampling._weights(777, 0, 20)
+    exact = [[math.fsum(w * v) for v in values.T] for w in weights]
+    assert (weights @ values).tolist() == exact
+    assert (weights[:, ::-1] @ values[::-1]).tolist() == exact
+
+
+def test_grid_is_fine():
+    values = np.random.default_rng(7).exponential(1.0, (2400, 1))
+    assert np.abs(resampling._on_a_grid(values) - values).max() < 1e-11
+
+
+def test_each_quantity_is_resampled_as_if_alone():
+    rng = np.random.default_rng(8)
+    samples = {"a": rng.exponential(1.0, 40), "b": rng.exponential(2.0, (40, 3, 2))}
+    for name, together in analysis.resample_each(samples).items():
+        for value, alone in zip(together, analysis.resample(samples[name]), strict=True):
+            assert np.array_equal(value, alone)
+
+
+def test_too_few_runs():
+    assert all(np.isnan(values).all() for values in analysis.resample(np.empty((0, 3))))
+    one, nine = analysis.resample(np.ones((1, 3))), analysis.resample(np.arange(9.0))
+    assert one.mean.tolist() == [1, 1, 1]
+    assert np.isnan(one.standard_error).all()
+    assert nine.standard_error == pytest.approx(np.arange(9).std(ddof=1) / 3)
+    assert np.isnan(nine.low)
+
+
+def test_no_scatter_no_error():
+    assert analysis.resample(np.full(12, 0.1 + 0.2)) == (0.1 + 0.2, 0.0, 0.1 + 0.2, 0.1 + 0.2)
+
+
+def test_wilson_interval_covers():
+    """Exact coverage, summed over the binomial law, for counts like those of a ring."""
+    from scipy.stats import binom
+
+    k, runs = np.arange(301), 2400
+    low, high = analysis.wilson_interval(k, runs)
+    for p in np.array([4.0, 10.0, 30.0, 85.0]) / runs:
+        covered = binom.pmf(k, runs, p)[(low <= runs * p) & (runs * p <= high)].sum()
+        assert covered == pytest.approx(0.95, abs=0.03)
+
+
+# --- the tracer's first steps
+
+
+@pytest.mark.parametrize("velocities", [
+    {"standard_deviation": 2.0},
+    {"temperature": 1.6},
+    {"standard_deviation": 2.0, "zero_momentum": True},
+    {"temperature": 1.6, "zero_momentum": True},
+])  # fmt: skip
+def test_initial_square_speed_is_that_of_drawn_states(velocities):
+    scene = make_scene(particles=4, velocities=velocities)
+    v2 = np.array([np.square(state.draw(scene, seed).velocity[0]).sum() for seed in range(1500)])
+    assert abs(v2.mean() - initial_square_speed(scene)) < SIGMAS * v2.std() / np.sqrt(v2.size)
+
+
+def test_initial_square_speed_of_a_list_of_disks():
+    assert initial_square_speed(one_disk()) == 25.0
+
+
+def test_initial_square_speed_of_a_hot_tracer_that_cools_is_not_known():
+    cooling = make_scene(equilibrate={"time": 1.0, "tracer": "free"})
+    assert np.isnan(initial_square_speed(cooling))
+    assert initial_square_speed(make_scene(equilibrate={"time": 1.0, "tracer": "pinned"})) == 8.0
+
+
+def one_disk():
+    disks = [{"position": [0.0, 0.0], "velocity": [3.0, 4.0], "radius": 0.1, "mass": 1.0}]
+    box = {"x": [-9.0, 9.0], "y": [-9.0, 9.0], "boundary": "reflecting"}
+    return parse_scene({"box": box, "disks": disks, "duration": 1.0, "sample_interval": 0.05}, "one.yaml")
+
+
+# --- the dataset
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    return study(tmp_path_factory.mktemp("study"), failed=(7, 33))
+
+
+@pytest.fixture(scope="module")
+def dataset(files):
+    return aggregate(files)
+
+
+def test_dataset_has_every_case(dataset):
+    assert dict(dataset.sizes) == {
+        "scene": 2, "particles": 2, "engine": 1, "time": 21, "window": 2, "r": 24, "model": 3, "seed": 60,
+    }  # fmt: skip
+    assert (dataset.runs == 58).all()
+    assert (dataset.failed_runs == 2).all()
+    assert (dataset.missing_seeds == 0).all()
+
+
+def test_dataset_agrees_with_theory(dataset):
+    for name, truth in (("msd", theory.diffusive_msd(dataset.time, DIFFUSION)), ("slope", 4 * DIFFUSION)):
+        error = dataset[f"{name}_standard_error"]
+        assert (abs(dataset[name] - truth) <= SIGMAS * 1.3 * error).all()  # 1.3: t with skewed runs, 58 of them
+    assert np.allclose(dataset.diffusion_coefficient * 4, dataset.slope, rtol=1e-14)
+
+
+def test_failed_runs_are_not_averaged_in(dataset, files, tmp_path):
+    """Failed runs end 1e6 away: one of them would show everywhere. They stay visible in the run health."""
+    assert float(dataset.msd.max()) < 10
+    assert dataset.seed[(dataset.run_status == 1).any(("scene", "particles", "engine"))].values.tolist() == [7, 33]
+    assert np.isfinite(dataset.energy_drift).all()
+    kept = [seed for seed in range(60) if seed not in (7, 33)]
+    alone = aggregate([write(tmp_path, make_runs(make_scene("hot", 10), kept))])
+    mine = dataset.sel(scene="hot", particles=10, engine="exact")
+    for name in ("msd", "msd_high", "slope", "displacement_counts", "pair_collisions"):
+        assert np.array_equal(mine[name], alone[name].squeeze())
+
+
+def test_counts_add_up(dataset):
+    assert (dataset.displacement_counts.sum("r") + dataset.displacement_overflow == dataset.runs).all()
+    assert np.allclose(dataset.expected_counts.sum("r") + dataset.expected_overflow, 58)
+    assert (dataset.displacement_counts_low <= dataset.displacement_counts).all()
+    assert (dataset.displacement_counts_high >= dataset.displacement_counts).all()
+
+
+def test_models_use_the_diffusion_coefficients(dataset):
+    models = dataset.model_diffusion_coefficient
+    assert np.array_equal(models.sel(model="msd"), dataset.msd_over_4t.isel(time=-1))
+    assert np.array_equal(models.isel(model=slice(1, None)), dataset.diffusion_coefficient)
+
+
+def test_collision_counts_are_means_over_runs(dataset):
+    expected = {"pair_collisions": 80, "wall_collisions": 30, "tracer_collisions": 9}
+    for name, mean in expected.items():
+        assert (abs(dataset[name] - mean) < SIGMAS * np.sqrt(mean / 58)).all()
+        assert np.allclose(dataset[f"{name}_standard_error"], np.sqrt(mean / 58), rtol=0.5)
+
+
+def test_order_and_batches_do_not_matter(dataset, files, tmp_path):
+    assert aggregate(files[::-1]).identical(dataset)
+    whole = study(tmp_path, batch=60, failed=(7, 33))
+    assert len(whole) == 4
+    write_dataset(tmp_path / "one.nc", dataset)
+    write_dataset(tmp_path / "two.nc", aggregate(whole))
+    assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "two.nc").read_bytes()
+
+
+def test_dataset_survives_the_disk(dataset, tmp_path):
+    write_dataset(tmp_path / "study.nc", dataset)
+    assert read_dataset(tmp_path / "study.nc").identical(dataset)
+
+
+def test_every_variable_says_its_unit_and_meaning(dataset):
+    assert all({"units", "long_name"} <= set(dataset[name].attrs) for name in dataset.data_vars)
+    assert all("long_name" in dataset[name].attrs for name in dataset.coords)
+    assert dataset.window_start.values.tolist() == [0.1, 0.5]
+    assert dataset.diffusion_coefficient.coords["window_end"].values.tolist() == [1.0, 1.0]
+
+
+def test_dataset_names_no_file(dataset, files):
+    assert not any(str(path.parent) in str(value) for path in files for value in dataset.attrs.values())
+
+
+def test_other_durations_and_seeds_leave_nan(tmp_path):
+    short = write(tmp_path, make_runs(make_scene("short", duration=0.5), range(5, 30)))
+    long = write(tmp_path, make_runs(make_scene("long", duration=1.0), range(20)))
+    dataset = aggregate([long, short]).squeeze(("particles", "engine"))
+    assert dataset.sizes["time"] == 21
+    assert dataset.msd.sel(scene="short").count() == 11
+    assert np.isnan(dataset.slope.sel(scene="short")).all()
+    assert np.isfinite(dataset.slope.sel(scene="long")).all()
+    assert np.isfinite(dataset.chi_square.sel(scene="short", model="msd"))
+    assert dataset.missing_seeds.to_series().to_dict() == {"long": 10, "short": 5}
+    assert dataset.energy_drift.sel(scene="long").count() == 20
+    assert dataset.seed[dataset.run_status.sel(scene="short") == 2].values.tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_case_without_files_is_empty(tmp_path):
+    paths = [write(tmp_path, make_runs(make_scene(name, n), range(12))) for name, n in (("a", 10), ("b", 20))]
+    dataset = aggregate(paths)
+    absent = dataset.sel(scene="a", particles=20, engine="exact")
+    assert (absent.runs, absent.missing_seeds) == (0, 0)
+    assert np.isnan(absent.msd).all()
+
+
+def test_one_run_of_one_disk(tmp_path):
+    trajectories = make_runs(one_disk(), [3])
+    straight = trajectories.scene.times[:, None, None] * np.array([3.0, 4.0])
+    ensemble = trajectories.ensemble._replace(tracer=state.Track(straight, None, None))
+    dataset = aggregate([write(tmp_path, trajectories._replace(ensemble=ensemble))]).squeeze()
+    assert np.allclose(dataset.msd, 25 * dataset.time**2)
+    assert dataset.initial_square_speed == 25
+    assert np.isnan(dataset.msd_standard_error).all()
+
+
+def test_no_tracer_no_msd(tmp_path):
+    trajectories = make_runs(make_scene(), range(12))
+    bare = trajectories._replace(ensemble=trajectories.ensemble._replace(tracer=None))
+    dataset = aggregate([write(tmp_path, bare)]).squeeze()
+    assert np.isnan(dataset.msd).all()
+    assert dataset.runs == 12
+    assert dataset.pair_collisions == pytest.approx(80, rel=0.2)
+
+
+def test_engines_are_labelled_with_their_settings(tmp_path):
+    exact = make_runs(make_scene(), range(12))
+    coarse = exact._replace(engine="timestep", settings={"time_step": 0.01})
+    dataset = aggregate([write(tmp_path, exact), write(tmp_path, coarse)])
+    assert dataset.engine.values.tolist() == ["exact", "timestep time_step=0.01"]
+
+
+def test_a_seed_counts_once(tmp_path):
+    first = write(tmp_path, make_runs(make_scene(), range(20)))
+    second = write(tmp_path, make_runs(make_scene(), range(15, 30)))
+    with pytest.raises(analysis.AnalysisError, match=r"15-29\.h5: seed 15 is already in .*0-19\.h5"):
+        aggregate([first, second])
+
+
+def test_one_name_one_scene(tmp_path):
+    first = write(tmp_path, make_runs(make_scene(), range(20)))
+    second = write(tmp_path, make_runs(make_scene(velocities={"temperature": 1.0}), range(20, 30)))
+    with pytest.raises(analysis.AnalysisError, match=r"20-29\.h5: its scene 'plain' is not the one in .*0-19\.h5"):
+        aggregate([first, second])
+
+
+def test_one_name_one_physics_whatever_the_particle_count(tmp_path):
+    first = write(tmp_path, make_runs(make_scene(particles=10), range(20)))
+    second = write(tmp_path, make_runs(make_scene(particles=20, duration=2.0), range(20)))
+    with pytest.raises(analysis.AnalysisError, match="two different scenes are called 'plain'"):
+        aggregate([first, second])
+
+
+def test_no_files():
+    with pytest.raises(analysis.AnalysisError, match="no trajectory files"):
+        aggregate([])
