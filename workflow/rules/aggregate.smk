@@ -1,0 +1,20 @@
+rule aggregate:
+    input:
+        expand(
+            "{results}/simulate/{job.scene}/N{job.particles}/{job.engine}/{job.first}-{job.last}.h5",
+            results=results,
+            job=study.jobs(),
+        ),
+    output:
+        f"{results}/aggregate/{study.name}.nc",
+    log:
+        f"{results}/logs/aggregate/{study.name}.log",
+    benchmark:
+        f"{results}/benchmarks/aggregate/{study.name}.tsv"
+    params:
+        windows=[f"{start}:{end}" for start, end in study.fit_windows],
+        width=study.ring_width,
+        rings=study.rings,
+    shell:
+        "brownpipe aggregate {input} --output {output} --fit-windows {params.windows}"
+        " --ring-width {params.width} --rings {params.rings} 2> {log}"
