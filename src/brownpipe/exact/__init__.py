@@ -7,7 +7,7 @@ import numpy as np
 from brownpipe.exact import workspace as ws
 from brownpipe.exact.events import advance
 from brownpipe.exact.setup import Frame, fill, frame_of, prepare
-from brownpipe.kernels import RunError, one_compiler
+from brownpipe.kernels import one_compiler
 from brownpipe.scene import Scene
 from brownpipe.state import Ensemble, Events, State, Track, draw
 
@@ -56,7 +56,7 @@ def simulate(scene: Scene, seeds, record=frozenset({"tracer"})) -> Ensemble:
 
 
 def run_one(scene: Scene, frame: Frame, w: ws.Workspace, state: State, times, record) -> tuple[ws.Workspace, Run]:
-    """Run from a state and sample it at the given times; return the workspace (a larger one, if need be) and the run."""
+    """Run from a state and sample it at the given times; return the workspace (larger, if need be) and the run."""
     first = state.velocity[frame.order] / (frame.length / frame.time)
     while True:
         fill(w, state, frame)

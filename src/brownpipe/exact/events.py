@@ -379,7 +379,7 @@ def audit(w, i, now):
         if k != i:
             x, y, u, v = displacement(w, i, w.candidate[j], now)
             sigma = contact_distance(w.mass, w, i, k)
-            b, c, d = encounter(x, y, u, v, sigma)
+            c = encounter(x, y, u, v, sigma)[1]
             w.tally[NEAREST] = min(w.tally[NEAREST], c / (sigma * sigma))
 
 
