@@ -141,36 +141,50 @@ def insert(position, radius, common, big, size, periodic, numbers, grid, followi
 
 
 def _on_lattice(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator) -> np.ndarray:
-    n = len(radius)
-    low, size = _accessible(scene, radius.max(initial=0.0))
     free = radius if fixed is None else radius[1:]
-    sites = _lattice(size, 2 * free.max(initial=0.0), scene.box.periodic, n)
-    if fixed is not None and len(sites):
-        apart = np.abs(sites + low - fixed)
-        if scene.box.periodic:
-            apart = np.minimum(apart, size - apart)
-        sites = sites[np.hypot(*apart.T) >= radius[0] + free.max(initial=0.0)]
-    if len(sites) < len(free):
-        raise SceneError(
-            f"{scene.name}: disks: a triangular lattice in this box has {len(sites)} places for {len(free)} disks of "
-            f"radius {free.max()!r} (packing fraction {scene.packing_fraction:.4g}); must be fewer or smaller disks"
-        )
-    position = low + sites[stream.permutation(len(sites))[: len(free)]]
+    if len(free) == 0:
+        return np.array(fixed or (), dtype=float).reshape(-1, 2)
+    low, size = _accessible(scene, free.max())
+    wanted, sites = len(free), np.zeros((0, 2))
+    while len(sites) < len(free):
+        sites = low + _lattice(size, scene.box.periodic, wanted)
+        if _nearest(size, scene.box.periodic, wanted) < 2 * free.max() * (1 - 1e-14):
+            raise SceneError(
+                f"{scene.name}: disks: no triangular lattice in this box has places for {len(free)} disks of radius "
+                f"{free.max()!r} (packing fraction {scene.packing_fraction:.4g}); must be fewer or smaller disks"
+            )
+        if fixed is not None:
+            apart = np.abs(sites - fixed)
+            if scene.box.periodic:
+                apart = np.minimum(apart, size - apart)
+            sites = sites[np.hypot(*apart.T) >= radius[0] + free.max()]
+        wanted += len(free) - min(len(sites), len(free))
+    position = sites[stream.permutation(len(sites))[: len(free)]]
     return position if fixed is None else np.concatenate([[fixed], position])
 
 
-def _lattice(size: np.ndarray, sigma: float, periodic: bool, n: int) -> np.ndarray:
-    """Return the sites of the widest triangular lattice in a rectangle with at least n sites, or of the densest."""
-    best, spacing = None, 0.0
-    for rows in range(1 + periodic, 2 * n + 3, 1 + periodic):
-        columns = -(-n // rows)
-        wide = size[0] / columns if periodic else size[0] / max(columns - 0.5, 0.5)
-        high = size[1] / rows if periodic else size[1] / max(rows - 1, 1)
-        nearest = min(wide, math.hypot(wide / 2, high))
-        if nearest > spacing:
-            best, spacing = (rows, columns, wide, high), nearest
-    rows, columns, wide, high = best
-    if spacing < sigma * (1 - 1e-14):
-        return np.zeros((0, 2))
+def _spacings(size: np.ndarray, periodic: bool, rows: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
+    """Return columns, their spacing, that of the rows, and the distance of nearest sites, of lattices of so many rows."""
+    columns = -(-n // rows)
+    wide = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
+    high = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
+    return columns, wide, high, np.minimum(np.minimum(wide, 2 * high), np.hypot(wide / 2, high))
+
+
+def _best_rows(size: np.ndarray, periodic: bool, n: int) -> np.ndarray:
+    """Return the number of rows, even in a periodic box, of the widest triangular lattice with at least n sites."""
+    rows = np.arange(1 + periodic, n + 2 + periodic, 1 + periodic)
+    return rows[np.argmax(_spacings(size, periodic, rows, n)[3])]
+
+
+def _nearest(size: np.ndarray, periodic: bool, n: int) -> float:
+    """Return the distance of nearest sites of `_lattice`."""
+    return float(_spacings(size, periodic, _best_rows(size, periodic, n), n)[3])
+
+
+def _lattice(size: np.ndarray, periodic: bool, n: int) -> np.ndarray:
+    """Return the sites (at least n, 2) of the widest triangular lattice in a rectangle, row by row."""
+    rows = _best_rows(size, periodic, n)
+    columns, wide, high, _ = _spacings(size, periodic, rows, n)
     row, column = np.divmod(np.arange(rows * columns), columns)
     return np.stack([(column + 0.5 * (row % 2)) * wide, row * high], axis=1)

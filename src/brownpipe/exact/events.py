@@ -134,8 +134,9 @@ def earliest(w, i, now, m):
     best, partner = disk[ROW * i + PAIR_TIME], w.candidate[0]
     for j in range(n):
         time = now + delay(approach[3 * j], approach[3 * j + 1], approach[3 * j + 2])
-        if time < best and time <= disk[ROW * (w.candidate[j] & DISK_MASK) + PAIR_TIME]:
-            best, partner = time, w.candidate[j]
+        sooner = (time < best) & (time <= disk[ROW * (w.candidate[j] & DISK_MASK) + PAIR_TIME])
+        best = time if sooner else best
+        partner = w.candidate[j] if sooner else partner
     if best < disk[ROW * i + PAIR_TIME]:
         disk[ROW * i + PAIR_TIME] = best
         w.link[ROW * i + PARTNER] = partner
@@ -143,48 +144,37 @@ def earliest(w, i, now, m):
 
 
 @kernel
-def edge_ahead(shift, velocity, cell, low, side, cell_side, radius):
-    """Return where a disk meets the next cell or the wall in one direction, and whether it is the wall, eq. (4)."""
-    edge = low + (cell + (velocity > 0.0)) * cell_side
+def within_walls(shift, edge, low, side, radius):
+    """Return how far a disk can move towards the edge of its cell: with walls no further than contact, eq. (4)."""
     if shift is not None:
-        return edge, False
-    wall = low + side - radius if velocity > 0.0 else low + radius
-    reached = edge >= wall if velocity > 0.0 else edge <= wall
-    return (wall if reached else edge), reached
+        return edge
+    return min(max(edge, low + radius), low + side - radius)
+
+
+@kernel
+def leave_time(shift, position, velocity, since, cell, low, side, cell_side, radius):
+    """Return when a disk leaves its cell in one direction, and whether it is a wall that ends its way."""
+    edge = low + (cell + (velocity > 0.0)) * cell_side
+    end = within_walls(shift, edge, low, side, radius)
+    time = since + (end - position) / velocity
+    return time if velocity != 0.0 else math.inf, end != edge
 
 
 @kernel
 def schedule(w, i, now):
     """Enter the next event of disk i: its collision, its next cell or a wall, whichever comes first."""
     disk, link, box, a = w.disk, w.link, w.grid, ROW * i
-    radius = radius_of(w.mass, w, i)
-    time, event = disk[a + PAIR_TIME], PAIR
-    velocity = disk[a + VX]
-    if velocity != 0.0:
-        edge, wall = edge_ahead(w.shift, velocity, link[a + COLUMN], box.x, box.width, box.cell_width, radius)
-        reached = disk[a + TIME] + (edge - disk[a + X]) / velocity
-        if reached < time:
-            time, event = reached, (RIGHT if velocity > 0.0 else LEFT) + WALL * wall
-    velocity = disk[a + VY]
-    if velocity != 0.0:
-        edge, wall = edge_ahead(w.shift, velocity, link[a + LINE], box.y, box.height, box.cell_height, radius)
-        reached = disk[a + TIME] + (edge - disk[a + Y]) / velocity
-        if reached < time:
-            time, event = reached, (UP if velocity > 0.0 else DOWN) + WALL * wall
+    radius, since = radius_of(w.mass, w, i), disk[a + TIME]
+    vx, vy = disk[a + VX], disk[a + VY]
+    x, x_wall = leave_time(w.shift, disk[a + X], vx, since, link[a + COLUMN], box.x, box.width, box.cell_width, radius)
+    y, y_wall = leave_time(w.shift, disk[a + Y], vy, since, link[a + LINE], box.y, box.height, box.cell_height, radius)
+    x_event, y_event = LEFT + (vx > 0.0) + WALL * x_wall, DOWN + (vy > 0.0) + WALL * y_wall
+    time, event = (x, x_event) if x < y else (y, y_event)
+    time, event = (time, event) if time < disk[a + PAIR_TIME] else (disk[a + PAIR_TIME], PAIR)
     time = max(time, now)
     disk[a + EVENT_TIME] = time
     link[a + EVENT] = event
     calendar.push(w, i, time)
-
-
-@kernel
-def predict(w, i, now):
-    """Find the next event of disk i afresh, among all its neighbours."""
-    column, line = int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE])
-    w.disk[ROW * i + PAIR_TIME] = math.inf
-    m = grid.gather(w.big, w, i, column, line)
-    earliest(w, i, now, m)
-    schedule(w, i, now)
 
 
 @kernel
@@ -207,21 +197,18 @@ def wrapped(image, w, i, column, line):
 
 
 @kernel
-def cross(w, i, now, event):
-    """Let disk i go into the next cell; its collision found before stands, unless the new neighbours come earlier."""
+def cross(w, i, event):
+    """Let disk i go into the next cell; return whether all that it knows must be predicted afresh."""
     box, a = w.grid, ROW * i
     column, line = int(w.link[a + COLUMN]), int(w.link[a + LINE])
     grid.leave(w.big, w, i, column, line)
     column += (event == RIGHT) - (event == LEFT)
     line += (event == UP) - (event == DOWN)
-    if wrapped(w.image, w, i, column, line):
+    afresh = wrapped(w.image, w, i, column, line)
+    if afresh:
         column, line = column % box.columns, line % box.lines
-        grid.enter(w.big, w, i, column, line)
-        predict(w, i, now)
-        return
     grid.enter(w.big, w, i, column, line)
-    earliest(w, i, now, grid.gather_new(w.big, w, i, column, line, event))
-    schedule(w, i, now)
+    return afresh
 
 
 @kernel
@@ -287,21 +274,29 @@ def log(w, r, i, partner, fx, fy, now):
 
 
 @kernel
+def neighbours(w, i, event):
+    """Gather the candidates of disk i after an event: the new ones if it changed cells, else all."""
+    column, line = int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE])
+    if LEFT <= event <= UP:
+        return grid.gather_new(w.big, w, i, column, line, event)
+    w.disk[ROW * i + PAIR_TIME] = math.inf
+    return grid.gather(w.big, w, i, column, line)
+
+
+@kernel
 def happen(w, r, i, now):
-    """Let the next event of disk i happen."""
+    """Let the next event of disk i happen, and predict what comes next for those that changed course."""
     link, count = w.link, w.count
-    event = int(link[ROW * i + EVENT])
-    other = i
+    event, k = int(link[ROW * i + EVENT]), i
     if event == PAIR:
         partner = link[ROW * i + PARTNER]
-        k = partner & DISK_MASK
-        if link[ROW * k + COUNT] == link[ROW * i + PARTNER_COUNT]:
+        if link[ROW * (partner & DISK_MASK) + COUNT] == link[ROW * i + PARTNER_COUNT]:
+            k = partner & DISK_MASK
             fx, fy = collide(w, i, partner, now)
             log(w, r, i, int(k), fx, fy, now)
             count[PAIRS] += 1
             count[TRACER_PAIRS] += (i == r.tracer) | (k == r.tracer)
             w.disk[ROW * k + PAIR_TIME] = math.inf
-            other = k
         else:
             count[STALE] += 1
     elif event > WALL:
@@ -310,53 +305,58 @@ def happen(w, r, i, now):
         count[WALLS] += 1
     else:
         count[CROSSINGS] += 1
-        cross(w, i, now, event)
-        return
-    predict(w, i, now)
-    if other != i:
-        predict(w, other, now)
+        if cross(w, i, event):
+            event = PAIR
+    while True:
+        earliest(w, i, now, neighbours(w, i, event))
+        schedule(w, i, now)
+        if k == i:
+            return
+        i = k
 
 
 @kernel
 def run(w, r, until, most):
-    """Let events happen up to a time within the block, at most so many of them."""
+    """Let events happen up to a time within the block, at most so many; return why it stopped and how many are left."""
     clock = w.clock
-    for _ in range(most):
+    for left in range(most, 0, -1):
         while not calendar.next_is_due(w):
             if (clock[BUCKET_NOW] + 1) * w.calendar.width > until:
-                return DONE
+                return DONE, left
             calendar.open_next_bucket(w)
         soon = clock[SOON] - 1
         now, i = w.soon_time[soon], w.soon_disk[soon]
         if now > until:
-            return DONE
+            return DONE, left
         if len(r.log_time) > 0 and clock[LOGGED] == len(r.log_time):
-            return LOG_FULL
+            return LOG_FULL, left
         clock[SOON] = soon
         if w.disk[ROW * i + EVENT_TIME] == now:
             happen(w, r, i, now)
             w.tally[NOW] = now
             if clock[OVERFULL]:
-                return CELL_FULL
-    return PAUSED
+                return CELL_FULL, left
+    return PAUSED, 0
 
 
 @kernel
 def begin_block(w):
-    """Put the disks into cells and predict all events, from nothing but positions and velocities at local time 0."""
+    """Put the disks into cells and let each begin with a stale event, so that it predicts afresh.
+
+    All that follows depends on nothing but the positions and velocities at local time 0.
+    """
     disk, box = w.disk, w.grid
     w.cell[:: box.slots] = 0
     calendar.clear(w)
     n = len(disk) // ROW
-    for i in range(n):
+    for i in range(n - 1, -1, -1):
         a = ROW * i
         column = min(max(int((disk[a + X] - box.x) / box.cell_width), 0), box.columns - 1)
         line = min(max(int((disk[a + Y] - box.y) / box.cell_height), 0), box.lines - 1)
-        w.link[a + COUNT] = 0
-        disk[a + PAIR_TIME] = math.inf
         grid.enter(w.big, w, i, column, line)
-    for i in range(n):
-        predict(w, i, 0.0)
+        disk[a + PAIR_TIME] = disk[a + EVENT_TIME] = 0.0
+        w.link[a + EVENT], w.link[a + PARTNER], w.link[a + COUNT], w.link[a + PARTNER_COUNT] = PAIR, i, 0, 1
+        calendar.insert(w, i, 0.0)
 
 
 @kernel
@@ -405,13 +405,12 @@ def sample(w, r, now):
     if len(w.disk) == 0:
         return
     note(w.image, w, r.tracer, now, r.position, r.velocity, r.image, row, 0)
-    audit(w, r.tracer, now)
     whole = r.whole_position.shape[1] > 0
-    for i in range(len(w.disk) // ROW):
+    first, end = (0, len(w.disk) // ROW) if whole or row == len(r.block) - 1 else (r.tracer, r.tracer + 1)
+    for i in range(first, end):
+        audit(w, i, now)
         if whole:
             note(w.image, w, i, now, r.whole_position, r.whole_velocity, r.whole_image, row, i)
-        if whole or row == len(r.block) - 1:
-            audit(w, i, now)
 
 
 @kernel
@@ -426,7 +425,7 @@ def advance(w, r, most):
             return CELL_FULL
         here = r.block[clock[SAMPLE]] == clock[BLOCK]
         until = r.time[clock[SAMPLE]] if here else w.calendar.block
-        outcome = run(w, r, until, most)
+        outcome, most = run(w, r, until, most)
         if outcome != DONE:
             return outcome
         if here:

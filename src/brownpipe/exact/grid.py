@@ -8,7 +8,7 @@ A disk much bigger than the cells is listed not only in its own cell but in a sp
 that a small disk anywhere within its reach finds it among its own 3 x 3 cells. Small disks need to know nothing of it.
 """
 
-from brownpipe.exact.workspace import COLUMN, DISK_BITS, DISK_MASK, DOWN, LEFT, LINE, OVERFULL, ROW, UP
+from brownpipe.exact.workspace import COLUMN, DISK_BITS, DISK_MASK, DOWN, LEFT, LINE, OVERFULL, RIGHT, ROW, UP
 from brownpipe.kernels import kernel
 
 
@@ -109,22 +109,13 @@ def leave(big, w, i, column, line):
 
 
 @kernel
-def gather_cell(w, cell, m):
-    """Append the disks of a cell to the candidates, of which there are m; return how many there are then."""
-    first = cell * w.grid.slots
-    n = w.cell[first]
-    for j in range(n):
-        w.candidate[m + j] = w.cell[first + 1 + j]
-    return m + n
+def gather_three(w, middle, step, m):
+    """Append the disks of a cell, of the one a step before it and the one after to the m candidates; return the sum.
 
-
-@kernel
-def gather_row(w, cell, m):
-    """Append the disks of a cell and its two neighbours to the right.
-
-    Three at a time are copied whether they count or not: most cells have less, and no branch has to guess.
+    Three disks a cell are copied whether they count or not: most cells have fewer, and no branch has to guess.
     """
-    for first in range(cell * w.grid.slots, (cell + 3) * w.grid.slots, w.grid.slots):
+    for cell in range(middle - step, middle + 2 * step, step):
+        first = cell * w.grid.slots
         n = w.cell[first]
         for j in range(3):
             w.candidate[m + j] = w.cell[first + 1 + j]
@@ -137,22 +128,19 @@ def gather_row(w, cell, m):
 @kernel
 def gather_around(w, column, line):
     """Make the disks of the 3 x 3 cells around a cell the candidates; return how many there are."""
-    m = gather_row(w, cell_at(w, column - 1, line - 1), 0)
-    m = gather_row(w, cell_at(w, column - 1, line), m)
-    return gather_row(w, cell_at(w, column - 1, line + 1), m)
+    above, middle, m = w.grid.columns + 2, cell_at(w, column, line), 0
+    for across in range(middle - above, middle + 2 * above, above):
+        m = gather_three(w, across, 1, m)
+    return m
 
 
 @kernel
 def gather_entered(w, column, line, event):
     """Make the disks of the three cells that are new after a crossing the candidates."""
-    if event == DOWN:
-        return gather_row(w, cell_at(w, column - 1, line - 1), 0)
-    if event == UP:
-        return gather_row(w, cell_at(w, column - 1, line + 1), 0)
-    across = column - 1 if event == LEFT else column + 1
-    m = gather_cell(w, cell_at(w, across, line - 1), 0)
-    m = gather_cell(w, cell_at(w, across, line), m)
-    return gather_cell(w, cell_at(w, across, line + 1), m)
+    above = w.grid.columns + 2
+    sideways = event <= RIGHT
+    ahead = (event == RIGHT) - (event == LEFT) + above * ((event == UP) - (event == DOWN))
+    return gather_three(w, cell_at(w, column, line) + ahead, above if sideways else 1, 0)
 
 
 @kernel

@@ -26,13 +26,13 @@ from brownpipe.placement import common_radius
 from brownpipe.scene import Scene
 from brownpipe.state import State
 
-EVENTS_PER_BUCKET = 3.0  # in the mean
+EVENTS_PER_BUCKET = 8.0  # in the mean
 COLLISIONS_PER_BLOCK = 128.0  # of one disk: a block begins with predicting everything afresh, which should cost little
 PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
 
 
 class Frame(NamedTuple):
-    """The engine's coordinates: internal = (scene's - origin) / unit. All units are powers of two, so exact."""
+    """The engine's coordinates: internal = (scene's - origin) / unit. Units are powers of two, so exact."""
 
     origin: np.ndarray  # (2,) zero if the box holds the zero of the scene's coordinates, else its centre
     length: float
@@ -54,7 +54,10 @@ def frame_of(scene: Scene) -> Frame:
     common = common_radius(radius) if len(radius) else box.width
     length, speed = power_of_two(2 * common), power_of_two(thermal_speed(scene))
     order = np.argsort(radius <= common, kind="stable")
-    return Frame(origin, length, length / speed, power_of_two(mass.max(initial=0.0)), order, np.argsort(order))
+    heaviest = mass.max(initial=0.0)
+    equal = np.all(mass == heaviest) and heaviest > 0
+    unit = float(heaviest) if equal else power_of_two(heaviest)  # equal masses are 1 to the kernels
+    return Frame(origin, length, length / speed, unit, order, np.argsort(order))
 
 
 def thermal_speed(scene: Scene) -> float:
