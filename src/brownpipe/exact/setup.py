@@ -75,9 +75,14 @@ def thermal_speed(scene: Scene) -> float:
     return largest * math.sqrt(np.mean(scene.mass / scene.mass.min() * squares))
 
 
-def prepare(scene: Scene, frame: Frame, slots: int | None = None) -> Workspace:
-    """Lay out a workspace for the runs of a scene. `slots` is the room of a cell where the usual proved too small."""
+def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None = None) -> Workspace:
+    """Lay out a workspace for the runs of a scene.
+
+    A `pinned` tracer has infinite mass. `slots` is the room of a cell where the usual proved too small.
+    """
     n, radius, mass = scene.particles, scene.radius[frame.order] / frame.length, scene.mass[frame.order] / frame.mass
+    if pinned:
+        mass[frame.back[0]] = np.inf
     equal = n < 2 or (np.all(radius == radius[0]) and np.all(mass == mass[0]))
     common = common_radius(radius) if n else 0.5
     cells = _grid(scene, frame, common, slots or _slots(radius, common))

@@ -1,0 +1,103 @@
+"""What a run hands back: samples, collisions and observables, in the scene's units and order."""
+
+import math
+
+import numpy as np
+
+from brownpipe.exact import workspace as ws
+from brownpipe.exact.setup import Frame
+from brownpipe.scene import Scene
+from brownpipe.state import Events, Track
+
+EVENTS_PER_LOG = 65_536  # then they are moved to where there is room for more
+MOST_DRIFT = 1e-9  # of the energy, relative: a run beyond is marked failed
+MOST_OVERLAP = 1e-9  # of a contact distance
+
+
+def recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record) -> ws.Recorder:
+    """Return room for samples at the given times [scene's units], and for what else `record` names."""
+    n, t = len(frame.order), len(times)
+    inner = times / frame.time
+    block = np.floor(inner / w.calendar.block)
+    m, room = n if "all" in record else 0, EVENTS_PER_LOG if "events" in record else 0
+    return ws.Recorder(
+        tracer=int(frame.back[0]) if n else 0,
+        block=block.astype(np.int64),
+        time=inner - block * w.calendar.block,  # exact, as the length of a block is a power of two
+        position=np.empty((t, 1, 2)),
+        velocity=np.empty((t, 1, 2)),
+        image=np.zeros((t, 1, 2), np.int32),
+        whole_position=np.empty((t, m, 2)),
+        whole_velocity=np.empty((t, m, 2)),
+        whole_image=np.zeros((t, m, 2), np.int32),
+        log_block=np.empty(room, np.int64),
+        log_time=np.empty(room),
+        log_pair=np.empty((room, 2), np.int32),
+        log_impulse=np.empty((room, 2)),
+    )
+
+
+def tracer_track(scene: Scene, frame: Frame, r: ws.Recorder) -> Track:
+    """Return where the tracer was, M = 1."""
+    return _track(scene, frame, r.position, r.velocity, r.image)
+
+
+def whole_track(scene: Scene, frame: Frame, r: ws.Recorder) -> Track | None:
+    """Return where all disks were, M = N, if that was recorded."""
+    if len(frame.back) == 0 or r.whole_position.shape[1] == 0:
+        return None
+    order = frame.back
+    return _track(scene, frame, r.whole_position[:, order], r.whole_velocity[:, order], r.whole_image[:, order])
+
+
+def _track(scene: Scene, frame: Frame, position, velocity, image) -> Track:
+    position = position * frame.length + frame.origin
+    return Track(position, velocity * (frame.length / frame.time), image if scene.box.periodic else None)
+
+
+def logged(r: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
+    """Return the collisions in the log."""
+    n = w.clock[ws.LOGGED]
+    time = (r.log_block[:n] * w.calendar.block + r.log_time[:n]) * frame.time
+    pair = r.log_pair[:n]
+    named = np.where(pair >= 0, frame.order[np.maximum(pair, 0)], pair).astype(np.int32)
+    return Events(time, named[:, 0], named[:, 1], r.log_impulse[:n] * (frame.mass * frame.length / frame.time))
+
+
+def joined(logs: list[Events]) -> Events | None:
+    """Return parts of a log as one, None if there is none."""
+    return Events(*(np.concatenate(column) for column in zip(*logs, strict=True))) if logs else None
+
+
+def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) -> dict[str, float | int]:
+    """Return what is reported of a run that began with velocities `first` (N, 2), in the engine's units and order."""
+    last = w.disk.reshape(-1, ws.ROW)[:, ws.VX : ws.VX + 2]
+    moving = slice(None) if w.mass is None else np.isfinite(w.mass)  # all but a pinned tracer
+    mass = np.ones(len(last)) if w.mass is None else w.mass[moving]
+    first, last = first[moving], last[moving]
+    before, after = (float(mass @ np.sum(v * v, axis=1)) for v in (first, last))
+    drift = (after - before) / before if before > 0 else 0.0
+    overlap = 1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0)))
+    unit = frame.mass * (frame.length / frame.time)
+    found = {
+        "pair_collisions": int(w.count[ws.PAIRS]),
+        "wall_collisions": int(w.count[ws.WALLS]),
+        "tracer_collisions": int(w.count[ws.TRACER_PAIRS]),
+        "energy_drift": drift,
+        "worst_overlap": overlap,
+        "momentum_residual": _momentum_residual(w, mass, first, last),
+        "failed": np.uint8(not (abs(drift) <= MOST_DRIFT and overlap <= MOST_OVERLAP)),
+        "kinetic_energy": 0.5 * before * unit * (frame.length / frame.time),
+        "virial": float(w.tally[ws.VIRIAL]) * unit * (frame.length / frame.time),
+    }
+    if not scene.box.periodic:
+        found["wall_impulse"] = float(w.tally[ws.WALL_IMPULSE :].sum()) * unit
+    return found
+
+
+def _momentum_residual(w: ws.Workspace, mass, first, last) -> float:
+    """Return by how much momentum is not what the walls gave, relative to all momentum there was and was given."""
+    left, right, bottom, top = w.tally[ws.WALL_IMPULSE :]
+    missing = mass @ (last - first) - (left - right, bottom - top)
+    scale = float(mass @ np.sqrt(np.sum(first * first, axis=1))) + left + right + bottom + top
+    return float(np.abs(missing).max() / scale) if scale > 0 else 0.0
