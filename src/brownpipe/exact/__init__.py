@@ -70,7 +70,6 @@ def simulate(scene: Scene, seeds, record=frozenset({"tracer"})) -> Ensemble:
 def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> tuple[Engine, Run]:
     """Run from a state and sample it at the given times; return the engine, if need be with more room, and the run."""
     scene, frame, w, pinned = engine
-    first = state.velocity[frame.order] / (frame.length / frame.time)
     while True:
         fill(w, state, frame)
         room = recorder(frame, w, times, record)
@@ -86,9 +85,10 @@ def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> 
         if outcome != ws.CELL_FULL:
             break
         w = prepare(scene, frame, pinned, 2 * w.grid.slots)
+    first = state.velocity[frame.order] / (frame.length / frame.time)
     found = observables(scene, frame, w, first)
     done = Run(tracer_track(scene, frame, room), whole_track(scene, frame, room), joined(logs), found)
-    return Engine(scene, frame, w, pinned), done
+    return engine._replace(workspace=w), done
 
 
 def _engine(scene: Scene, pinned: bool = False) -> Engine:
@@ -126,6 +126,6 @@ def _refuse_standstill(w: ws.Workspace, frame: Frame, begun: tuple[int, float]) 
     if elapsed * len(frame.order) < SHORTEST_PATH * EVENTS_PER_CALL:
         at = (blocks * w.calendar.block + time) * frame.time
         raise RunError(
-            f"no progress at t = {at:.9g}: {EVENTS_PER_CALL} events took {elapsed * frame.time:.3g}; the disks touch all "
-            "round, and must have room to move"
+            f"no progress at t = {at:.9g}: {EVENTS_PER_CALL} events took {elapsed * frame.time:.3g}; "
+            "the disks touch all round, and must have room to move"
         )

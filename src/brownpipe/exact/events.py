@@ -153,11 +153,14 @@ def within_walls(shift, edge, low, side, radius):
 
 @kernel
 def leave_time(shift, position, velocity, since, cell, low, side, cell_side, radius):
-    """Return when a disk leaves its cell in one direction, and whether it is a wall that ends its way."""
+    """Return when a disk leaves its cell in one direction, and whether it is a wall that ends its way.
+
+    Only the wall ahead can be: a disk that round-off put behind the other one may have that one's contact ahead, too.
+    """
     edge = low + (cell + (velocity > 0.0)) * cell_side
     end = within_walls(shift, edge, low, side, radius)
     time = since + (end - position) / velocity
-    return time if velocity != 0.0 else math.inf, end != edge
+    return time if velocity != 0.0 else math.inf, (edge - end) * velocity > 0.0
 
 
 @kernel
@@ -169,9 +172,10 @@ def schedule(w, i, now):
     x, x_wall = leave_time(w.shift, disk[a + X], vx, since, link[a + COLUMN], box.x, box.width, box.cell_width, radius)
     y, y_wall = leave_time(w.shift, disk[a + Y], vy, since, link[a + LINE], box.y, box.height, box.cell_height, radius)
     x_event, y_event = LEFT + (vx > 0.0) + WALL * x_wall, DOWN + (vy > 0.0) + WALL * y_wall
-    time, event = (x, x_event) if x < y else (y, y_event)
-    time, event = (time, event) if time < disk[a + PAIR_TIME] else (disk[a + PAIR_TIME], PAIR)
-    time = max(time, now)
+    sideways, pair_time = x < y, disk[a + PAIR_TIME]
+    leaves = min(x, y) < pair_time
+    event = leaves * (sideways * x_event + (1 - sideways) * y_event)  # a branch would be guessed wrong half the time
+    time = max(min(min(x, y), pair_time), now)
     disk[a + EVENT_TIME] = time
     link[a + EVENT] = event
     calendar.push(w, i, time)

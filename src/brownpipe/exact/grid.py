@@ -152,6 +152,14 @@ def is_outside(shift, w, column, line):
 
 
 @kernel
+def boxes_away(shift, w, column, line):
+    """How many boxes to the right and above a place is."""
+    if shift is None:
+        return 0, 0
+    return column // w.grid.columns, line // w.grid.lines
+
+
+@kernel
 def images_across(shift):
     """How far images reach to either side."""
     if shift is None:
@@ -167,7 +175,7 @@ def gather_within_reach(big, w, i, column, line):
         c, r = column + big.reach[j, 0], line + big.reach[j, 1]
         if is_outside(w.shift, w, c, r):
             continue
-        across, up = c // w.grid.columns, r // w.grid.lines
+        across, up = boxes_away(w.shift, w, c, r)
         first = cell_at(w, c - across * w.grid.columns, r - up * w.grid.lines) * w.grid.slots
         for entry in range(first + 1, first + 1 + w.cell[first]):
             k = w.cell[entry]

@@ -28,6 +28,7 @@ from brownpipe.state import State
 
 EVENTS_PER_BUCKET = 8.0  # in the mean
 COLLISIONS_PER_BLOCK = 128.0  # of one disk: a block begins with predicting everything afresh, which should cost little
+FITS_CACHE = 20_000  # disks: with more, a short ring is worth more than one that few events are too far ahead for
 PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
 
 
@@ -136,10 +137,10 @@ def _slots(radius: np.ndarray, common: float) -> int:
 
 
 def _grid(scene: Scene, frame: Frame, common: float, slots: int) -> Grid:
-    """Cells 1.05 (dense) to 1.4 (dilute) contact distances wide, but not many more than there are disks."""
+    """Cells 1.1 (dense) to 2 (dilute) contact distances wide, but not many more than there are disks."""
     box, n = scene.box, scene.particles
     width, height = box.width / frame.length, box.height / frame.length
-    side = max(2 * common * (1.4 - 0.7 * min(scene.packing_fraction, 0.5)), math.sqrt(width * height / (4 * n + 4)))
+    side = max(2 * common * (2.0 - 1.8 * min(scene.packing_fraction, 0.5)), math.sqrt(width * height / (4 * n + 4)))
     columns, lines = max(int(width / side), 1), max(int(height / side), 1)
     x, y = (box.x[0] - frame.origin[0]) / frame.length, (box.y[0] - frame.origin[1]) / frame.length
     return Grid(columns, lines, x, y, width, height, width / columns, height / lines, slots, 2 * common)
@@ -155,7 +156,7 @@ def _calendar(scene: Scene, speed: float, common: float, cells: Grid) -> Calenda
     crossing = speed * (1 / cells.cell_width + 1 / cells.cell_height)
     block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, PATH_PER_BLOCK * sigma / speed))
     width = power_of_two(min(EVENTS_PER_BUCKET / (n * (rate + crossing)), block))
-    ring = max(16, 2 ** math.ceil(math.log2(0.75 * n)))
+    ring = max(16, 2 ** math.ceil(math.log2((0.75 if n < FITS_CACHE else 0.25) * n)))
     return Calendar(block, width, 1 / width, ring - 1)
 
 
