@@ -41,9 +41,9 @@ def simulate(scene: Scene, seeds, record=frozenset({"tracer"})) -> Ensemble:
     Raises RunError if a run makes no progress, SceneError if its disks cannot be placed.
     """
     seeds = np.asarray(seeds, dtype=np.int64)
-    times, engine, before = scene.times, _engine(scene), None
+    times, engine, before = scene.times, prepared(scene), None
     if scene.equilibrate > 0:
-        before = _engine(scene, pinned=scene.tracer_while_equilibrating == "pinned")
+        before = prepared(scene, pinned=scene.tracer_while_equilibrating == "pinned")
     tracer = Track(np.empty((len(times), len(seeds), 2)), None, np.empty((len(times), len(seeds), 2), np.int32))
     measured, whole, events = {}, {}, {}
     for column, seed in enumerate(seeds.tolist()):
@@ -91,7 +91,7 @@ def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> 
     return engine._replace(workspace=w), done
 
 
-def _engine(scene: Scene, pinned: bool = False) -> Engine:
+def prepared(scene: Scene, pinned: bool = False) -> Engine:
     """Return what runs of a scene need, with its kernels compiled."""
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
