@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import xarray
 
-from brownpipe import storage
+from brownpipe import provenance, storage
 from brownpipe.scene import parse_scene
 from brownpipe.state import Ensemble, Events, Track
-from brownpipe.storage import StorageError, files, provenance, trajectories, tree
+from brownpipe.storage import StorageError, files, trajectories, tree
 
 COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
 ERRORS = ("energy_drift", "worst_overlap", "momentum_residual")
@@ -290,7 +290,7 @@ def test_a_damaged_file_names_its_seeds_and_the_cure(full):
     full.write_bytes(contents)
     message = refusal(storage.read_trajectories, full)
     assert "seeds 0-2,7 are lost" in message
-    command = "brownpipe simulate a.scene.yaml --particles 5 --seeds 0-2,7 --engine exact --record all"
+    command = "brownpipe simulate a.scene.yaml --particles 5 --seeds 0-2,7 --engine exact --record all,events"
     assert f"{command} --output {full}" in message
     assert storage.verify(full) == [message]
     assert storage.describe(full) == f"NOT INTACT  {message}"

@@ -1,5 +1,6 @@
 """The study: scenes x particle counts x engines x seeds, and what is made of them."""
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,24 +16,17 @@ from brownpipe.scene import MOST_BYTES, MOST_DISKS, Scene, parse_scene
 
 MOST_STUDY_BYTES = 2**20
 MOST_SEEDS = 10_000_000
-MOST_JOBS = 10_000
+MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
 LARGEST_SEED = 2**63 - 1
 
 ENGINES = {"exact": {}}  # name: {setting: how an Entry of it is read}
-OBSERVABLES = ("msd", "displacement_distribution")
-FIGURES = {  # name: the observable it shows
-    "msd": "msd",
-    "displacement_distribution": "displacement_distribution",
-    "particle_counts": "msd",
-    "health": None,
-}
+FIGURES = ("msd", "displacement_distribution", "particle_counts", "health")
 DEFAULTS = {
     "particles": None,  # of each scene file
     "engines": ["exact"],
-    "batch": 600,
-    "observables": list(OBSERVABLES),
-    "figures": None,  # all
-    "fit_windows": [[0.1, 1.0], [0.5, 1.0]],
+    "batch": 2400,
+    "figures": None,  # all that there is something to show in
+    "fit_windows": None,  # from a tenth and from a half of the shortest duration to its end
     "rings": {"dr": 0.04, "count": 24},
 }
 
@@ -69,7 +63,6 @@ class Study:
     engines: tuple[Engine, ...]
     seeds: Sequence[int]  # ascending; a range where there is no gap
     batch: int  # seeds per job
-    observables: tuple[str, ...]
     figures: tuple[str, ...]
     fit_windows: tuple[tuple[float, float], ...]  # [time]
     ring_width: float  # dr [length]
@@ -87,8 +80,8 @@ class Study:
 
     @property
     def table(self) -> dict[str, dict[str, dict[str, str]]]:
-        """For each scene and particle count: the file of the scene, and the digest of its physics."""
-        files = {path.stem: str(path) for path in self.scenes}
+        """For each scene and particle count: the file of the scene (from here), and the digest of its physics."""
+        files = {path.stem: os.path.relpath(path) for path in self.scenes}
         table = {name: {} for name in files}
         for case in self.cases:
             table[case.name][str(case.particles)] = {"file": files[case.name], "digest": case.digest}
@@ -116,7 +109,6 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     given = reading.fields(Entry(mapping, file), ("scenes", "seeds"), DEFAULTS)
     scenes = _scenes(given["scenes"], Path(path).parent)
     cases = _cases(scenes, given["particles"])
-    observables = _words(given["observables"], OBSERVABLES)
     ring_width, rings = _rings(given["rings"])
     study = Study(
         name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
@@ -125,9 +117,8 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         engines=_engines(given["engines"]),
         seeds=_seeds(given["seeds"]),
         batch=reading.integer(given["batch"], 1, MOST_SEEDS),
-        observables=observables,
-        figures=_figures(given["figures"], observables),
-        fit_windows=_windows(given["fit_windows"], cases if "msd" in observables else ()),
+        figures=_figures(given["figures"], cases),
+        fit_windows=_windows(given["fit_windows"], cases),
         ring_width=ring_width,
         rings=rings,
     )
@@ -227,21 +218,27 @@ def _engine(entry: Entry) -> Engine:
     return Engine(which.value, tuple((key, read(given[key])) for key, read in settings.items()))
 
 
-def _words(entry: Entry, allowed: tuple[str, ...]) -> tuple[str, ...]:
-    words = tuple(reading.choice(one, allowed) for one in _one_or_more(entry))
-    return words if len(set(words)) == len(words) else must_be(entry, "words that differ")
-
-
-def _figures(entry: Entry, observables: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the figures; the default is all that the observables allow."""
-    possible = tuple(figure for figure, needed in FIGURES.items() if needed is None or needed in observables)
-    return possible if entry.value is None else _words(entry, possible)
+def _figures(entry: Entry, cases: tuple[Scene, ...]) -> tuple[str, ...]:
+    """Return the figures; the default is all that there is something to show in."""
+    moving = {case.particles for case in cases} - {0}
+    lacking = {"particle_counts": "two particle counts or more"} if len(moving) < 2 else {}
+    if not moving:
+        lacking |= dict.fromkeys(("msd", "displacement_distribution"), "a disk to follow")
+    if entry.value is None:
+        return tuple(figure for figure in FIGURES if figure not in lacking)
+    names = tuple(reading.choice(one, FIGURES) for one in _one_or_more(entry))
+    for name in lacking.keys() & set(names):
+        reading.refuse(entry, f"{name} needs {lacking[name]}")
+    return names if len(set(names)) == len(names) else must_be(entry, "figures that differ")
 
 
 def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float], ...]:
-    """Return the time windows of the fits, each with at least three sample times of every scene."""
+    """Return the time windows of the fits; those asked for have at least three sample times of every scene."""
+    if entry.value is None:
+        end = min(case.duration for case in cases)
+        return ((0.1 * end, end), (0.5 * end, end))
     windows = []
-    for one in reading.items(entry):
+    for one in reading.items(entry) or must_be(entry, "a list that is not empty"):
         t0, t1 = (reading.number(end, least=0) for end in reading.items(one, 2, "two times [t0, t1]"))
         for case in cases:
             inside = np.count_nonzero((case.times >= t0) & (case.times <= t1))

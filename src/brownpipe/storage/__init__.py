@@ -16,18 +16,18 @@ A trajectory file holds one batch of seeds and follows H5MD 1.1 in true 2D. T sa
     observables/
         run/                         seed (S,); pair_collisions (S,), energy_drift (S,), ...: one value per run
         events/seed_00017/           every collision of one run, if recorded: time (E,), a (E,), b (E,), impulse (E, 2)
-    parameters/                      scene, settings (JSON); attributes: format, scene_name, particles, engine, seeds, rerun
-                                     (the command), versions, source_digest, contents_digest, seal
+    parameters/                      scene, settings (JSON); attributes: format, scene_name, particles, engine, seeds,
+                                     rerun (the command), versions, source_digest, contents_digest, seal
 
 Every dataset says its `units` (reduced units of the scene) and its meaning (`long_name`). Arrays of numbers are stored
 with gzip 4, shuffle and fletcher32; the seal, a SHA-256 of all other bytes of the file, covers the rest. Nothing in a
 file depends on when, where or by whom it was written: two runs give the same bytes.
 """
 
+from brownpipe.provenance import source_digest
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import StorageError, write_file
 from brownpipe.storage.inspection import describe, verify
-from brownpipe.storage.provenance import source_digest
 from brownpipe.storage.trajectories import Trajectories, read_trajectories, seed_text, write_trajectories
 
 __all__ = [

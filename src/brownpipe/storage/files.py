@@ -68,8 +68,8 @@ def seal(contents: bytes) -> bytes:
     """`contents` with its blank seal replaced by its SHA-256.
 
     The checksums of HDF5 cover numbers, not its own bookkeeping: of 3,000 single-bit flips in a small file, 71 went
-    unseen and changed names, texts or numbers, and 2 made the library crash. The seal covers every byte of a file and is
-    checked before HDF5 sees any of them.
+    unseen and changed names, texts or numbers, and 2 made the library crash. The seal covers every byte of a file and
+    is checked before HDF5 sees any of them.
     """
     if contents.count(BLANK_SEAL.encode()) != 1:
         raise ValueError("the contents need exactly one blank seal")

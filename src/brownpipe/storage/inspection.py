@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from brownpipe.provenance import source_digest
 from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.files import StorageError
-from brownpipe.storage.provenance import source_digest
 from brownpipe.storage.trajectories import read_header, read_trajectories, seed_text
 
 

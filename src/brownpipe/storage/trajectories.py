@@ -9,10 +9,10 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
+from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene, SceneError, parse_scene
 from brownpipe.state import Ensemble, Events, Track
 from brownpipe.storage.files import BLANK_SEAL, StorageError, read_sealed, seal, write_file
-from brownpipe.storage.provenance import source_digest, versions
 from brownpipe.storage.tree import Link, Node, digest, from_bytes, to_bytes
 
 FORMAT = 1
@@ -40,6 +40,9 @@ MEANING = {
     "energy_drift": ("1", "relative change of the kinetic energy over the run"),
     "worst_overlap": ("1", "deepest overlap seen, in contact distances"),
     "momentum_residual": ("1", "relative error of momentum change plus impulse given to the walls"),
+    "kinetic_energy": ("energy", "kinetic energy at t = 0, conserved"),
+    "virial": ("energy", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
+    "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
     "failed": ("1", "1 if overlap or energy drift passed its bound: not to be averaged in"),
     "scene": ("1", "the scene as canonical JSON"),
     "settings": ("1", "settings of the engine as JSON"),
@@ -198,7 +201,9 @@ def _parameters(trajectories):
 def _command(scene, engine, ensemble):
     """What makes these runs again; found in the raw bytes of a broken file by its backquotes."""
     particles = f" --particles {scene.particles}" if scene.species else ""
-    record = " --record all" if ensemble.whole else " --record events" if ensemble.events else ""
+    words = ["all"] * bool(ensemble.whole) + ["events"] * bool(ensemble.events)
+    nothing = ["none"] * (ensemble.tracer is None and scene.particles > 0)
+    record = f" --record {','.join(words or nothing)}" if words or nothing else ""
     seeds = f" --seeds {seed_text(ensemble.seeds)}"
     return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine}{record}`"
 

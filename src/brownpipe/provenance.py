@@ -1,13 +1,35 @@
-"""What a file was made with."""
+"""What results are made with: the source code and the package versions that decide them. Imports nothing heavy."""
 
 import hashlib
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import NamedTuple
 
-PACKAGE = Path(__file__).parent.parent
+PACKAGE = Path(__file__).parent
 # The modules and packages that decide trajectories.
 SOURCES = ("reading", "packing", "scene", "placement", "state", "theory", "collisions", "kernels", "exact")
+
+
+class Step(NamedTuple):
+    """What decides the outcome of a step of the pipeline, besides what the step is given."""
+
+    sources: tuple[str, ...]  # modules and packages of brownpipe
+    packages: tuple[str, ...]
+
+
+STEPS = {
+    "simulate": Step(SOURCES, ("numpy", "numba")),
+    "aggregate": Step(("storage", "analysis", "theory"), ("numpy", "scipy", "xarray")),
+    "figures": Step(("figures", "theory"), ("numpy", "matplotlib")),
+}
+
+
+def made_with(step: str) -> dict[str, str]:
+    """The digest of a step's source and the versions of its packages: when one of them changes, it is run again."""
+    return {"source": source_digest(PACKAGE, STEPS[step].sources)} | {
+        name: _version(name) for name in STEPS[step].packages
+    }
 
 
 def source_digest(folder: Path = PACKAGE, sources: tuple[str, ...] = SOURCES) -> str:

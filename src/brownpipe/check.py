@@ -1,0 +1,110 @@
+"""What a scene or a study asks for, in words and numbers, before anything is run: `brownpipe check`."""
+
+from brownpipe import cost, reading
+from brownpipe.scene import MOST_BYTES, Scene, parse_scene
+from brownpipe.study import Study, read_study
+
+STUDY_KEYS = {"scenes", "seeds", "engines", "batch", "figures"}  # that no scene has
+FEWEST = 10  # disks that make a gas
+
+
+def describe(path: str, particles: int | None = None) -> str:
+    """Return what the scene or study in the file asks for. Raises SceneError for whatever is wrong with it."""
+    mapping = reading.read_yaml(path, MOST_BYTES)
+    if isinstance(mapping, dict) and mapping.keys() & STUDY_KEYS:
+        if particles is not None:
+            raise reading.SceneError(f"{path}: --particles is for scenes; a study says for itself")
+        return "\n".join([f"{path}: a valid study", *_study(read_study(path))])
+    return "\n".join([f"{path}: a valid scene", *_scene(parse_scene(mapping, path, particles))])
+
+
+def _scene(scene: Scene) -> list[str]:
+    one = cost.of_run(scene)
+    return [
+        f"box       {scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
+        f"disks     {_disks(scene)}; packing fraction {scene.packing_fraction:.4g}",
+        f"start     {_start(scene)}",
+        f"run       from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
+        f"engine    exact: {_engine(scene)}",
+        f"expected  {_expected(scene, one)}",
+        f"cost      some {_time(one.seconds)} of CPU a run, once {cost.START_UP:g} s have passed to start;"
+        f" {_bytes(one.working)} of memory, {_bytes(one.recorded)} of file",
+    ]
+
+
+def _disks(scene: Scene) -> str:
+    kinds = [f"{one.count} {one.name} (radius {one.radius:g}, mass {one.mass:g})" for one in scene.species if one.count]
+    return f"{scene.particles}: {', '.join(kinds)}" if kinds else f"{scene.particles}, each placed by hand"
+
+
+def _start(scene: Scene) -> str:
+    given = scene.velocities
+    if given is None:
+        return "as listed"
+    width = f"kT = {given.temperature:g}" if given.standard_deviation is None else f"{given.standard_deviation:g} wide"
+    placed = {"random": "placed at random", "lattice": "on a lattice"}[scene.placement]
+    at_rest = ", total momentum zero" if given.zero_momentum else ""
+    before = (
+        f", {scene.equilibrate:g} before t = 0, tracer {scene.tracer_while_equilibrating}" if scene.equilibrate else ""
+    )
+    return f"{placed}; velocity components normal, {width}{at_rest}{before}"
+
+
+def _expected(scene: Scene, one: cost.Cost) -> str:
+    if scene.particles < FEWEST:
+        return "too few disks to say"
+    walls = f" and {_rounded(one.wall_collisions)} with walls" if not scene.box.periodic else ""
+    return f"{_rounded(one.pair_collisions)} collisions between disks{walls} (Enskog, in equilibrium)"
+
+
+def _engine(scene: Scene) -> str:
+    """What the engine will model of it, as it would lay it out."""
+    from brownpipe.exact.setup import frame_of, prepare
+
+    if scene.particles == 0:
+        return "nothing moves"
+    w = prepare(scene, frame_of(scene))
+    alike = "equal disks" if w.mass is None else "radius and mass of each disk"
+    edge = "periodic images" if scene.box.periodic else "walls"
+    big = f", {w.big.number} much bigger than the rest" if w.big is not None else ""
+    return f"{edge}, {alike}{big}, {w.grid.columns} x {w.grid.lines} cells"
+
+
+def _study(study: Study) -> list[str]:
+    runs, batches = len(study.seeds), len(study.batches)
+    costs = [cost.of_run(case) for case in study.cases]
+    names = max(len(case.name) for case in study.cases)
+    lines = [f"{'scene':<{names}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  of a run"]
+    for case, one in zip(study.cases, costs, strict=True):
+        count = _rounded(one.pair_collisions + one.wall_collisions)
+        row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {count:>11} {_time(one.seconds):>9}"
+        lines.append(f"{case.name:<{names}}  {row} {_bytes(one.recorded):>9}")
+    engines, jobs = len(study.engines), len(study.jobs())
+    seconds = engines * sum(batches * cost.START_UP + runs * one.seconds for one in costs)
+    size = engines * sum(runs * one.recorded for one in costs)
+    total = f"{engines * runs * len(costs):,} runs in {jobs} jobs of up to {min(study.batch, runs):,} seeds"
+    return [
+        *lines,
+        f"engines   {', '.join(engine.label for engine in study.engines)}",
+        f"total     {total}: some {_time(seconds)} of CPU, {_bytes(size)} in results/{study.name}",
+        f"figures   {', '.join(study.figures)}",
+    ]
+
+
+def _rounded(count: float) -> str:
+    """A count to two digits."""
+    return f"{float(f'{count:.2g}'):,.0f}" if count < 1e9 else f"{count:.1e}"
+
+
+def _time(seconds: float) -> str:
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0), ("s", 1.0)):
+        if seconds >= 2 * size or (unit == "s" and seconds >= size):
+            return f"{seconds / size:.2g} {unit}" if seconds < 100 * size else f"{seconds / size:,.0f} {unit}"
+    return f"{1e3 * seconds:.2g} ms"
+
+
+def _bytes(count: float) -> str:
+    for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= size:
+            return f"{float(f'{count / size:.2g}'):g} {unit}"
+    return f"{count:.0f} B"

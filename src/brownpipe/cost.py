@@ -1,0 +1,108 @@
+"""What a scene will cost before it is run: collisions by Enskog's theory, and from them CPU time, memory and file size.
+
+Rough on purpose. The collision counts hold in equilibrium, within some percent up to a packing fraction of 0.65.
+"""
+
+import os
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe import theory
+from brownpipe.scene import Scene, SceneError
+
+START_UP = 0.7  # CPU seconds that a process takes to start with its kernels compiled
+EACH_RUN = 2e-4  # CPU seconds to draw a state and to keep what is recorded
+DISKS = (1e3, 1e4, 1e5, 1e6)  # the more disks, the more often one is out of the processor's cache
+COLLISIONS_PER_SECOND = (2.0e6, 1.2e6, 0.8e6, 0.45e6)  # pairs per CPU second with so many disks
+DENSEST = 0.7  # packing fraction up to which the theory is used
+BYTES_PER_DISK = 250  # the engine's working memory
+BYTES_PER_EVENT = 32
+COMPRESSED = 0.95  # of the bytes of random coordinates
+COPIES = 4  # of what is recorded, while it is written and verified
+
+
+class Cost(NamedTuple):
+    """What one run of a scene is expected to take."""
+
+    pair_collisions: float
+    wall_collisions: float
+    seconds: float  # of CPU
+    recorded: float  # bytes, also those of the file
+    working: float  # bytes of memory, the record aside
+
+
+class Kinds(NamedTuple):
+    """The disks of a scene by kind, shape (K,) each."""
+
+    number: np.ndarray
+    radius: np.ndarray
+    mass: np.ndarray
+
+
+def of_run(scene: Scene, record=frozenset({"tracer"})) -> Cost:
+    """Return what one run of the scene is expected to cost if `record` is kept of it."""
+    time = scene.duration + scene.equilibrate
+    kinds, temperature = kinds_of(scene), mean_temperature(scene)
+    pairs, walls = time * pair_rate(scene, kinds, temperature), time * wall_rate(scene, kinds, temperature)
+    speed = np.interp(np.log(max(scene.particles, 1)), np.log(DISKS), COLLISIONS_PER_SECOND)
+    samples = len(scene.times) * (("tracer" in record) * 16 + ("all" in record) * 32 * scene.particles)
+    recorded = COMPRESSED * samples + ("events" in record) * BYTES_PER_EVENT * (pairs + walls)
+    return Cost(pairs, walls, EACH_RUN + (pairs + walls) / float(speed), recorded, BYTES_PER_DISK * scene.particles)
+
+
+def refuse_too_large(scene: Scene, runs: int, record=frozenset({"tracer"})) -> None:
+    """Raise SceneError if one process cannot hold the records of so many runs."""
+    cost = of_run(scene, record)
+    needed, there = (
+        COPIES * runs * cost.recorded + cost.working,
+        os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"),
+    )
+    if needed > there:
+        few = f"this machine has {there / 1e9:.3g} GB: take fewer seeds a call, fewer samples, or record less"
+        raise SceneError(f"{scene.name}: {runs} runs need some {needed / 1e9:.3g} GB of memory, and {few}")
+
+
+def kinds_of(scene: Scene) -> Kinds:
+    """Return the disks of a scene by radius and mass."""
+    groups = scene.species or scene.disks
+    counts = [getattr(one, "count", 1) for one in groups]
+    both = np.array([(one.radius, one.mass) for one in groups]).reshape(-1, 2)
+    kinds, which = np.unique(both, axis=0, return_inverse=True)
+    return Kinds(np.bincount(which.ravel(), counts, len(kinds)), *kinds.T)
+
+
+def mean_temperature(scene: Scene) -> float:
+    """Return kT, the mean kinetic energy of a disk: collisions soon share it out evenly."""
+    if scene.particles == 0:
+        return 0.0
+    if scene.velocities is None:
+        speeds = np.array([disk.velocity for disk in scene.disks])
+        return float(np.mean(scene.mass * np.sum(speeds**2, axis=1)) / 2)
+    if scene.velocities.temperature is not None:
+        return scene.velocities.temperature
+    return float(np.mean(scene.mass)) * scene.velocities.standard_deviation**2
+
+
+def pair_rate(scene: Scene, kinds: Kinds, temperature: float) -> float:
+    """Return the expected collisions between disks per time [1/time], of all kinds with all kinds."""
+    density, rate = kinds.number / scene.box.area, 0.0
+    crowd = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
+    for i, radius in enumerate(kinds.radius):
+        others = kinds.number - (np.arange(len(kinds.number)) == i)
+        sigma = radius + kinds.radius
+        contact = theory.contact_value_mixture(2 * radius, 2 * kinds.radius, crowd * density, 2 * kinds.radius)
+        mass = theory.reduced_mass(kinds.mass[i], kinds.mass)
+        each = theory.collision_rate(others / scene.box.area, sigma, contact, mass, temperature)
+        rate += kinds.number[i] * each.sum() / 2
+    return float(rate)
+
+
+def wall_rate(scene: Scene, kinds: Kinds, temperature: float) -> float:
+    """Return the expected collisions with walls per time: a gas of the disks' pressure hits the perimeter."""
+    if scene.box.periodic or scene.particles == 0:
+        return 0.0
+    phi = min(scene.packing_fraction, DENSEST)
+    density = kinds.number / scene.box.area * theory.compressibility(phi, theory.contact_value_henderson(phi))
+    flux = density * np.sqrt(temperature / (2 * np.pi * kinds.mass))
+    return float(2 * (scene.box.width + scene.box.height) * flux.sum())
