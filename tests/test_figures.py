@@ -65,11 +65,30 @@ def test_one_particle_count_has_nothing_to_compare(dataset, tmp_path):
 
 
 def test_particle_count_that_is_shown(dataset):
-    assert cases.shown_particles(dataset) == 20
-    assert cases.shown_particles(dataset, 10) == 10
-    assert cases.shown_particles(dataset.assign_coords(particles=[150, 200])) == 150
+    def shown(data, particles=None):
+        return [
+            (str(case.scene.item()), int(case.particles)) for case in cases.one_count(cases.cases_of(data), particles)
+        ]
+
+    assert shown(dataset) == [("hot", 20), ("thermal", 20)]
+    assert shown(dataset, 10) == [("hot", 10), ("thermal", 10)]
+    assert shown(dataset.assign_coords(particles=[150, 200])) == [("hot", 150), ("thermal", 150)]
     with pytest.raises(ValueError, match=r"particles: 15 is not in the dataset; choose one of \[10, 20\]"):
-        cases.shown_particles(dataset, 15)
+        shown(dataset, 15)
+
+
+def test_each_scene_shows_a_count_of_its_own(dataset):
+    only = (dataset.scene == "hot") == (dataset.particles == 10)
+    with_own = dataset.assign(runs=dataset.runs.where(only, 0), failed_runs=dataset.failed_runs.where(only, 0))
+    assert [int(case.particles) for case in cases.one_count(cases.cases_of(with_own))] == [10, 20]
+
+
+def test_figures_asked_for(dataset, tmp_path):
+    names = {path.stem for path in figures.render(dataset, tmp_path, ["health", "msd"])}
+    assert names == {"health", "msd", "summary"}
+    with pytest.raises(figures.FigureError, match="particle_counts: there is nothing to show"):
+        figures.render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "particle_counts"])
+    assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.parametrize("figure", [msd, displacement_distribution])

@@ -9,26 +9,37 @@ from pathlib import Path
 
 from brownpipe.figures import displacement_distribution, health, msd, particle_counts
 from brownpipe.figures.answer import summary, summary_table
-from brownpipe.figures.cases import cases_of, has_msd, shown_particles
+from brownpipe.figures.cases import FigureError, cases_of, has_msd, one_count
 from brownpipe.figures.style import SAVE, drawing
 from brownpipe.figures.tables import to_csv
 
-__all__ = ["render", "summary"]
+__all__ = ["FigureError", "render", "summary"]
+MODULES = {
+    module.__name__.rpartition(".")[2]: module for module in (msd, displacement_distribution, particle_counts, health)
+}
 
 
-def render(dataset, folder, particles=None):
-    """Write every figure of `dataset` as PNG, SVG and CSV, and `summary.csv`, into `folder`; return the paths.
+def render(dataset, folder, names=None, particles=None):
+    """Write figures of `dataset` as PNG, SVG and CSV, and `summary.csv`, into `folder`; return the paths.
 
-    `msd` and `displacement_distribution` show one particle count: `particles`, or else the 2020 note's 150 if the study
-    has it, or else the largest. `particle_counts` compares the counts and is left out if there is only one. `health`
-    shows every run. Figures of the displacement are left out if no run with a tracer was kept.
+    `names` says which figures; without it, all that there is something to show in. `msd` and
+    `displacement_distribution` show one particle count of each scene: `particles`, or else the 2020 note's 150 if the
+    scene has it, or else its largest. `particle_counts` compares the counts. `health` shows every run.
+
+    Raises FigureError for a figure of `names` that there is nothing to show in: the displacement if no run with a
+    tracer was kept, particle counts if there is only one.
     """
     from brownpipe.storage import write_file
 
+    shown = _cases_shown(dataset, particles)
+    for name in names or ():
+        if not shown[name]:
+            raise FigureError(f"{name}: there is nothing to show in this figure: {_LACKING[name]}")
     files = {"summary.csv": to_csv(summary_table(dataset))}
     with drawing():
-        for figure, cases in _figures(dataset, particles):
-            name, drawn = figure.__name__.rpartition(".")[2], figure.draw(cases)
+        for name in names or [name for name, cases in shown.items() if cases]:
+            figure, cases = MODULES[name], shown[name]
+            drawn = figure.draw(cases)
             files |= {f"{name}.png": _image(drawn, "png"), f"{name}.svg": _image(drawn, "svg")}
             files[f"{name}.csv"] = to_csv(figure.table(cases))
     for name, contents in files.items():
@@ -36,17 +47,26 @@ def render(dataset, folder, particles=None):
     return [Path(folder) / name for name in files]
 
 
-def _figures(dataset, particles):
-    """Each figure that there is something to show in, with the cases it shows."""
+def _cases_shown(dataset, particles):
+    """The cases that each figure shows; none if there is nothing to show."""
     cases = cases_of(dataset)
     moving = [case for case in cases if has_msd(case)]
-    shown = [case for case in moving if case.particles == shown_particles(dataset, particles)]
-    if shown:
-        yield msd, shown
-        yield displacement_distribution, shown
-    if len({int(case.particles) for case in moving}) > 1:
-        yield particle_counts, moving
-    yield health, cases
+    single = one_count(moving, particles)
+    several = len({int(case.particles) for case in moving}) > 1
+    return {
+        "msd": single,
+        "displacement_distribution": single,
+        "particle_counts": moving if several else [],
+        "health": cases,
+    }
+
+
+_LACKING = {
+    "msd": "no run with a tracer was kept",
+    "displacement_distribution": "no run with a tracer was kept",
+    "particle_counts": "there are not two particle counts or more",
+    "health": "there are no runs",
+}
 
 
 def _image(figure, kind):

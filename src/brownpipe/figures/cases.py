@@ -5,6 +5,10 @@ import numpy as np
 NOTE_PARTICLES = 150  # of the 2020 note
 
 
+class FigureError(ValueError):
+    """The dataset lacks what a figure is to show. One line."""
+
+
 def cases_of(dataset):
     """Every case that has runs, as a dataset without those three dimensions: by scene, then particle count."""
     labels = [(s, n, e) for s in dataset.scene.values for n in dataset.particles.values for e in dataset.engine.values]
@@ -16,14 +20,21 @@ def has_msd(case):
     return bool(np.isfinite(case.msd).any())
 
 
-def shown_particles(dataset, particles=None):
-    """The particle count that figures of a single one show: the one asked for, the note's, or the largest."""
-    available = [int(n) for n in dataset.particles.values]
+def one_count(cases, particles=None):
+    """The cases that figures of a single particle count show: of each scene the one asked for, the note's, or the most.
+
+    Raises FigureError if no scene has the count asked for.
+    """
+    available = sorted({int(case.particles) for case in cases})
     if particles is not None and particles not in available:
-        raise ValueError(f"particles: {particles} is not in the dataset; choose one of {available}")
-    if particles is not None:
-        return particles
-    return NOTE_PARTICLES if NOTE_PARTICLES in available else max(available)
+        raise FigureError(f"particles: {particles} is not in the dataset; choose one of {available}")
+    return [case for mine in by_scene(cases).values() for case in mine if case.particles == _shown(mine, particles)]
+
+
+def _shown(cases, particles):
+    """The count asked for, which a scene may lack, or the one shown of a scene with these cases."""
+    counts = [int(case.particles) for case in cases]
+    return particles or (NOTE_PARTICLES if NOTE_PARTICLES in counts else max(counts))
 
 
 def by_scene(cases):
