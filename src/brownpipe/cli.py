@@ -1,13 +1,14 @@
-"""The command line: one verb per step. The only place that prints."""
+"""The command line: one verb per step. The only place that prints.
+
+Every import that costs time stands in the verb that needs it.
+"""
 
 import argparse
-import json
+import os
 import signal
 import sys
-from importlib.metadata import version
 from pathlib import Path
-
-from brownpipe.scene import SceneError, read_scene
+from typing import NoReturn
 
 DONE, FAILED, WRONG = 0, 1, 2  # exit status: done, the run failed, the request was wrong
 RECORDS = ("tracer", "all", "events", "none")
@@ -15,13 +16,16 @@ RECORDS = ("tracer", "all", "events", "none")
 
 def main(argv: list[str] | None = None) -> int:
     """Run one verb; return the exit status."""
-    arguments = _parser().parse_args(argv)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     try:
-        return arguments.verb(arguments)
+        signal.signal(signal.SIGTERM, _terminate)
+        arguments = _parser().parse_args(argv)
+        status = arguments.verb(arguments)
+        sys.stdout.flush()
+        return status
     except KeyboardInterrupt:
         return _say("interrupted", 128 + signal.SIGINT)
     except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads on: say no more
         return FAILED
     except Exception as error:
         status = _status_of(error)
@@ -30,17 +34,18 @@ def main(argv: list[str] | None = None) -> int:
         return _say(str(error), status)
 
 
-def _status_of(error: Exception) -> int | None:
-    """Return what a failure means for the caller, None if it is a fault of the program."""
-    from brownpipe.kernels import RunError
-    from brownpipe.storage import StorageError
+def _terminate(*_) -> NoReturn:
+    sys.exit(_say("terminated", 128 + signal.SIGTERM))
 
-    if isinstance(error, SceneError):
+
+def _status_of(error: Exception) -> int | None:
+    """Return what a failure means for the caller, None if it is a fault of the program. By name: nothing to import."""
+    wrong = {"SceneError", "AnalysisError", "FigureError"}
+    failed = {"RunError", "StorageError"}
+    if type(error).__name__ in wrong:
         return WRONG
-    if isinstance(error, RunError | StorageError | OSError | MemoryError):
+    if type(error).__name__ in failed or isinstance(error, OSError | MemoryError):
         return FAILED
-    if type(error).__name__ == "AnalysisError":
-        return WRONG
     return None
 
 
@@ -53,111 +58,200 @@ def _say(message: str, status: int) -> int:
 
 
 def simulate(arguments) -> int:
-    """Run a scene once for every seed and write the trajectories."""
-    from brownpipe import exact
-    from brownpipe.storage import write_trajectories
-    from brownpipe.study import parse_seeds
+    """Run a scene once for every seed and write the trajectories.
 
+    The tracer is recorded in any case, except with `--record none`. Runs that fail their health check are marked in
+    the file, named, and never averaged in; if none is left, the exit status is 1.
+    """
+    from brownpipe import cost
+    from brownpipe.scene import SceneError, read_scene
+    from brownpipe.study import ENGINES, parse_seeds
+
+    if arguments.engine not in ENGINES:
+        raise SceneError(f"--engine {arguments.engine}: not implemented; must be {' or '.join(ENGINES)}")
+    if arguments.time_step is not None:
+        raise SceneError(f"--time-step {arguments.time_step}: not implemented; the exact engine has no time step")
+    record, seeds = _record(arguments.record), parse_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
-    seeds = parse_seeds(arguments.seeds)
-    words = frozenset(arguments.record.split(","))
-    if not words <= set(RECORDS) or ("none" in words and len(words) > 1):
-        raise SceneError(f"--record {arguments.record}: must be one or several of {', '.join(RECORDS)} (none alone)")
-    output = arguments.output or f"{scene.name}.h5"
-    ensemble = exact.simulate(scene, seeds, words | ({"tracer"} - words if "none" not in words else set()))
-    write_trajectories(output, scene, "exact", {}, ensemble)
-    failed = ensemble.seeds[ensemble.observables["failed"] > 0] if len(ensemble.seeds) else []
+    cost.refuse_too_large(scene, len(seeds), record)
+    output = _writable(arguments.output or f"{scene.name}.h5")
+
+    from brownpipe import exact
+    from brownpipe.storage import seed_text, write_trajectories
+
+    ensemble = exact.simulate(scene, seeds, record)
+    write_trajectories(output, scene, arguments.engine, {}, ensemble)
+    failed = ensemble.seeds[ensemble.observables["failed"] > 0]
     if len(failed):
-        return _say(f"{output}: {len(failed)} of {len(seeds)} runs failed their health check: seed {failed[0]}", FAILED)
-    return DONE
+        _say(f"{output}: failed their health check: {len(failed)} of {len(seeds)} runs: {seed_text(failed)}", FAILED)
+    return FAILED if len(failed) == len(seeds) else DONE
 
 
 def aggregate(arguments) -> int:
-    """Make one dataset of trajectory files."""
+    """Make one dataset of trajectory files: displacements, fits and counts with their errors over runs."""
     from brownpipe import analysis
     from brownpipe.storage import write_dataset
 
-    dataset = analysis.aggregate(
-        arguments.files, [tuple(window) for window in arguments.fit_windows], arguments.ring_width, arguments.rings
+    output = _writable(arguments.output)
+    write_dataset(
+        output, analysis.aggregate(arguments.files, arguments.fit_windows, arguments.ring_width, arguments.rings)
     )
-    write_dataset(arguments.output, dataset)
     return DONE
 
 
 def figures(arguments) -> int:
-    """Draw the figures of a dataset, each with its numbers, and the summary."""
+    """Draw the figures of a dataset, each with its numbers, and write the summary."""
     from brownpipe import figures as drawing
     from brownpipe.storage import read_dataset, write_file
 
     dataset = read_dataset(arguments.dataset)
-    drawing.render(dataset, arguments.output)
+    drawing.render(dataset, arguments.output, arguments.figures, arguments.particles)
     write_file(Path(arguments.output) / "summary.txt", drawing.summary(dataset).encode())
     return DONE
 
 
 def inspect(arguments) -> int:
-    """Say what is in a file, and whether it is intact."""
+    """Say what is in a trajectory file or dataset, and whether it is intact."""
     from brownpipe.storage import describe, verify
 
-    print(describe(arguments.file))
-    return FAILED if verify(arguments.file) else DONE
+    problems = verify(arguments.file)
+    for problem in problems:
+        _say(problem, FAILED)
+    if not problems:
+        print(describe(arguments.file))
+    return FAILED if problems else DONE
 
 
 def check(arguments) -> int:
-    """Say whether a scene or a study is valid, and what it will model."""
-    from brownpipe.study import read_study
+    """Say whether a scene or a study is valid, what will be modelled, and what it will cost."""
+    from brownpipe.check import describe
 
-    is_study = "scenes" in Path(arguments.file).read_text(errors="replace").split(":")[0].split()
-    print(read_study(arguments.file) if is_study else json.loads(read_scene(arguments.file, arguments.particles).text))
+    print(describe(arguments.file, arguments.particles))
     return DONE
+
+
+def _record(text: str) -> frozenset[str]:
+    """What to record: the words asked for and, except with `none`, the tracer."""
+    from brownpipe.reading import SceneError
+
+    words = frozenset(text.split(","))
+    if not words <= set(RECORDS) or ("none" in words and len(words) > 1):
+        raise SceneError(f"--record {text}: must be one or several of {', '.join(RECORDS)}, with commas; none alone")
+    return words if "none" in words else words | {"tracer"}
+
+
+def _writable(path: str) -> str:
+    """Return the path of a file to be written, after its folder is made: better now than when all is computed."""
+    if Path(path).is_dir():
+        raise IsADirectoryError(f"{path}: is a folder; choose the name of a file")
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(f"{path}: its folder cannot be made: {error.strerror}; choose another place") from error
+    if not os.access(Path(path).parent, os.W_OK):
+        raise PermissionError(f"{path}: its folder cannot be written to; choose another place")
+    return path
 
 
 # -- the words ------------------------------------------------------------------------------------------------------
 
 
+class _Parser(argparse.ArgumentParser):
+    """As argparse has it, but with messages of one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(WRONG, f"{self.prog}: {' '.join(message.split())} (see {self.prog} --help)\n")
+
+
+class _Version(argparse.Action):
+    """Looks the version up only when it is asked for."""
+
+    def __call__(self, parser, *_) -> NoReturn:
+        from importlib.metadata import version
+
+        print("brownpipe", version("brownpipe"))
+        parser.exit(DONE)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "brownpipe", description="Hard disks that collide exactly, a heavy one among them that wanders."
-    )
-    parser.add_argument("--version", action="version", version=f"brownpipe {version('brownpipe')}")
+    parser = _Parser("brownpipe", description="Hard disks that collide exactly, a heavy one among them that wanders.")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     scene = "config/scenes/harrison2020.yaml"
 
     one = _verb(verbs, simulate, f"brownpipe simulate {scene} --seeds 17 --record all --output seed17.h5")
     one.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
-    one.add_argument("--particles", type=int, metavar="N", help="number of disks instead of the scene's")
-    one.add_argument("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default 0)")
-    one.add_argument("--engine", choices=["exact"], default="exact")
-    one.add_argument("--record", default="tracer", help="tracer (default), all, events, none; several with commas")
-    one.add_argument("--output", metavar="FILE.h5", help="trajectory file (default: the scene's name here)")
+    one.add_argument("--particles", type=_integer, metavar="N", help="number of disks instead of the scene's")
+    one.add_argument("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default: 0)")
+    one.add_argument("--engine", default="exact", help="exact (default): event by event, exact to round-off")
+    one.add_argument("--time-step", help=argparse.SUPPRESS)
+    one.add_argument(
+        "--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events"
+    )
+    one.add_argument("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
 
-    one = _verb(verbs, aggregate, "brownpipe aggregate results/run/*.h5 --output run.nc")
-    one.add_argument("files", nargs="+", metavar="FILE", help="trajectory files of one study, in any order")
+    one = _verb(verbs, aggregate, "brownpipe aggregate results/small/simulate/*/*/*/*.h5 --output small.nc")
+    one.add_argument("files", nargs="+", metavar="FILE.h5", help="trajectory files of one study, in any order")
     one.add_argument("--output", required=True, metavar="DATASET.nc")
-    one.add_argument("--fit-windows", nargs="+", type=_window, default=[(0.1, 1.0), (0.5, 1.0)], metavar="T0:T1")
-    one.add_argument("--ring-width", type=float, default=0.04, metavar="DR", help="of the displacement distribution")
-    one.add_argument("--rings", type=int, default=24, metavar="COUNT")
+    windows = {"nargs": "+", "type": _window, "metavar": "T0:T1", "default": [(0.1, 1.0), (0.5, 1.0)]}
+    one.add_argument("--fit-windows", **windows, help="where lines are fitted to the MSD (default: 0.1:1 0.5:1)")
+    one.add_argument(
+        "--ring-width", type=_positive, default=0.04, metavar="DR", help="of the distribution (default: 0.04)"
+    )
+    one.add_argument("--rings", type=_rings, default=24, metavar="COUNT", help="of the distribution (default: 24)")
 
-    one = _verb(verbs, figures, "brownpipe figures run.nc --output figures")
+    one = _verb(verbs, figures, "brownpipe figures small.nc --output figures")
     one.add_argument("dataset", metavar="DATASET.nc")
-    one.add_argument("--output", required=True, metavar="DIR")
+    one.add_argument("--output", required=True, metavar="FOLDER")
+    names = ("msd", "displacement_distribution", "particle_counts", "health")
+    one.add_argument(
+        "--figures", nargs="+", choices=names, metavar="NAME", help=f"some of {', '.join(names)} (default: all)"
+    )
+    one.add_argument(
+        "--particles", type=_integer, metavar="N", help="show the runs with this many disks (default: 150)"
+    )
 
     one = _verb(verbs, inspect, "brownpipe inspect seed17.h5")
     one.add_argument("file", metavar="FILE", help="trajectory file or dataset")
 
     one = _verb(verbs, check, f"brownpipe check {scene}")
-    one.add_argument("file", metavar="SCENE|STUDY")
-    one.add_argument("--particles", type=int, metavar="N")
+    one.add_argument("file", metavar="SCENE|STUDY", help="scene or study file (YAML)")
+    one.add_argument("--particles", type=_integer, metavar="N", help="number of disks instead of the scene's")
     return parser
 
 
 def _verb(verbs, function, example: str) -> argparse.ArgumentParser:
-    described = {"help": function.__doc__, "description": function.__doc__, "epilog": f"example: {example}"}
-    one = verbs.add_parser(function.__name__, **described)
+    brief = function.__doc__.partition("\n")[0]
+    one = verbs.add_parser(function.__name__, help=brief, description=function.__doc__, epilog=f"example: {example}")
     one.set_defaults(verb=function)
     return one
 
 
 def _window(text: str) -> tuple[float, float]:
-    start, end = map(float, text.split(":"))
+    try:
+        start, end = map(float, text.split(":"))
+    except ValueError:
+        start = end = float("nan")
+    if not 0 <= start < end < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be T0:T1 with 0 <= T0 < T1, like 0.1:1, not {text!r}")
     return start, end
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a finite number > 0, not {text!r}")
+    return value
+
+
+def _integer(text: str, least: int = 0, most: int = 999_999_999) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= 9 and least <= int(text) <= most):
+        raise argparse.ArgumentTypeError(f"must be an integer from {least} to {most}, not {text!r}")
+    return int(text)
+
+
+def _rings(text: str) -> int:
+    return _integer(text, 1, 100_000)

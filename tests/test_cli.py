@@ -1,0 +1,299 @@
+"""The command line: what it does, what it says, and with which status it ends."""
+
+import errno
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brownpipe import cli, exact
+from brownpipe.cli import DONE, FAILED, WRONG, main
+from brownpipe.kernels import RunError
+from brownpipe.storage import read_dataset, read_trajectories
+
+SCENES = Path(__file__).parent.parent / "config" / "scenes"
+SCENE = str(SCENES / "harrison2020.yaml")
+VERBS = ("simulate", "aggregate", "figures", "inspect", "check")
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """Every test in a folder of its own, SIGTERM as before."""
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A trajectory file of three short runs."""
+    path = tmp_path_factory.mktemp("runs") / "runs.h5"
+    assert main(["simulate", SCENE, "--particles", "10", "--seeds", "0-2", "--output", str(path)]) == DONE
+    return path
+
+
+@pytest.fixture(scope="module")
+def dataset(runs):
+    path = runs.with_name("runs.nc")
+    assert main(["aggregate", str(runs), "--output", str(path)]) == DONE
+    return path
+
+
+def said(capsys, *argv):
+    """Exit status, standard output, and the one line on standard error."""
+    try:
+        status = main([str(word) for word in argv])
+    except SystemExit as left:
+        status = left.code
+    out, err = capsys.readouterr()
+    assert err.count("\n") <= 1
+    assert "Traceback" not in err
+    return status, out, err
+
+
+# -- what it does ---------------------------------------------------------------------------------------------------
+
+
+def test_simulate_writes_what_was_asked_for(runs):
+    trajectories = read_trajectories(runs)
+    assert trajectories.ensemble.seeds.tolist() == [0, 1, 2]
+    assert trajectories.ensemble.tracer.position.shape == (101, 3, 2)
+    assert (trajectories.scene.particles, trajectories.engine) == (10, "exact")
+
+
+def test_one_seed_again_is_the_same_to_the_bit(runs, capsys):
+    assert said(capsys, "simulate", SCENE, "--particles", 10, "--seeds", 2, "--record", "all,events") == (DONE, "", "")
+    again, before = read_trajectories("harrison2020.h5").ensemble, read_trajectories(runs).ensemble
+    assert again.tracer.position[:, 0].tobytes() == before.tracer.position[:, 2].tobytes()
+    assert again.whole[2].position[:, 0].tobytes() == again.tracer.position[:, 0].tobytes()
+    assert len(again.events[2].time) == sum(again.observables[f"{kind}_collisions"][0] for kind in ("pair", "wall"))
+
+
+@pytest.mark.parametrize("record", ["tracer", "all", "events", "none", "all,events"])
+def test_the_command_in_a_file_makes_the_file_again(record, capsys):
+    argv = ["simulate", SCENE, "--particles", 10, "--seeds", "3,5-6", "--record", record]
+    assert said(capsys, *argv) == (DONE, "", "")
+    first = Path("harrison2020.h5").read_bytes()
+    command = re.search(rb"`(brownpipe [^`]*)`", first)[1].decode().split()
+    assert command[:3] == ["brownpipe", "simulate", "harrison2020.yaml"]
+    os.symlink(SCENE, "harrison2020.yaml")
+    assert said(capsys, *command[1:]) == (DONE, "", "")
+    assert Path("harrison2020.h5").read_bytes() == first
+
+
+def test_record_none_keeps_the_observables(capsys):
+    assert said(capsys, "simulate", SCENE, "--particles", 10, "--record", "none")[0] == DONE
+    ensemble = read_trajectories("harrison2020.h5").ensemble
+    assert ensemble.tracer is None
+    assert ensemble.observables["pair_collisions"].shape == (1,)
+
+
+def test_aggregate_and_figures(dataset, capsys):
+    assert read_dataset(dataset).runs.values.tolist() == [[[3]]]
+    assert said(capsys, "figures", dataset, "--output", "made/here", "--figures", "health") == (DONE, "", "")
+    names = {path.name for path in Path("made/here").iterdir()}
+    assert names == {"health.png", "health.svg", "health.csv", "summary.csv", "summary.txt"}
+
+
+def test_inspect(runs, dataset, capsys):
+    status, out, err = said(capsys, "inspect", runs)
+    assert (status, err) == (DONE, "")
+    assert "seeds        0-2 (3 runs)" in out
+    assert said(capsys, "inspect", dataset)[0] == DONE
+    damaged = bytearray(runs.read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    Path("damaged.h5").write_bytes(damaged)
+    status, out, err = said(capsys, "inspect", "damaged.h5")
+    assert (status, out) == (FAILED, "")
+    assert "brownpipe: damaged.h5: was damaged" in err
+    assert "seeds 0-2 are lost" in err
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_has_an_example_that_parses(verb, capsys):
+    with pytest.raises(SystemExit) as left:
+        main([verb, "--help"])
+    assert left.value.code == DONE
+    shown = " ".join(capsys.readouterr().out.split())
+    example = shown.partition("example: brownpipe ")[2].split()
+    assert example[0] == verb
+    cli._parser().parse_args(example)
+
+
+def test_version(capsys):
+    status, out, _ = said(capsys, "--version")
+    assert status == DONE
+    assert re.fullmatch(r"brownpipe \d+\.\d+\.\d+\n", out)
+
+
+# -- what it refuses ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        ([], "required: VERB"),
+        (["simulat"], "invalid choice: 'simulat'"),
+        (["simulate"], "required: SCENE"),
+        (["simulate", "absent.yaml"], "absent.yaml: cannot be read: No such file or directory"),
+        (["simulate", "."], ".: cannot be read: Is a directory"),
+        (["simulate", SCENE, "--particles", "many"], "--particles: must be an integer from 0 to 999999999, not 'many'"),
+        (["simulate", SCENE, "--particles", "-1"], "--particles"),
+        (["simulate", SCENE, "--particles", "5000"], "disks: 4999 disks of radius 0.1 (bath) cannot fit"),
+        (["simulate", SCENE, "--seeds", "1-"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, not '1-'"),
+        (["simulate", SCENE, "--seeds", ""], "seeds: must be seeds"),
+        (["simulate", SCENE, "--seeds", "9-3"], "seeds: must be ranges that ascend"),
+        (["simulate", SCENE, "--seeds", "0-99999999999"], "seeds: must be at most 10000000 seeds"),
+        (["simulate", SCENE, "--seeds", "99999999999999999999"], "seeds: must be seeds"),
+        (["simulate", SCENE, "--record", "everything"], "--record everything: must be one or several of tracer, all"),
+        (["simulate", SCENE, "--record", "none,all"], "--record none,all: must be one or several of"),
+        (["simulate", SCENE, "--engine", "timestep"], "--engine timestep: not implemented; must be exact"),
+        (["simulate", SCENE, "--time-step", "1e-3"], "--time-step 1e-3: not implemented; the exact engine has no"),
+        (["simulate", SCENE, "--sed", "1"], "unrecognized arguments: --sed 1"),
+        (["aggregate", "x.h5"], "required: --output"),
+        (["aggregate", "x.h5", "--output", "a.nc", "--fit-windows", "1:0"], "must be T0:T1 with 0 <= T0 < T1"),
+        (["aggregate", "x.h5", "--output", "a.nc", "--ring-width", "nan"], "must be a finite number > 0, not 'nan'"),
+        (["aggregate", "x.h5", "--output", "a.nc", "--rings", "0"], "must be an integer from 1 to"),
+        (["figures", "a.nc", "--output", "f", "--figures", "msds"], "invalid choice: 'msds'"),
+        (["check", "absent.yaml"], "absent.yaml: cannot be read"),
+    ],
+)
+def test_wrong_requests(argv, message, capsys, tmp_path):
+    status, out, err = said(capsys, *argv)
+    assert (status, out) == (WRONG, "")
+    assert err.startswith("brownpipe")
+    assert message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_more_than_this_machine_can_hold(capsys, monkeypatch):
+    pages = {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}
+    monkeypatch.setattr(os, "sysconf", pages.__getitem__)
+    status, _, err = said(capsys, "simulate", SCENE, "--seeds", "0-9999999")
+    assert status == WRONG
+    assert "harrison2020: 10000000 runs need some 61.4 GB of memory, and this machine has 0.0041 GB: take fewer" in err
+
+
+def test_figures_that_there_is_nothing_to_show_in(dataset, capsys):
+    status, _, err = said(capsys, "figures", dataset, "--output", "f", "--figures", "particle_counts")
+    assert status == WRONG
+    assert "particle_counts: there is nothing to show in this figure" in err
+    assert said(capsys, "figures", dataset, "--output", "f", "--particles", 150)[0] == WRONG
+
+
+def test_the_same_seed_twice(runs, capsys):
+    status, _, err = said(capsys, "aggregate", runs, runs, "--output", "a.nc")
+    assert status == WRONG
+    assert "seed 0 is already in" in err
+
+
+# -- what fails -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("output", "message"),
+    [
+        ("folder", "folder: is a folder; choose the name of a file"),
+        ("file/x.h5", "file/x.h5: its folder cannot be made: File exists"),
+        ("/proc/x.h5", "/proc/x.h5: "),
+    ],
+)
+def test_a_place_that_cannot_be_written_to(output, message, capsys):
+    Path("folder").mkdir()
+    Path("file").touch()
+    status, _, err = said(capsys, "simulate", SCENE, "--particles", 10, "--output", output)
+    assert status == FAILED
+    assert message in err
+
+
+@pytest.mark.parametrize("verb", [["aggregate", "x.h5", "--output", "a.nc"], ["figures", "x.h5", "--output", "f"]])
+@pytest.mark.parametrize("content", [None, b"", b"not HDF5"])
+def test_files_that_are_none(verb, content, capsys):
+    if content is not None:
+        Path("x.h5").write_bytes(content)
+    status, _, err = said(capsys, *verb)
+    assert status == FAILED
+    assert err.startswith("brownpipe: x.h5: ")
+
+
+def raises(error):
+    def simulate(*_):
+        raise error
+
+    return simulate
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "message"),
+    [
+        (RunError("seed 3: no progress in time"), FAILED, "brownpipe: seed 3: no progress in time\n"),
+        (MemoryError(), FAILED, "brownpipe: out of memory\n"),
+        (OSError(errno.EIO, "Input/output error"), FAILED, "brownpipe: [Errno 5] Input/output error\n"),
+        (KeyboardInterrupt(), 130, "brownpipe: interrupted\n"),
+    ],
+)
+def test_a_run_that_ends_early(error, status, message, capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(exact, "simulate", raises(error))
+    assert said(capsys, "simulate", SCENE) == (status, "", message)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
+    monkeypatch.setattr(exact, "simulate", raises(ZeroDivisionError("a bug")))
+    with pytest.raises(ZeroDivisionError, match="a bug"):
+        main(["simulate", SCENE])
+
+
+@pytest.mark.parametrize(("failed", "status"), [([1, 0, 1], DONE), ([1, 1, 1], FAILED)])
+def test_runs_that_fail_their_health_check(runs, failed, status, capsys, monkeypatch):
+    ensemble = read_trajectories(runs).ensemble
+    marked = ensemble._replace(observables=ensemble.observables | {"failed": np.array(failed, np.uint8)})
+    monkeypatch.setattr(exact, "simulate", lambda *_: marked)
+    found, _, err = said(capsys, "simulate", SCENE, "--particles", 10, "--seeds", "0-2", "--output", "x.h5")
+    assert found == status
+    assert f"x.h5: failed their health check: {sum(failed)} of 3 runs: 0" in err
+    assert read_trajectories("x.h5").ensemble.observables["failed"].tolist() == failed
+
+
+@pytest.mark.parametrize(("sent", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_leaves_nothing_behind(sent, status):
+    argv = [sys.executable, "-m", "brownpipe", "simulate", SCENE, "--seeds", "0-99999", "--output", "new/x.h5"]
+    process = subprocess.Popen(argv, stderr=subprocess.PIPE, text=True)
+    while not Path("new").exists():
+        time.sleep(0.01)
+    time.sleep(1.0)  # somewhere between the imports and the runs
+    process.send_signal(sent)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == status
+    assert re.fullmatch(r"brownpipe: (terminated|interrupted)\n", err)
+    assert list(Path("new").iterdir()) == []
+
+
+def test_nobody_reads_on():
+    argv = f"{sys.executable} -m brownpipe check {SCENE} | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", argv], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (FAILED, "")
+
+
+# -- what it costs to start -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("code", "absent"),
+    [
+        ("from brownpipe import cli; cli._parser()", {"numpy", "yaml", "numba", "h5py"}),
+        ("import brownpipe.study, brownpipe.provenance", {"numba", "h5py", "scipy", "xarray", "matplotlib"}),
+        (f"from brownpipe.cli import main; main(['simulate', {SCENE!r}])", {"xarray", "matplotlib", "scipy.stats"}),
+    ],
+)
+def test_nothing_is_imported_that_is_not_needed(code, absent):
+    code += "; import sys; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert absent & set(done.stdout.split()) == set()

@@ -1,0 +1,34 @@
+"""Kernels are compiled by one process at a time."""
+
+import subprocess
+import sys
+from itertools import pairwise
+
+from brownpipe import kernels
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from brownpipe import kernels
+kernels.CACHE = sys.argv[1]
+with kernels.one_compiler():
+    begin = time.monotonic()
+    time.sleep(0.2)
+    print(begin, time.monotonic())
+"""
+
+
+def test_one_compiler_at_a_time(tmp_path):
+    processes = [
+        subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    times = sorted(tuple(map(float, process.communicate(timeout=60)[0].split())) for process in processes)
+    assert len(times) == 3
+    assert all(end <= begin for (_, end), (begin, _) in pairwise(times))
+
+
+def test_without_a_place_to_write_nothing_is_locked(monkeypatch):
+    monkeypatch.setattr(kernels, "CACHE", "")
+    with kernels.one_compiler():
+        pass
