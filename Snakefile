@@ -2,12 +2,24 @@
 #     snakemake -j2                                              the default study, the 2020 note
 #     snakemake -j2 --configfile config/small.yaml               another one
 #     snakemake -j2 --config seeds=100                           the same with another value of one of its keys
-from brownpipe.storage import source_digest
+#     snakemake --report report.html                             all that came out, as one page
+import sys
+from os.path import relpath
+
+from brownpipe.provenance import made_with
+from brownpipe.reading import SceneError
 from brownpipe.study import read_study
 
-study = read_study(([*workflow.configfiles] or ["config/harrison2020.yaml"])[-1], workflow.config_settings.config)
+try:
+    study_file = [f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1]
+    study = read_study(relpath(study_file), workflow.config_settings.config)
+except SceneError as error:
+    sys.exit(f"brownpipe: {error}")
 results = f"results/{study.name}"
 cases = study.table
+
+
+report: "workflow/report/study.rst"
 
 
 rule all:
@@ -21,5 +33,9 @@ include: "workflow/rules/aggregate.smk"
 include: "workflow/rules/figures.smk"
 
 
-onsuccess:
-    shell("cat {results}/figures/summary.txt")
+onsuccess:  # the answer, unless the run was asked to end before it
+    shell(
+        "cat {results}/figures/summary.txt 2> /dev/null"
+        " && echo 'figures and tables: {results}/figures; as one page: the same command with --report report.html'"
+        " || true"
+    )

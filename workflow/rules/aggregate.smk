@@ -15,6 +15,7 @@ rule aggregate:
         windows=[f"{start}:{end}" for start, end in study.fit_windows],
         width=study.ring_width,
         rings=study.rings,
+        made_with=made_with("aggregate"),
     shell:
         "brownpipe aggregate {input} --output {output} --fit-windows {params.windows}"
         " --ring-width {params.width} --rings {params.rings} 2> {log}"

@@ -2,10 +2,19 @@ rule figures:
     input:
         f"{results}/aggregate/{study.name}.nc",
     output:
-        f"{results}/figures/summary.txt",
+        summary=report(f"{results}/figures/summary.txt", caption="../report/summary.rst", category="Answer"),
+        numbers=f"{results}/figures/summary.csv",
+        figures=[
+            report(f"{results}/figures/{name}.svg", caption=f"../report/{name}.rst", category="Figures")
+            for name in study.figures
+        ],
+        others=expand("{results}/figures/{name}.{kind}", results=results, name=study.figures, kind=["png", "csv"]),
     log:
         f"{results}/logs/figures/{study.name}.log",
     benchmark:
         f"{results}/benchmarks/figures/{study.name}.tsv"
+    params:
+        names=study.figures,
+        made_with=made_with("figures"),
     shell:
-        "brownpipe figures {input} --output $(dirname {output}) 2> {log}"
+        "brownpipe figures {input} --output $(dirname {output.summary}) --figures {params.names} 2> {log}"

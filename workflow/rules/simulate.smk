@@ -1,14 +1,15 @@
+# The scene file is no input but a parameter, and so is the digest of its physics: editing a comment runs nothing again.
 rule simulate:
     output:
         f"{results}/simulate/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.h5",
-    params:
-        file=lookup(dpath="{scene}/{particles}/file", within=cases),
-        physics=lookup(dpath="{scene}/{particles}/digest", within=cases),
-        source=source_digest(),
     log:
         f"{results}/logs/simulate/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.log",
     benchmark:
         f"{results}/benchmarks/simulate/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.tsv"
+    params:
+        scene=lookup(dpath="{scene}/{particles}/file", within=cases),
+        physics=lookup(dpath="{scene}/{particles}/digest", within=cases),
+        made_with=made_with("simulate"),
     shell:
-        "brownpipe simulate {params.file} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
+        "brownpipe simulate {params.scene} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
         " --engine {wildcards.engine} --output {output} 2> {log}"

@@ -1,0 +1,301 @@
+"""The pipeline as a user starts it: the same bytes however it is run, and nothing run that need not be."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SNAKEMAKE = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--workflow-profile"]
+SNAKEMAKE += [str(ROOT / "profiles" / "default")]
+SCENE = """\
+# a hot tracer
+box: {x: [-3.0, 3.0], y: [-3.0, 3.0]}
+particles: 10
+disks:
+  tracer: {radius: 0.3, mass: 1.0}
+  species: [{name: bath, count: rest, radius: 0.1, mass: 0.4}]
+velocities: {standard_deviation: 2.0}
+duration: 1.0
+sample_interval: 0.1
+"""
+STUDY = """\
+scenes: [scenes/hot.yaml, scenes/thermal.yaml]
+particles: [8, 12]
+seeds: 20
+batch: 10
+"""
+PHYSICS = ("*.h5", "*.nc")
+PICTURES = ("*.png", "*.svg", "*.csv", "*.txt")
+
+
+def write_study(folder):
+    """Files of a study of four cases in two batches each."""
+    (folder / "scenes").mkdir(parents=True)
+    (folder / "study.yaml").write_text(STUDY)
+    (folder / "scenes" / "hot.yaml").write_text(SCENE)
+    (folder / "scenes" / "thermal.yaml").write_text(SCENE.replace("standard_deviation: 2.0", "temperature: 1.6"))
+    return folder
+
+
+def command(folder, *arguments):
+    return [*SNAKEMAKE, "--directory", str(folder), "--configfile", str(folder / "study.yaml"), *arguments]
+
+
+def environment(**more):
+    return os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"} | more
+
+
+def snakemake(folder, *arguments, fails=False, **more):
+    """What snakemake printed."""
+    done = subprocess.run(
+        command(folder, *arguments),
+        cwd=folder.parent,
+        env=environment(**more),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert (done.returncode != 0) == fails, done.stdout
+    return done.stdout
+
+
+def planned(folder, *arguments, **more):
+    """How many jobs of each rule a dry run would start."""
+    text = snakemake(folder, "--dry-run", *arguments, **more)
+    counts = re.findall(r"^(simulate|aggregate|figures) +(\d+)$", text.partition("Job stats:")[2], re.MULTILINE)
+    assert counts or "Nothing to be done" in text
+    return dict.fromkeys(("simulate", "aggregate", "figures"), 0) | {rule: int(count) for rule, count in counts}
+
+
+def contents(folder, *patterns):
+    """Bytes of all result files of these kinds, by path."""
+    files = [file for pattern in patterns for file in (folder / "results").rglob(pattern)]
+    return {str(file.relative_to(folder)): file.read_bytes() for file in files if "logs" not in file.parts}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A folder in which the study was run to its end, and what was printed meanwhile."""
+    folder = write_study(tmp_path_factory.mktemp("one") / "study")
+    surroundings = {"TZ": "UTC", "LC_ALL": "C", "PYTHONHASHSEED": "0"}
+    return folder, snakemake(folder, "--cores", "1", **surroundings)
+
+
+@pytest.fixture
+def study(finished, tmp_path):
+    """A copy of it, to be changed. It is somewhere else, and as old as the original."""
+    return Path(shutil.copytree(finished[0], tmp_path / "elsewhere"))
+
+
+# -- the same bytes -------------------------------------------------------------------------------------------------
+
+
+def test_everything_declared_is_there_and_printed(finished):
+    folder, printed = finished
+    names = {path.name for path in (folder / "results" / "study" / "figures").iterdir()}
+    figures = ("msd", "displacement_distribution", "particle_counts", "health")
+    expected = {f"{name}.{kind}" for name in figures for kind in ("png", "svg", "csv")}
+    assert names == expected | {"summary.txt", "summary.csv"}
+    assert (folder / "results/study/figures/summary.txt").read_text() in printed
+    assert "figures and tables: results/study/figures" in printed
+    logs = list((folder / "results/study/logs").rglob("*.log"))
+    tables = list((folder / "results/study/benchmarks").rglob("*.tsv"))
+    assert (len(logs), len(tables)) == (10, 10)
+    assert not any(log.read_text() for log in logs)
+
+
+def test_same_bytes_with_two_cores_in_another_folder_zone_and_language(finished, tmp_path):
+    folder = write_study(tmp_path / "a folder of another name")
+    snakemake(folder, "--cores", "2", TZ="Asia/Kathmandu", LC_ALL="C.UTF-8", LANG="de_DE.UTF-8", PYTHONHASHSEED="7")
+    one, two = (contents(each, *PHYSICS, *PICTURES) for each in (finished[0], folder))
+    assert one.keys() == two.keys()
+    assert [path for path in one if one[path] != two[path]] == []
+    assert len(one) == 8 + 1 + 14
+
+
+def test_batches_change_neither_trajectories_nor_results(finished, tmp_path):
+    folder = write_study(tmp_path / "study")
+    snakemake(folder, "--cores", "2", "--config", "batch=20")
+    one, two = (contents(each, "*.nc", *PICTURES) for each in (finished[0], folder))
+    assert one == two
+    for case in ("hot/N8", "thermal/N12"):
+        parts = [finished[0] / f"results/study/simulate/{case}/exact/{batch}.h5" for batch in ("0-9", "10-19")]
+        whole = folder / f"results/study/simulate/{case}/exact/0-19.h5"
+        joined = np.concatenate([tracers(part) for part in parts], axis=1)
+        assert joined.tobytes() == tracers(whole).tobytes()
+
+
+def tracers(path):
+    with h5py.File(path) as file:
+        return file["particles/tracer/position/value"][()]
+
+
+# -- nothing that need not be ---------------------------------------------------------------------------------------
+
+
+ALL = {"simulate": 8, "aggregate": 1, "figures": 1}
+NOTHING = dict.fromkeys(ALL, 0)
+HALF = {"simulate": 4, "aggregate": 1, "figures": 1}
+FIGURES = {"simulate": 0, "aggregate": 0, "figures": 1}
+ANALYSIS = {"simulate": 0, "aggregate": 1, "figures": 1}
+REORDERED = "# a comment\n" + "".join(
+    sorted(["duration: 1\n", "sample_interval: 1e-1\n", *re.findall(r"^(?:box|particles|velocities).*\n", SCENE, re.M)])
+    + re.findall(r"^disks:\n(?:  .*\n)*", SCENE, re.M)
+)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "jobs"),
+    [
+        ("study.yaml", "", "", NOTHING),
+        ("scenes/hot.yaml", SCENE, REORDERED, NOTHING),
+        ("scenes/hot.yaml", "mass: 0.4", "mass: 0.5", HALF),
+        ("scenes/thermal.yaml", "duration: 1.0", "duration: 1.1", HALF),
+        ("study.yaml", "seeds: 20", "seeds: 30", HALF),
+        ("study.yaml", "seeds: 20", "seeds: 20\nfit_windows: [[0.2, 1.0]]", ANALYSIS),
+        ("study.yaml", "seeds: 20", "seeds: 20\nfigures: [msd]", FIGURES),
+    ],
+)
+def test_a_change_runs_what_depends_on_it_and_nothing_else(study, file, old, new, jobs):
+    text = (study / file).read_text()
+    assert old in text
+    (study / file).write_text(text.replace(old, new))
+    assert planned(study) == jobs
+
+
+@pytest.mark.parametrize(
+    ("source", "jobs"),
+    [("exact/events.py", ALL), ("analysis/resampling.py", ANALYSIS), ("figures/msd.py", FIGURES), ("cli.py", NOTHING)],
+)
+def test_a_changed_source_runs_its_step_again(study, tmp_path, source, jobs):
+    package = Path(shutil.copytree(ROOT / "src" / "brownpipe", tmp_path / "src" / "brownpipe"))
+    with open(package / source, "a") as file:
+        file.write("# another version\n")
+    assert planned(study, PYTHONPATH=str(package.parent)) == jobs
+
+
+@pytest.mark.parametrize(
+    ("package", "jobs"),
+    [("numba", ALL), ("matplotlib", FIGURES)],
+)
+def test_a_changed_version_runs_its_step_again(study, tmp_path, package, jobs):
+    told = tmp_path / "site" / f"{package}-99.dist-info" / "METADATA"
+    told.parent.mkdir(parents=True)
+    told.write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 99\n")
+    assert planned(study, PYTHONPATH=str(tmp_path / "site")) == jobs
+
+
+def test_more_seeds_leave_the_files_of_the_others_alone(study):
+    before = {path: path.stat().st_mtime_ns for path in study.rglob("*.h5")}
+    snakemake(study, "--cores", "2", "--until", "simulate", "--config", "seeds=24")
+    after = {path: path.stat().st_mtime_ns for path in study.rglob("*.h5")}
+    assert {path.name for path in after.keys() - before.keys()} == {"20-23.h5"}
+    assert before.items() <= after.items()
+
+
+# -- what goes wrong ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--config", "sed=3"], "study.yaml with sed replaced: unknown key 'sed'; did you mean seeds?"),
+        (["--config", "batch=-1"], "batch: must be an integer from 1 to 10000000, not -1"),
+        (["--config", "scenes=scenes/absent.yaml"], "scenes/absent.yaml: cannot be read: No such file or directory"),
+    ],
+)
+def test_a_wrong_study_is_refused_in_one_line(tmp_path, arguments, message):
+    printed = snakemake(write_study(tmp_path / "study"), "--dry-run", *arguments, fails=True)
+    lines = [line for line in printed.splitlines() if not line.startswith("Using ")]
+    assert len(lines) == 1
+    assert lines[0].startswith("brownpipe: ")
+    assert message in lines[0]
+    assert not (tmp_path / "study" / "results").exists()
+
+
+def test_a_failed_job_says_why(tmp_path):
+    folder = write_study(tmp_path / "study")
+    crowd = "particles: [170]\nseeds: 1\nscenes: scenes/hot.yaml\n"  # they would fit, but not at random
+    (folder / "study.yaml").write_text(crowd)
+    (folder / "scenes" / "hot.yaml").write_text(SCENE.replace("[-3.0, 3.0]", "[-1.5, 1.5]"))
+    printed = snakemake(folder, "--cores", "1", fails=True)
+    assert "brownpipe: hot: disks: " in printed
+    assert "Traceback" not in printed
+    assert contents(folder, *PHYSICS) == {}
+
+
+def test_interrupted_locked_and_continued(finished, tmp_path):
+    folder = write_study(tmp_path / "study")
+    first = subprocess.Popen(
+        command(folder, "--cores", "1"),
+        env=environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        wait_for(lambda: list(folder.rglob("*.h5")))
+        printed = snakemake(folder, "--cores", "1", fails=True)  # a second one at once
+        assert "LockException" in printed
+        assert "Traceback" not in printed
+    finally:
+        os.killpg(first.pid, signal.SIGINT)  # as Ctrl-C does
+        first.wait(60)
+    assert first.returncode != 0
+    assert not list(folder.rglob("*.part"))
+    done = len(list(folder.rglob("*.h5")))
+    assert 0 < done < 8
+    assert planned(folder)["simulate"] <= 8 - done + 1
+    snakemake(folder, "--cores", "2", "--until", "aggregate")
+    assert contents(folder, *PHYSICS) == contents(finished[0], *PHYSICS)
+
+
+def wait_for(condition, seconds=120):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+# -- report and style -----------------------------------------------------------------------------------------------
+
+
+def test_report_is_one_page_that_begins_with_the_answer(finished, tmp_path):
+    snakemake(finished[0], "--report", str(tmp_path / "report.html"))
+    page = (tmp_path / "report.html").read_text()
+    assert not re.search(r"<(?:script|link|img)[^>]*(?:src|href)=.?https?:", page)
+    first = page[page.index("workflow_desc") :].partition("\n")[0]
+    assert re.search(r"hot +8 +20 +", first)
+    assert "<svg" in first
+    for caption in (
+        "Mean squared displacement of the tracer",
+        "Where the runs end",
+        "What the number",
+        "Health of every",
+    ):
+        assert caption in page
+
+
+def test_every_lint_left_has_a_reason():
+    found = subprocess.run([*SNAKEMAKE[:5], "--lint"], cwd=ROOT, env=environment(), capture_output=True, text=True)
+    lints = set(re.findall(r"^ +\* (.*):$", found.stdout + found.stderr, re.MULTILINE))
+    assert lints
+    assert [lint for lint in lints if lint not in (ROOT / "CONTRIBUTING.md").read_text()] == []
+
+
+@pytest.mark.parametrize(
+    "file", [ROOT / "Snakefile", *sorted((ROOT / "workflow" / "rules").iterdir())], ids=lambda p: p.name
+)
+def test_the_workflow_only_connects(file):
+    assert not re.search(r"^\s*(?:def\b|run:|script:)|\blambda\b", file.read_text(), re.MULTILINE)
