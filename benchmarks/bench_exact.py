@@ -96,8 +96,8 @@ def report(quick):
     yield f"# Speed of the exact engine\n\nOne core of an {processor()}; made by `make bench`.\n"
     alone, whole, pairs = milliseconds_per_run(read_scene(ROOT / "config/scenes/harrison2020.yaml"))
     yield (
-        f"The note's scene (N = 150, t = 1): {alone:.3f} ms of CPU a run for the engine, {pairs / alone / 1e3:.2f} million "
-        f"pair collisions a second; {whole:.3f} ms with drawing the state and reporting.\n"
+        f"The note's scene (N = 150, t = 1): {alone:.3f} ms of CPU a run for the engine, {pairs / alone / 1e3:.2f} "
+        f"million pair collisions a second; {whole:.3f} ms with drawing the state and reporting.\n"
     )
     yield "| N | phi | box | disks | million pair collisions per CPU second | bytes per disk |"
     yield "|---|---|---|---|---|---|"

@@ -140,6 +140,13 @@ def insert(position, radius, common, big, size, periodic, numbers, grid, followi
     return PLACED if i == len(radius) else HUNGRY
 
 
+def warm_up() -> None:
+    """Compile the kernels, or load them from the cache, without placing anything."""
+    no_disks, none = np.zeros((0, 2)), np.zeros(0, np.int64)
+    cells = np.zeros((1, 1), np.int64)
+    insert(no_disks, no_disks[:, 0], 1.0, none, np.ones(2), False, no_disks, cells, none, np.zeros(2, np.int64))
+
+
 def _on_lattice(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator) -> np.ndarray:
     free = radius if fixed is None else radius[1:]
     if len(free) == 0:
@@ -164,7 +171,7 @@ def _on_lattice(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Gener
 
 
 def _spacings(size: np.ndarray, periodic: bool, rows: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
-    """Return columns, their spacing, that of the rows, and the distance of nearest sites, of lattices of so many rows."""
+    """Return columns, their spacing, that of the rows, and the distance of nearest sites, for numbers of rows."""
     columns = -(-n // rows)
     wide = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
     high = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))

@@ -9,6 +9,7 @@ from brownpipe.exact.events import advance
 from brownpipe.exact.recording import joined, logged, observables, recorder, tracer_track, whole_track
 from brownpipe.exact.setup import Frame, fill, frame_of, prepare
 from brownpipe.kernels import RunError, one_compiler
+from brownpipe.placement import warm_up
 from brownpipe.scene import Scene
 from brownpipe.state import Ensemble, Events, State, Track, draw
 
@@ -97,6 +98,7 @@ def prepared(scene: Scene, pinned: bool = False) -> Engine:
     w = prepare(scene, frame, pinned)
     with one_compiler():
         advance(w, recorder(frame, w, scene.times[:0], ()), 0)
+        warm_up()
     return Engine(scene, frame, w, pinned)
 
 
