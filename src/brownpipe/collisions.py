@@ -57,13 +57,14 @@ def exchange(x, y, u, v):
 
 @kernel
 def shares(mass_a, mass_b):
-    """The factors 2 m_b/(m_a + m_b) and 2 m_a/(m_a + m_b) of eqs. (5)-(6).
+    """Return the factors of eqs. (5)-(6) in two parts each, a's first, and the mass m of an impulse m f.
 
-    The lighter disk's is taken as 2 minus the heavier's: rounded apart, the two would not conserve energy at mass
-    ratios of 1e12.  An infinite mass is a disk that does not move.
+    The heavier disk's factor is 2 m/(m_a + m_b), m the lighter one's mass; the lighter disk's is 2 minus that. Both
+    rounded to one number would not add up to 2 in the last bit, and every collision of these two masses would change
+    the energy by the same 1e-16 of it, for ever; so the lighter disk gets its parts, 2 f and that product, one after
+    the other. An infinite mass is a disk that does not move.
     """
-    if mass_a >= mass_b:
-        share_a = 2.0 * mass_b / (mass_a + mass_b)
-        return share_a, 2.0 - share_a
-    share_b = 2.0 * mass_a / (mass_a + mass_b)
-    return 2.0 - share_b, share_b
+    light = min(mass_a, mass_b)
+    share = 2.0 * light / (mass_a + mass_b)
+    impulse = light * (2.0 - share)
+    return (2.0, -share, 0.0, share, impulse) if mass_a < mass_b else (0.0, share, 2.0, -share, impulse)

@@ -8,8 +8,9 @@ later than their collision, so that the earliest event of all is always right (B
 
 import math
 
-from brownpipe.collisions import delay, encounter, exchange, meets, shares
-from brownpipe.exact import calendar, grid
+from brownpipe.collisions import delay, encounter, exchange, meets
+from brownpipe.exact import calendar, grid, lists
+from brownpipe.exact.disks import contact_distance, displacement, mass_of, move, push_apart, radius_of
 from brownpipe.exact.workspace import (
     BLOCK,
     BUCKET_NOW,
@@ -17,7 +18,6 @@ from brownpipe.exact.workspace import (
     COLUMN,
     COUNT,
     CROSSINGS,
-    DISK_BITS,
     DISK_MASK,
     DONE,
     DOWN,
@@ -37,7 +37,6 @@ from brownpipe.exact.workspace import (
     PARTNER,
     PARTNER_COUNT,
     PAUSED,
-    RADIUS,
     RIGHT,
     ROW,
     SAMPLE,
@@ -59,61 +58,10 @@ from brownpipe.kernels import kernel
 
 
 @kernel
-def contact_distance(mass, w, i, k):
-    """Return sigma of a pair; without masses all disks are equal."""
-    if mass is None:
-        return w.grid.sigma
-    return w.disk[ROW * i + RADIUS] + w.disk[ROW * k + RADIUS]
-
-
-@kernel
-def radius_of(mass, w, i):
-    """Return the radius of a disk."""
-    if mass is None:
-        return 0.5 * w.grid.sigma
-    return w.disk[ROW * i + RADIUS]
-
-
-@kernel
-def mass_of(mass, i):
-    """Return the mass of a disk."""
-    if mass is None:
-        return 1.0
-    return mass[i]
-
-
-@kernel
-def shares_of(mass, i, k):
-    """Return the shares of eqs. (5)-(6), and the mass that makes an impulse of f."""
-    if mass is None:
-        return 1.0, 1.0, 1.0
-    share_i, share_k = shares(mass[i], mass[k])
-    return share_i, share_k, mass[i] * share_i if mass[i] < mass[k] else mass[k] * share_k
-
-
-@kernel
-def shifted(shift, candidate, x, y):
-    """Move a disk's position to its image's."""
-    if shift is None:
-        return x, y
-    image = candidate >> DISK_BITS
-    return x + shift[image, 0], y + shift[image, 1]
-
-
-@kernel
-def displacement(w, i, candidate, now):
-    """Return position and velocity of a candidate (a disk or an image of it) as seen from disk i."""
-    disk, a, b = w.disk, ROW * i, ROW * (candidate & DISK_MASK)
-    since_a, since_b = now - disk[a + TIME], now - disk[b + TIME]
-    x = (disk[b + X] + disk[b + VX] * since_b) - (disk[a + X] + disk[a + VX] * since_a)
-    y = (disk[b + Y] + disk[b + VY] * since_b) - (disk[a + Y] + disk[a + VY] * since_a)
-    x, y = shifted(w.shift, candidate, x, y)
-    return x, y, disk[b + VX] - disk[a + VX], disk[b + VY] - disk[a + VY]
-
-
-@kernel
-def earliest(w, i, now, m):
+def earliest(w, i, now, candidates, first, m):
     """Make the earliest collision with one of m candidates the pair event of disk i, if it is earlier than that.
+
+    The candidates begin at `first` of an array, which may be `w.candidate`: that is overwritten.
 
     Two passes: the first, free of branches, keeps those that are on a course to touch; the second takes their square
     roots. A partner that will predict afresh before that (its own pair event comes first) is left to find disk i then.
@@ -121,7 +69,7 @@ def earliest(w, i, now, m):
     disk, approach = w.disk, w.approach
     n = 0
     for j in range(m):
-        candidate = w.candidate[j]
+        candidate = candidates[first + j]
         k = candidate & DISK_MASK
         x, y, u, v = displacement(w, i, candidate, now)
         sigma = contact_distance(w.mass, w, i, k)
@@ -152,15 +100,24 @@ def within_walls(shift, edge, low, side, radius):
 
 
 @kernel
-def leave_time(shift, position, velocity, since, cell, low, side, cell_side, radius):
-    """Return when a disk leaves its cell in one direction, and whether it is a wall that ends its way.
+def leave_time(shift, position, velocity, since, edge, low, side, radius):
+    """Return when a disk is at an edge ahead in one direction, and whether a wall ends its way before.
 
-    Only the wall ahead can be: a disk that round-off put behind the other one may have that one's contact ahead, too.
+    Only the wall ahead can: a disk that round-off put behind the other one may have that one's contact ahead, too.
     """
-    edge = low + (cell + (velocity > 0.0)) * cell_side
     end = within_walls(shift, edge, low, side, radius)
     time = since + (end - position) / velocity
     return time if velocity != 0.0 else math.inf, (edge - end) * velocity > 0.0
+
+
+@kernel
+def edges_ahead(neighbour_lists, w, i, vx, vy):
+    """Return where the cell of disk i, or the square of its list, ends in both directions of its motion."""
+    if neighbour_lists is not None:
+        return lists.edges_ahead(neighbour_lists, i, vx, vy)
+    box, a = w.grid, ROW * i
+    x = box.x + (w.link[a + COLUMN] + (vx > 0.0)) * box.cell_width
+    return x, box.y + (w.link[a + LINE] + (vy > 0.0)) * box.cell_height
 
 
 @kernel
@@ -169,8 +126,9 @@ def schedule(w, i, now):
     disk, link, box, a = w.disk, w.link, w.grid, ROW * i
     radius, since = radius_of(w.mass, w, i), disk[a + TIME]
     vx, vy = disk[a + VX], disk[a + VY]
-    x, x_wall = leave_time(w.shift, disk[a + X], vx, since, link[a + COLUMN], box.x, box.width, box.cell_width, radius)
-    y, y_wall = leave_time(w.shift, disk[a + Y], vy, since, link[a + LINE], box.y, box.height, box.cell_height, radius)
+    x_edge, y_edge = edges_ahead(w.lists, w, i, vx, vy)
+    x, x_wall = leave_time(w.shift, disk[a + X], vx, since, x_edge, box.x, box.width, radius)
+    y, y_wall = leave_time(w.shift, disk[a + Y], vy, since, y_edge, box.y, box.height, radius)
     x_event, y_event = LEFT + (vx > 0.0) + WALL * x_wall, DOWN + (vy > 0.0) + WALL * y_wall
     sideways, pair_time = x < y, disk[a + PAIR_TIME]
     leaves = min(x, y) < pair_time
@@ -201,44 +159,41 @@ def wrapped(image, w, i, column, line):
 
 
 @kernel
-def cross(w, i, event):
-    """Let disk i go into the next cell; return whether all that it knows must be predicted afresh."""
-    box, a = w.grid, ROW * i
-    column, line = int(w.link[a + COLUMN]), int(w.link[a + LINE])
-    grid.leave(w.big, w, i, column, line)
-    column += (event == RIGHT) - (event == LEFT)
-    line += (event == UP) - (event == DOWN)
-    afresh = wrapped(w.image, w, i, column, line)
-    if afresh:
-        column, line = column % box.columns, line % box.lines
+def change_cell(w, i, column, line):
+    """Move disk i from its cell to another; return whether it went round a periodic box."""
+    grid.leave(w.big, w, i, int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE]))
+    round_the_box = wrapped(w.image, w, i, column, line)
+    if round_the_box:
+        column, line = column % w.grid.columns, line % w.grid.lines
     grid.enter(w.big, w, i, column, line)
-    return afresh
+    return round_the_box
 
 
 @kernel
-def move(w, i, now):
-    """Bring disk i to the time now."""
-    a = ROW * i
-    since = now - w.disk[a + TIME]
-    w.disk[a + X] += w.disk[a + VX] * since
-    w.disk[a + Y] += w.disk[a + VY] * since
-    w.disk[a + TIME] = now
+def cross(neighbour_lists, w, i, now, event):
+    """Let disk i go into the next cell, or make a new list; return whether all must be predicted afresh."""
+    if neighbour_lists is not None:
+        lists.forget(neighbour_lists, i)
+        column, line = grid.place(w, i, now)
+        change_cell(w, i, column, line)
+        lists.centre(neighbour_lists, w, i, now)
+        lists.meet(neighbour_lists, w, i, 0)
+        return True
+    column = int(w.link[ROW * i + COLUMN]) + (event == RIGHT) - (event == LEFT)
+    line = int(w.link[ROW * i + LINE]) + (event == UP) - (event == DOWN)
+    return change_cell(w, i, column, line)
 
 
 @kernel
 def collide(w, i, candidate, now):
     """Exchange momentum between disk i and its partner, eqs. (5)-(8); return the impulse given to disk i."""
-    disk, k = w.disk, candidate & DISK_MASK
+    k = candidate & DISK_MASK
     a, b = ROW * i, ROW * k
     move(w, i, now)
     move(w, k, now)
     x, y, u, v = displacement(w, i, candidate, now)
     fx, fy = exchange(x, y, u, v)
-    share_a, share_b, mass = shares_of(w.mass, i, k)
-    disk[a + VX] += share_a * fx
-    disk[a + VY] += share_a * fy
-    disk[b + VX] -= share_b * fx
-    disk[b + VY] -= share_b * fy
+    mass = push_apart(w.mass, w, i, k, fx, fy)
     w.link[a + COUNT] += 1
     w.link[b + COUNT] += 1
     w.tally[VIRIAL] -= mass * (x * fx + y * fy)
@@ -278,13 +233,16 @@ def log(w, r, i, partner, fx, fy, now):
 
 
 @kernel
-def neighbours(w, i, event):
-    """Gather the candidates of disk i after an event: the new ones if it changed cells, else all."""
+def neighbours(neighbour_lists, w, i, event):
+    """Return where the candidates of disk i after an event are: the new ones if it changed cells, else all."""
+    if neighbour_lists is not None:
+        w.disk[ROW * i + PAIR_TIME] = math.inf
+        return lists.neighbours(neighbour_lists, i)
     column, line = int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE])
     if LEFT <= event <= UP:
-        return grid.gather_new(w.big, w, i, column, line, event)
+        return w.candidate, 0, grid.gather_new(w.big, w, i, column, line, event)
     w.disk[ROW * i + PAIR_TIME] = math.inf
-    return grid.gather(w.big, w, i, column, line)
+    return w.candidate, 0, grid.gather(w.big, w, i, column, line)
 
 
 @kernel
@@ -309,10 +267,11 @@ def happen(w, r, i, now):
         count[WALLS] += 1
     else:
         count[CROSSINGS] += 1
-        if cross(w, i, event):
+        if cross(w.lists, w, i, now, event):
             event = PAIR
     while True:
-        earliest(w, i, now, neighbours(w, i, event))
+        candidates, first, m = neighbours(w.lists, w, i, event)
+        earliest(w, i, now, candidates, first, m)
         schedule(w, i, now)
         if k == i:
             return
@@ -349,18 +308,28 @@ def begin_block(w):
 
     All that follows depends on nothing but the positions and velocities at local time 0.
     """
-    disk, box = w.disk, w.grid
-    w.cell[:: box.slots] = 0
+    w.cell[:: w.grid.slots] = 0
     calendar.clear(w)
-    n = len(disk) // ROW
-    for i in range(n - 1, -1, -1):
+    for i in range(len(w.disk) // ROW - 1, -1, -1):
         a = ROW * i
-        column = min(max(int((disk[a + X] - box.x) / box.cell_width), 0), box.columns - 1)
-        line = min(max(int((disk[a + Y] - box.y) / box.cell_height), 0), box.lines - 1)
-        grid.enter(w.big, w, i, column, line)
-        disk[a + PAIR_TIME] = disk[a + EVENT_TIME] = 0.0
+        column, line = grid.place(w, i, 0.0)
+        grid.enter(w.big, w, i, min(max(column, 0), w.grid.columns - 1), min(max(line, 0), w.grid.lines - 1))
+        w.disk[a + PAIR_TIME] = w.disk[a + EVENT_TIME] = 0.0
         w.link[a + EVENT], w.link[a + PARTNER], w.link[a + COUNT], w.link[a + PARTNER_COUNT] = PAIR, i, 0, 1
         calendar.insert(w, i, 0.0)
+    make_lists(w.lists, w)
+
+
+@kernel
+def make_lists(neighbour_lists, w):
+    """Make the lists of all disks anew, if there are any."""
+    if neighbour_lists is not None:
+        neighbour_lists.neighbour[:: lists.LINE_OF_LIST] = 0
+        n = len(w.disk) // ROW
+        for i in range(n):
+            lists.centre(neighbour_lists, w, i, 0.0)
+        for i in range(n):
+            lists.meet(neighbour_lists, w, i, i)
 
 
 @kernel

@@ -8,7 +8,25 @@ A disk much bigger than the cells is listed not only in its own cell but in a sp
 that a small disk anywhere within its reach finds it among its own 3 x 3 cells. Small disks need to know nothing of it.
 """
 
-from brownpipe.exact.workspace import COLUMN, DISK_BITS, DISK_MASK, DOWN, LEFT, LINE, OVERFULL, RIGHT, ROW, UP
+import math
+
+from brownpipe.exact.workspace import (
+    COLUMN,
+    DISK_BITS,
+    DISK_MASK,
+    DOWN,
+    LEFT,
+    LINE,
+    OVERFULL,
+    RIGHT,
+    ROW,
+    TIME,
+    UP,
+    VX,
+    VY,
+    X,
+    Y,
+)
 from brownpipe.kernels import kernel
 
 
@@ -16,6 +34,24 @@ from brownpipe.kernels import kernel
 def cell_at(w, column, line):
     """Return the number of a cell; column and line count from 0, the ghost rim has -1 and the number of them."""
     return (line + 1) * (w.grid.columns + 2) + column + 1
+
+
+@kernel
+def inside(shift, w, column, line):
+    """Return the nearest cell between walls; in a periodic box a place outside is one of an image."""
+    if shift is not None:
+        return column, line
+    return min(max(column, 0), w.grid.columns - 1), min(max(line, 0), w.grid.lines - 1)
+
+
+@kernel
+def place(w, i, now):
+    """Return column and line of the place where disk i is; outside a periodic box they are beyond the last."""
+    a, box = ROW * i, w.grid
+    since = now - w.disk[a + TIME]
+    column = math.floor((w.disk[a + X] + w.disk[a + VX] * since - box.x) / box.cell_width)
+    line = math.floor((w.disk[a + Y] + w.disk[a + VY] * since - box.y) / box.cell_height)
+    return inside(w.shift, w, int(column), int(line))
 
 
 @kernel

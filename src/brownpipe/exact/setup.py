@@ -7,6 +7,7 @@ import numpy as np
 
 from brownpipe import theory
 from brownpipe.exact.calendar import LINE as BUCKET_LINE
+from brownpipe.exact.lists import LINE_OF_LIST
 from brownpipe.exact.workspace import (
     CLOCK,
     COUNTS,
@@ -19,6 +20,7 @@ from brownpipe.exact.workspace import (
     BigDisks,
     Calendar,
     Grid,
+    Lists,
     Workspace,
     X,
 )
@@ -28,6 +30,8 @@ from brownpipe.state import State
 
 EVENTS_PER_BUCKET = 8.0  # in the mean
 COLLISIONS_PER_BLOCK = 128.0  # of one disk: a block begins with predicting everything afresh, which should cost little
+LISTS_FROM = 0.58  # packing fraction from which neighbour lists are faster than cells alone
+DENSEST = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice
 FITS_CACHE = 20_000  # disks: with more, a short ring is worth more than one that few events are too far ahead for
 PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
 
@@ -86,12 +90,13 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         mass[frame.back[0]] = np.inf
     equal = n < 2 or (np.all(radius == radius[0]) and np.all(mass == mass[0]))
     common = common_radius(radius) if n else 0.5
-    cells = _grid(scene, frame, common, slots or _slots(radius, common))
+    cells = _grid(scene, frame, common, slots or _slots(radius, common), 0.0)
     big = _big_disks(cells, radius, common)
-    if big is None and n and radius.max() > common:
-        common = radius.max()
-        cells = _grid(scene, frame, common, slots or _slots(radius, common))
-    calendar = _calendar(scene, thermal_speed(scene) * frame.time / frame.length, common, cells)
+    if big is None:
+        common = radius.max(initial=common)
+    half = _half_square(scene, common) if big is None and slots is None else 0.0
+    cells = _grid(scene, frame, common, slots or _slots(radius, common), half)
+    calendar = _calendar(scene, thermal_speed(scene) * frame.time / frame.length, common, cells, half)
     room = 9 * cells.slots + 8 if big is None else cells.slots * (len(big.reach) + 9) + 9 * big.number + 8
     shift = np.array([(a, u) for u in (0, 1, -1) for a in (0, 1, -1)]) * (cells.width, cells.height)
     disk = np.zeros((n, ROW))
@@ -106,6 +111,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
         shift=shift if scene.box.periodic else None,
         big=big,
+        lists=Lists(half, np.zeros(2 * n), np.zeros(LINE_OF_LIST * n, np.uint32)) if half else None,
         bucket=np.zeros(BUCKET_LINE * (calendar.ring + 1), np.uint32),
         soon_time=np.empty(2 * n + 16),
         soon_disk=np.empty(2 * n + 16, np.uint32),
@@ -136,24 +142,37 @@ def _slots(radius: np.ndarray, common: float) -> int:
     return int(min(max(8, 4 * math.ceil(most / 4)), 64))
 
 
-def _grid(scene: Scene, frame: Frame, common: float, slots: int) -> Grid:
-    """Cells 1.1 (dense) to 2 (dilute) contact distances wide, but not many more than there are disks."""
+def _half_square(scene: Scene, common: float) -> float:
+    """Return half the side of the squares for which neighbour lists hold; 0 where cells alone are faster."""
+    phi = scene.packing_fraction
+    if phi < LISTS_FROM:
+        return 0.0
+    gap = math.sqrt(DENSEST / phi) - 1  # mean, between the edges of neighbours, in contact distances
+    return 2 * common * min(max(2 * gap, 0.02), 0.4)
+
+
+def _grid(scene: Scene, frame: Frame, common: float, slots: int, half: float) -> Grid:
+    """Cells 1.1 (dense) to 2 (dilute) contact distances wide, but not many more than there are disks.
+
+    With neighbour lists, cells hold centres of squares of half the side `half`, which may lie nearer than the disks.
+    """
     box, n = scene.box, scene.particles
     width, height = box.width / frame.length, box.height / frame.length
-    side = max(2 * common * (2.0 - 1.8 * min(scene.packing_fraction, 0.5)), math.sqrt(width * height / (4 * n + 4)))
+    wide = 2 * (common + half) if half else 2 * common * (2.0 - 1.8 * min(scene.packing_fraction, 0.5))
+    side = max(wide, math.sqrt(width * height / (4 * n + 4)))
     columns, lines = max(int(width / side), 1), max(int(height / side), 1)
     x, y = (box.x[0] - frame.origin[0]) / frame.length, (box.y[0] - frame.origin[1]) / frame.length
     return Grid(columns, lines, x, y, width, height, width / columns, height / lines, slots, 2 * common)
 
 
-def _calendar(scene: Scene, speed: float, common: float, cells: Grid) -> Calendar:
+def _calendar(scene: Scene, speed: float, common: float, cells: Grid, half: float) -> Calendar:
     """Choose block and bucket: see the constants at the head of this file."""
     n, sigma = scene.particles, 2 * common
     if speed == 0.0:
         return Calendar(2.0**1000, 2.0**999, 2.0**-999, 15)
     chi = theory.contact_value_henderson(min(scene.packing_fraction, 0.9))
     rate = theory.collision_rate(n / (cells.width * cells.height), sigma, chi, 0.5, 0.5 * speed**2)
-    crossing = speed * (1 / cells.cell_width + 1 / cells.cell_height)
+    crossing = speed * (1 / cells.cell_width + 1 / cells.cell_height) if half == 0.0 else 0.5 * speed / half
     block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, PATH_PER_BLOCK * sigma / speed))
     width = power_of_two(min(EVENTS_PER_BUCKET / (n * (rate + crossing)), block))
     ring = max(16, 2 ** math.ceil(math.log2((0.75 if n < FITS_CACHE else 0.25) * n)))

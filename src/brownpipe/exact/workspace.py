@@ -63,6 +63,14 @@ class Calendar(NamedTuple):
     ring: int  # number of buckets in the ring - 1, a mask
 
 
+class Lists(NamedTuple):
+    """Neighbour lists, and the squares for which they hold."""
+
+    half: float  # half the side of a square
+    centre: object  # (2 N,) float64, of the squares
+    neighbour: object  # (16 N,) uint32, how many neighbours and which
+
+
 class Workspace(NamedTuple):
     """All that a run needs. What a scene does not need is None, and the code for it is not compiled."""
 
@@ -75,6 +83,7 @@ class Workspace(NamedTuple):
     image: object  # (2 N,) int32, times a disk has gone round a periodic box; None between walls
     shift: object  # (9, 2) float64, of the images; None between walls
     big: object  # BigDisks, or None
+    lists: object  # Lists, or None
     bucket: object  # (16 * ring,) uint32
     soon_time: object  # events of the current bucket, the next one last
     soon_disk: object
