@@ -158,7 +158,7 @@ def _on_lattice(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Gener
         if _nearest(size, scene.box.periodic, wanted) < 2 * free.max() * (1 - 1e-14):
             raise SceneError(
                 f"{scene.name}: disks: no triangular lattice in this box has places for {len(free)} disks of radius "
-                f"{free.max()!r} (packing fraction {scene.packing_fraction:.4g}); must be fewer or smaller disks"
+                f"{float(free.max())!r} (packing fraction {scene.packing_fraction:.4g}); must be fewer or smaller disks"
             )
         if fixed is not None:
             apart = np.abs(sites - fixed)

@@ -8,6 +8,7 @@ import numpy as np
 from brownpipe import placement
 from brownpipe.scene import Scene
 
+HEALTH_BOUND = 1e-9  # energy drift, overlap and momentum residual beyond which a run has failed; round-off is far below
 ROOT_SEED = 2020  # of every stream of random numbers; the year of the note
 
 
@@ -73,6 +74,9 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
         velocity = given.standard_deviation * normal
     else:
         velocity = np.sqrt(given.temperature / mass)[:, None] * normal
-    if given.zero_momentum and len(mass):
-        velocity -= [math.fsum(mass * component) / math.fsum(mass) for component in velocity.T]
-    return velocity
+    return at_rest_on_the_whole(velocity, mass) if given.zero_momentum and len(mass) else velocity
+
+
+def at_rest_on_the_whole(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Return velocities (N, 2) with zero total momentum, relative to the centre of mass."""
+    return velocity - [math.fsum(mass * component) / math.fsum(mass) for component in velocity.T]

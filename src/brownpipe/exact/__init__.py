@@ -11,7 +11,7 @@ from brownpipe.exact.setup import Frame, fill, frame_of, prepare
 from brownpipe.kernels import RunError, one_compiler
 from brownpipe.placement import warm_up
 from brownpipe.scene import Scene
-from brownpipe.state import Ensemble, Events, State, Track, draw
+from brownpipe.state import Ensemble, Events, State, Track, at_rest_on_the_whole, draw
 
 EVENTS_PER_CALL = 2_000_000  # then Python may look at signals and at the progress
 SHORTEST_PATH = 2e-16  # in contact distances: disks that move less between collisions are jammed
@@ -113,6 +113,8 @@ def _equilibrated(engine: Engine, state: State) -> tuple[Engine, State]:
     position, velocity = done.whole.position[-1], done.whole.velocity[-1]
     if engine.pinned:
         position[0], velocity[0] = state.position[0], state.velocity[0]
+    if scene.velocities.zero_momentum:
+        velocity = at_rest_on_the_whole(velocity, state.mass)
     return engine, state._replace(position=position, velocity=velocity)
 
 

@@ -10,7 +10,7 @@ MEASURES = {
     "energy_drift": ("relative energy drift", 1e-13),
     "worst_overlap": ("worst overlap (contact distances)", 1e-12),
     "momentum_residual": ("residual of the momentum ledger", 1e-12),
-}  # what is shown, and the bound an exact run should keep
+}  # what is shown, and what round-off is expected to stay below; a run fails at state.HEALTH_BOUND
 SMALLEST = 1e-17  # left end of the axis: smaller values, zero among them, are drawn there
 QUANTILES = (0.05, 0.5, 0.95)
 
@@ -23,7 +23,13 @@ def draw(cases):
             _range(panel, row, _sizes(case, name))
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
         panel.text(
-            bound, 1.0, f"bound {bound:g} ", ha="right", va="bottom", color=FIT, transform=panel.get_xaxis_transform()
+            bound,
+            1.0,
+            f"expected below {bound:g} ",
+            ha="right",
+            va="bottom",
+            color=FIT,
+            transform=panel.get_xaxis_transform(),
         )
         panel.set_xscale("log")
         panel.minorticks_off()
