@@ -54,6 +54,7 @@ def draw(scene: Scene, seed: int) -> State:
 
     An explicit list of disks is returned as it is. Species get their velocities first, every component normal with
     the scene's standard deviation or with variance kT/m, and then their places (`placement`), the tracer first.
+    The total momentum, where it is to be zero, is taken out at t = 0: if there is time to equilibrate, after it.
     The stream is Philox, seeded by (2020, N, seed). Raises SceneError if the disks cannot be placed.
     """
     radius, mass = scene.radius, scene.mass
@@ -74,7 +75,9 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
         velocity = given.standard_deviation * normal
     else:
         velocity = np.sqrt(given.temperature / mass)[:, None] * normal
-    return at_rest_on_the_whole(velocity, mass) if given.zero_momentum and len(mass) else velocity
+    if given.zero_momentum and len(mass) and scene.equilibrate == 0:
+        return at_rest_on_the_whole(velocity, mass)
+    return velocity
 
 
 def at_rest_on_the_whole(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:

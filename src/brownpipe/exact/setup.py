@@ -30,6 +30,7 @@ from brownpipe.state import State
 
 EVENTS_PER_BUCKET = 8.0  # in the mean
 COLLISIONS_PER_BLOCK = 128.0  # of one disk: a block begins with predicting everything afresh, which should cost little
+LARGEST_RATIO = 1e12  # of masses, up to which the light disks are given time for speeds they may reach
 LISTS_FROM = 0.58  # packing fraction from which neighbour lists are faster than cells alone
 DENSEST = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice
 FITS_CACHE = 20_000  # disks: with more, a short ring is worth more than one that few events are too far ahead for
@@ -77,7 +78,8 @@ def thermal_speed(scene: Scene) -> float:
         given = scene.velocities
         largest = given.standard_deviation if given.temperature is None else math.sqrt(given.temperature)
         squares = 2.0 if given.temperature is None else 2.0 / scene.mass
-    return largest * math.sqrt(np.mean(scene.mass / scene.mass.min() * squares))
+    ratio = np.minimum(scene.mass / scene.mass.min(), LARGEST_RATIO)
+    return largest * math.sqrt(np.mean(ratio * squares))
 
 
 def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None = None) -> Workspace:
