@@ -17,6 +17,7 @@ from brownpipe.exact import simulate
 from brownpipe.scene import parse_scene
 from brownpipe.state import State, draw
 
+W, P = "reflecting", "periodic"
 EPSILON = np.finfo(float).eps
 
 
@@ -73,6 +74,35 @@ def swarm(duration):
     return explicit(box(6, 6, "reflecting"), state, duration)
 
 
+def crowded(where, kinds, duration):
+    """Disks that begin on a lattice; between walls not in contact with these, which would be many events at t = 0."""
+    shrink = 0.99 if where["boundary"] == W else 1.0
+    inner = {side: [shrink * end for end in where[side]] for side in "xy"}
+    disks = {"species": species(*kinds), "placement": "lattice"}
+    mapping = {"box": inner | {"boundary": where["boundary"]}, "disks": disks, "duration": duration}
+    scene = parse_scene(mapping | {"velocities": {"standard_deviation": 1.0}}, "crowded.yaml")
+    return explicit(where, draw(scene, 1), duration)
+
+
+def interstitial(side, duration):
+    """A lattice of disks in a periodic box with a small one in half of its gaps."""
+    width, height = side * 0.5, side * 0.5 * np.sqrt(0.75)
+    row, column = np.divmod(np.arange(side * side), side)
+    large = np.stack([(column + 0.5 * (row % 2)) * 0.5, row * height / side], axis=1)
+    small = [*large, 0.25, height / side / 3]
+    position = np.concatenate([large, small]) % [width, height] - [width / 2, height / 2]
+    radius, mass = np.repeat([0.2, 0.04], side**2), np.repeat([1.0, 0.1], side**2)
+    state = State(position, np.random.default_rng(1).standard_normal(position.shape), radius, mass)
+    return explicit(box(width, float(height), "periodic"), state, duration)
+
+
+def restless():
+    """A crowded mixture in which now and then a disk has more neighbours than its list has room for."""
+    disks = {"species": species((60, 0.12, 1.0), (60, 0.08, 1.0)), "placement": "lattice"}
+    mapping = {"box": box(2.5, 2.5, "periodic"), "disks": disks, "duration": 2.0, "sample_interval": 0.25}
+    return parse_scene(mapping | {"velocities": {"temperature": 1.0}}, "restless.yaml")
+
+
 TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
 
 
@@ -84,7 +114,6 @@ def note_scene(duration, particles=150, **more):
 
 # -- event by event -------------------------------------------------------------------------------------------------
 
-W, P = "reflecting", "periodic"
 SCENES = {
     # equal disks between walls
     "walls-1": make(box(2, 3, W), [(1, 0.3, 1)], 40.0),
@@ -119,6 +148,16 @@ SCENES = {
     "walls-one-mover": one_mover(box(3, 3, W), 70, 0.1, 30.0),
     "periodic-one-mover": one_mover(box(3, 3, P), 70, 0.1, 30.0),
     "walls-swarm": swarm(0.02),
+    # crowded, where the engine keeps neighbour lists
+    "walls-crowded": crowded(box(3, 2, W), [(65, 0.14, 1)], 0.4),
+    "walls-crowded-aside": crowded(box(3, 2, W, (-0.01, 0.005)), [(65, 0.14, 1)], 0.4),
+    "walls-crowded-mixture": crowded(box(3, 2, W), [(40, 0.14, 1), (25, 0.12, 3)], 0.4),
+    "periodic-crowded": crowded(box(2.5, 2, P), [(57, 0.14, 1)], 0.3),
+    "periodic-crowded-narrowest": make(box(1, 1, P), [(3, 0.249, 1)], 4.0),
+    "periodic-crowded-few": crowded(box(1.1, 1.1, P), [(4, 0.25, 1)], 4.0),
+    "periodic-crowded-12": crowded(box(1.5, 1.4, P, (3.0, 1.0)), [(12, 0.19, 1)], 0.7),
+    "periodic-crowded-mixture": crowded(box(2.5, 2, P), [(30, 0.14, 1), (27, 0.12, 0.2)], 0.3),
+    "periodic-crowded-unlike": interstitial(4, 0.3),
     # big ones among small ones
     "note": note_scene(0.35),
     "walls-thermal": make(box(6, 6, W), [(99, 0.1, 0.4)], 0.8, TRACER, {"temperature": 1.6}),
@@ -227,6 +266,10 @@ def audit(scene, state, whole, events, seen):
     energy = [mass @ np.sum(v**2, axis=1) for v in (first, last)]
     assert energy[1] / energy[0] - 1 == pytest.approx(seen["energy_drift"], abs=1e-14)
     assert packing.overlap(whole.position[-1], state.radius, box_sides(scene)) is None
+    low, high = np.array((scene.box.x, scene.box.y)).T
+    slack = 1e-15 * (high - low)
+    assert (whole.position >= low - slack).all()
+    assert (whole.position <= high + slack).all()
     pairs = events.b >= 0
     assert (pairs.sum(), (~pairs).sum()) == (seen["pair_collisions"], seen["wall_collisions"])
     followed = pairs & ((events.a == 0) | (events.b == 0))
@@ -269,6 +312,7 @@ BITS = {
     "walls": note_scene(1.0),
     "periodic": make(box(5, 5, P), [(1, 0.5, 2), (90, 0.12, 1)], 1.0),
     "mixture": make(box(4, 4, W), [(30, 0.1, 1), (30, 0.14, 0.3), (20, 0.2, 4)], 1.0),
+    "crowded": crowded(box(2.5, 2, P), [(57, 0.14, 1)], 1.0),
 }
 
 
@@ -298,6 +342,15 @@ def test_a_run_does_not_depend_on_what_else_is_asked_for(name):
         assert np.array_equal(column[:n], prefix)
 
 
+def test_a_run_that_needs_more_room_leaves_no_trace_in_those_after_it():
+    """In a batch the workspace is handed on; one run in which a cell or a list is too small must not tell."""
+    scene = restless()
+    batch = simulate(scene, range(8))
+    for seed in range(8):
+        alone = simulate(scene, [seed])
+        assert np.array_equal(alone.tracer.position[:, 0], batch.tracer.position[:, seed]), seed
+
+
 def test_seeds_differ():
     scene = note_scene(0.1)
     last = simulate(scene, range(20)).tracer.position[-1]
@@ -323,6 +376,7 @@ FEW = {
     "periodic": make(box(1.3, 1.3, P), [(4, 0.17, 1)], 3.0),
     "mixture": make(box(2, 2, W), [(4, 0.1, 1), (4, 0.14, 0.3)], 2.0),
     "big": make(box(3, 3, P), [(1, 0.5, 2), (20, 0.1, 1)], 0.6),
+    "crowded": crowded(box(1.5, 1.4, P), [(12, 0.19, 1)], 0.7),
 }
 
 

@@ -1,0 +1,428 @@
+"""Where hard-disk programs break: contact, corners, grazing, close packing, extreme masses, speeds, times and places.
+
+Each with the exact answer, or with the refusal that names what is wrong.
+"""
+
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brownpipe import packing
+from brownpipe.exact import simulate
+from brownpipe.scene import SceneError, parse_scene
+from brownpipe.state import State, draw
+from test_exact import FEW, P, W, box, crystal, explicit, make, note_scene
+
+BOTH = pytest.mark.parametrize("boundary", [W, P])
+
+
+def state_of(disks, radius=0.125, mass=1.0):
+    """A state from (x, y, vx, vy) of every disk; radius and mass common or one each."""
+    x = np.array(disks, dtype=float).reshape(-1, 4)
+    return State(x[:, :2], x[:, 2:], np.broadcast_to(radius, len(x)).copy(), np.broadcast_to(mass, len(x)).copy())
+
+
+def outcome(where, state, duration, **more):
+    """Final positions and velocities, events and observables of a run that must not fail."""
+    run = simulate(explicit(where, state, duration, **more), [0], {"all", "events"})
+    seen = {key: column[0] for key, column in run.observables.items()}
+    assert not seen["failed"]
+    assert abs(seen["energy_drift"]) <= 1e-14
+    assert seen["momentum_residual"] <= 1e-14
+    whole = run.whole[0]
+    return whole.position[-1], whole.velocity[-1], run.events[0], seen
+
+
+# -- contact --------------------------------------------------------------------------------------------------------
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("u", "v", "collisions", "after"),
+    [(-1, 0, 1, ([-1, 0], [0, 0])), (1, 0, 0, ([0, 0], [1, 0])), (0, 1, 0, ([0, 0], [0, 1]))],
+    ids=["pressing", "leaving", "sliding"],
+)
+def test_exact_contact_at_the_start(boundary, u, v, collisions, after):
+    disks = state_of([(-0.125, 0, 0, 0), (0.125, 0, u, v)])
+    _, velocity, events, seen = outcome(box(6, 6, boundary), disks, 1.0)
+    assert velocity.tolist() == [list(each) for each in after]
+    assert seen["pair_collisions"] == collisions
+    assert events.time.tolist() == [0.0] * collisions
+
+
+@pytest.mark.parametrize(("u", "bounces"), [(-1.0, 1), (1.0, 0), (0.0, 0)])
+def test_exact_contact_with_a_wall_at_the_start(u, bounces):
+    position, velocity, events, seen = outcome(box(6, 6, W), state_of([(-3 + 0.125, 0, u, 0.5)]), 1.0)
+    assert velocity.tolist() == [[abs(u), 0.5]]
+    assert position.tolist() == [[-3 + 0.125 + abs(u), 0.5]]
+    assert seen["wall_collisions"] == bounces
+    assert events.time.tolist() == [0.0] * bounces
+
+
+def test_behind_contact_with_a_wall_by_round_off():
+    """A big disk, a cell's edge between it and its contact with the wall behind it: that is not the wall ahead."""
+    small = [(2.45 + 0.3 * (i % 5), 0.3 + 0.45 * (i // 5), 0, 0) for i in range(40)]
+    for turn in (1, -1):
+        disks = state_of([(1 - 3e-13, 2, 1, 0), *small], np.array([1 + 5e-13] + [0.135] * 40))
+        disks = disks._replace(position=(disks.position - 2) * turn, velocity=disks.velocity * turn)
+        position, _, _, seen = outcome(box(4, 4, W), disks, 0.2)
+        assert seen["wall_collisions"] == seen["pair_collisions"] == 0
+        np.testing.assert_allclose(position[0], [-0.8 * turn, 0.0], rtol=0, atol=1e-12)
+
+
+@BOTH
+def test_a_cradle_in_contact(boundary):
+    """Equal masses in a line: the last one leaves with all the speed, whatever the order of collisions at t = 0."""
+    for order in (1, -1):
+        disks = state_of([(0.25 * i, 0, float(i == 0), 0) for i in range(6)][::order])
+        position, velocity, events, _ = outcome(box(6, 6, boundary), disks, 0.5)
+        assert velocity[::order].tolist() == [[0, 0]] * 5 + [[1, 0]]
+        assert position[::order].tolist() == [[0.25 * i + 0.5 * (i == 5), 0] for i in range(6)]
+        assert events.time.tolist() == [0.0] * 5
+
+
+def test_a_cradle_of_unequal_masses_in_contact_conserves_and_separates():
+    disks = state_of([(0.25 * i, 0, float(i == 0), 0) for i in range(4)], mass=np.array([1.0, 4.0, 2.0, 3.0]))
+    _, velocity, _, _ = outcome(box(6, 6, W), disks, 0.5)
+    assert (np.diff(velocity[:, 0]) >= -1e-15).all()  # each at least as fast as the one behind it: they separate
+    assert disks.mass @ velocity[:, 0] == pytest.approx(1.0, rel=1e-14)
+    assert disks.mass @ velocity[:, 0] ** 2 == pytest.approx(1.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("gap", [1e-6, 1e-10, 1e-14])
+def test_small_gaps(gap):
+    """Collision after gap/speed, to the round-off of the positions, and the speed handed on from disk to disk."""
+    a = 0.25 * (1 + gap)
+    disks = state_of([(a * i, 0, float(i == 0), 0) for i in range(6)])
+    _, velocity, events, _ = outcome(box(6, 6, W), disks, 0.5)
+    first = np.array([events.time[np.flatnonzero((events.a == i) | (events.b == i))[0]] for i in range(1, 6)])
+    np.testing.assert_allclose(first, 0.25 * gap * np.arange(1, 6), rtol=0, atol=2e-15)
+    np.testing.assert_allclose(velocity, [[0, 0]] * 5 + [[1, 0]], rtol=0, atol=1e-15)
+
+
+@BOTH
+@pytest.mark.parametrize("angle", [0.0, 0.3, 1.2, 2.9])
+def test_grazing(boundary, angle):
+    """Impact parameter sigma (1 - 1e-12): f = v cos, with cos^2 = 2e-12; with 1 + 1e-12 they pass each other."""
+    along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+    for side, collisions in ((-1e-12, 1), (1e-12, 0)):
+        start = -0.8 * along + 0.25 * (1 + side) * across
+        disks = state_of([(0, 0, 0, 0), (*start, *along)])
+        _, velocity, events, seen = outcome(box(6, 6, boundary), disks, 1.6)
+        assert seen["pair_collisions"] == collisions
+        if collisions:
+            # the impact parameter is known to 1e-16 of 0.25, so cos^2 to some 1e-15 of 2e-12
+            assert np.hypot(*velocity[0]) == pytest.approx(math.sqrt(2e-12), rel=2e-3)
+            assert events.time[0] == pytest.approx(0.8, abs=1e-6)
+
+
+# -- at the same time -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("corner", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_into_a_corner(corner):
+    """Both walls at once, exactly: back the way it came."""
+    corner = np.array(corner)
+    disks = state_of([(0.5, 0.5, *corner)])._replace(position=np.array([0.5 * corner]))
+    position, velocity, events, _ = outcome(box(4, 4, W), disks, 3.0)
+    assert velocity.tolist() == [(-corner).tolist()]
+    assert position.tolist() == [(corner * (0.5 + 2 * 1.375 - 3.0)).tolist()]
+    assert events.time.tolist() == [1.375, 1.375]
+
+
+@BOTH
+def test_many_pairs_at_the_same_time(boundary):
+    """400 head-on collisions at t = 1/4 exactly; a bucket of the queue holds 15."""
+    pairs = [(x * 1.0, y * 0.5) for x in range(20) for y in range(20)]
+    disks = [each for x, y in pairs for each in ((x - 0.25, y, 0.5, 0), (x + 0.25, y, -0.5, 0))]
+    position, velocity, events, _ = outcome(box(20.5, 10.5, boundary, (9.5, 4.75)), state_of(disks), 0.5)
+    start = state_of(disks)
+    assert np.array_equal(velocity, -start.velocity)
+    assert np.array_equal(position, start.position)
+    assert events.time.tolist() == [0.25] * 400
+
+
+def test_a_row_of_disks_reaches_the_wall_at_the_same_time():
+    disks = state_of([(0.5, 0.25 * (i + 0.5), 1.0, 0.0) for i in range(400)])
+    position, velocity, events, _ = outcome(box(4, 100, W, (2.0, 50.0)), disks, 5.0)
+    assert set(velocity[:, 0]) == {-1.0}
+    assert set(position[:, 0]) == {4 - 0.125 - (5 - 3.375)}
+    assert events.time.tolist() == [3.375] * 400
+
+
+@BOTH
+@pytest.mark.parametrize("n", [3, 4, 6])
+def test_disks_that_meet_in_one_point(boundary, n):
+    """Their outcome is not unique: conserved they must be, and apart in the end."""
+    angles = 2 * np.pi * np.arange(n) / n
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    disks = state_of(np.hstack([ring, -ring]))
+    position, velocity, _, seen = outcome(box(6, 6, boundary), disks, 1.5)
+    assert seen["pair_collisions"] >= n / 2
+    assert (np.sum(position * velocity, axis=1) > 0).all()
+    assert packing.overlap(position, disks.radius) is None
+    assert np.abs(velocity.sum(axis=0)).max() < 1e-14
+
+
+# -- close packing --------------------------------------------------------------------------------------------------
+
+
+def neighbours(scene):
+    """The pairs of a scene's disks that are nearer than 1.3 diameters."""
+    position, size = draw(scene, 0).position, np.array((scene.box.width, scene.box.height))
+    apart = position[:, None] - position
+    apart -= size * np.round(apart / size) if scene.box.periodic else 0
+    a, b = np.nonzero(np.triu(np.hypot(*np.moveaxis(apart, -1, 0)) < 1.3, 1))
+    return set(zip(a.tolist(), b.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14])
+def test_a_packing_keeps_its_neighbours(gap):
+    """400,000 collisions in which nobody collides with anyone but its six neighbours at the start.
+
+    One collision lost lets two disks change places, and all later ones are wrong. Disks never move by more than about
+    a gap, of which the coordinates (up to 12) resolve 1e-15. Contacts in always the same three directions round
+    always the same way: up to a tenth of a unit of round-off of a pair's energy a collision, 2e-13 in all.
+    """
+    scene = crystal(12, gap, gap * 2700)
+    result = simulate(scene, [0], {"tracer", "events"})
+    events, around = result.events[0], neighbours(scene)
+    assert len(around) == 3 * 144
+    assert len(events.time) > 400_000
+    pairs = np.unique(np.sort(np.stack([events.a, events.b], axis=1), axis=1), axis=0)
+    assert set(map(tuple, pairs.tolist())) == around
+    assert result.observables["failed"][0] == 0
+    assert result.observables["worst_overlap"][0] <= 1e-12
+    assert abs(result.observables["energy_drift"][0]) <= 2e-13
+
+
+NO_ROOM = """
+from brownpipe.exact import simulate
+from test_exact import crystal
+from brownpipe.kernels import RunError
+try:
+    simulate(crystal(6, 0.0, 1.0), [7])
+except RunError as error:
+    print(error)
+"""
+
+
+def test_disks_that_touch_all_round_end_with_an_error():
+    """In a process of its own, with a time limit: others run for ever at time 0."""
+    done = subprocess.run(
+        [sys.executable, "-c", NO_ROOM], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=180
+    )
+    assert done.stderr == ""
+    assert "seed 7" in done.stdout
+    assert "no progress at t = " in done.stdout
+    assert done.stdout.count("\n") == 1
+
+
+# -- masses, speeds, times ------------------------------------------------------------------------------------------
+
+
+def scaled(scene, seed, length=0, time=0, mass=0):
+    """The scene from the state of a seed, in units smaller by these powers of two; box centred at 0."""
+    state = draw(scene, seed)
+    state = State(
+        np.ldexp(state.position, length),
+        np.ldexp(state.velocity, length - time),
+        np.ldexp(state.radius, length),
+        np.ldexp(state.mass, mass),
+    )
+    where = box(math.ldexp(scene.box.width, length), math.ldexp(scene.box.height, length), scene.box.boundary)
+    return explicit(where, state, math.ldexp(scene.duration, time))
+
+
+@pytest.mark.parametrize(
+    "units",
+    [
+        {"mass": 996},  # 1e300
+        {"mass": -996},
+        {"time": 565},  # speeds of 1e-170
+        {"time": -531},  # 1e160
+        {"time": -498},  # durations of 1e-150
+        {"time": 498},
+        {"length": 300, "time": 100, "mass": -200},
+        {"length": -300, "time": -100, "mass": 200},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("name", FEW)
+def test_units_do_not_matter(name, units):
+    """Powers of two change no bit."""
+    run = simulate(scaled(FEW[name], 3), [0], {"all"})
+    other = simulate(scaled(FEW[name], 3, **units), [0], {"all"})
+    length, time = units.get("length", 0), units.get("time", 0)
+    assert np.array_equal(np.ldexp(run.whole[0].position, length), other.whole[0].position)
+    assert np.array_equal(np.ldexp(run.whole[0].velocity, length - time), other.whole[0].velocity)
+    for key in ("pair_collisions", "wall_collisions", "energy_drift", "worst_overlap", "momentum_residual", "failed"):
+        assert run.observables[key] == other.observables[key], key
+
+
+@pytest.mark.parametrize(("size", "duration"), [(1e300, 1.0), (1e-300, 1.0), (0.3, 1.0)])
+def test_masses_that_are_no_powers_of_two(size, duration):
+    """The same run to the round-off of a mass ratio, over a duration in which errors grow little."""
+    kinds = [(4, 0.1, 1), (4, 0.14, 0.3)]
+    plain = make(box(2, 2, W), kinds, duration)
+    heavy = make(box(2, 2, W), [(n, r, m * size) for n, r, m in kinds], duration)
+    one, two = (simulate(scene, [1], {"all"}).whole[1] for scene in (plain, heavy))
+    np.testing.assert_allclose(one.position[-1], two.position[-1], rtol=0, atol=1e-11)
+
+
+def test_a_duration_of_1e_150():
+    scene = replace(note_scene(1.0), duration=1e-150, sample_interval=1e-150)
+    run = simulate(scene, [1], {"all"})
+    start, end = run.whole[1].position
+    moved = end - start  # below the round-off of all coordinates but the tracer's, which are 0
+    assert np.array_equal(moved[0], run.whole[1].velocity[0, 0] * 1e-150)
+    assert not moved[1:].any()
+    assert run.observables["pair_collisions"][0] == run.observables["wall_collisions"][0] == 0
+    assert run.times.tolist() == [0.0, 1e-150]
+
+
+@pytest.mark.parametrize("digits", [0, 1, 2, 3, 4, 5, 6])
+def test_pi_collisions(digits):
+    """A wall, a light disk and a heavy one of 100^digits times its mass: the digits of pi, up to 3,141,592."""
+    disks = state_of([(2, 0, 0, 0), (4, 0, -1, 0)], 0.5, np.array([1.0, 100.0**digits]))
+    scene = explicit({"x": [0.0, 40.0], "y": [-20.0, 20.0], "boundary": W}, disks, 30.0)
+    seen = {key: column[0] for key, column in simulate(scene, [0], frozenset()).observables.items()}
+    assert seen["pair_collisions"] + seen["wall_collisions"] == math.floor(math.pi * 10**digits)
+    assert abs(seen["energy_drift"]) <= 5e-11  # a tenth of a unit of round-off, always the same way, in 3e6 collisions
+    assert not seen["failed"]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "bound"),
+    [
+        ([(10, 0.1, 1.0)], 1e-12),
+        ([(5, 0.1, 1.0), (5, 0.1, 7.3)], 1e-12),
+        ([(5, 0.1, 1.0), (5, 0.1, 1e3)], 1e-12),
+        ([(9, 0.1, 1.0), (1, 0.1, 1e12)], 1e-9),
+    ],
+    ids=["equal", "7.3", "1e3", "1e12"],
+)
+@BOTH
+def test_energy_over_a_million_events(boundary, kinds, bound):
+    """At random, 1e6 errors of a unit of round-off of 2/10 of the energy add up to 5e-14. A bias of 0.1 units would
+    give 5e-12, and did: see `collisions.shares`.
+    """
+    scene = make(box(2, 2, boundary), kinds, 10.0, velocities={"temperature": 1.0})
+    few = simulate(scene, [1], frozenset()).observables
+    events = few["pair_collisions"][0] + few["wall_collisions"][0]
+    seen = simulate(replace(scene, duration=1e7 / events, sample_interval=1e7 / events), [1], frozenset()).observables
+    assert 0.5e6 < seen["pair_collisions"][0] + seen["wall_collisions"][0] < 2e6
+    assert abs(seen["energy_drift"][0]) <= bound
+    assert seen["worst_overlap"][0] <= 1e-12
+    assert seen["momentum_residual"][0] <= 1e-12
+
+
+# -- long times, far places -----------------------------------------------------------------------------------------
+
+
+def reflected(x, v, t, half):
+    """Where a point is that bounces between -half and half, exactly."""
+    period = 4 * half
+    path = (Fraction(x) + Fraction(v) * Fraction(t) + half) % period
+    return float(path if path <= 2 * half else period - path) - float(half)
+
+
+@pytest.mark.parametrize(("duration", "speed", "bound"), [(1e6, 1.0, 1e-7), (1e9, 1 / 64, 1e-5)])
+def test_a_lone_disk_for_a_long_time(duration, speed, bound):
+    """Up to 5e6 bounces, each off by some 1e-13 at random and 1e-15 in the mean."""
+    vx, vy = 0.9 * speed, 0.7 * speed
+    scene = explicit(box(6, 6, W), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
+    run = simulate(scene, [0], {"tracer"})
+    for axis, (x, v) in enumerate([(0.1, vx), (-0.2, vy)]):
+        assert run.tracer.position[-1, 0, axis] == pytest.approx(reflected(x, v, duration, Fraction(11, 4)), abs=bound)
+    assert not run.observables["failed"][0]
+
+
+@pytest.mark.parametrize(("duration", "speed"), [(1e6, 1.0), (1e9, 1 / 64)])
+def test_a_lone_disk_in_a_periodic_box_for_a_long_time(duration, speed):
+    """Unwrapped it moves straight; the error is that of times within blocks, 1e-16 of the way at the most."""
+    vx, vy = 0.9 * speed, -0.7 * speed
+    scene = explicit(box(6, 6, P), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
+    track = simulate(scene, [0], {"tracer"}).tracer
+    for axis, (x, v) in enumerate([(0.1, vx), (-0.2, vy)]):
+        way = Fraction(float(track.position[-1, 0, axis])) + 6 * int(track.image[-1, 0, axis]) - Fraction(x)
+        assert abs(float(way - Fraction(v) * Fraction(duration))) <= 1e-7
+        assert -3 <= track.position[-1, 0, axis] <= 3
+
+
+@BOTH
+def test_overlaps_stay_small_for_a_long_time(boundary):
+    scene = make(box(1.5, 1.5, boundary), [(3, 0.2, 1.0)], 2e5, velocities={"temperature": 1.0})
+    seen = simulate(scene, [1], frozenset()).observables
+    assert seen["pair_collisions"][0] > 3e5
+    assert seen["worst_overlap"][0] <= 1e-12
+    assert abs(seen["energy_drift"][0]) <= 1e-12
+
+
+@BOTH
+def test_a_box_a_million_away_loses_no_digit(boundary):
+    """The same events to the bit; only the positions that are handed back are rounded to their 1e-10."""
+    state = draw(make(box(4, 4, boundary), [(20, 0.14, 1), (20, 0.1, 0.3)], 1.0), 1)
+    state = state._replace(position=np.round(state.position * 2**30) / 2**30)  # so that the shift is exact
+    near = simulate(explicit(box(4, 4, boundary), state, 1.0), [0], {"all", "events"})
+    shift = np.array([2.0**20, -(2.0**20)])
+    far = explicit(box(4, 4, boundary, tuple(shift.tolist())), state._replace(position=state.position + shift), 1.0)
+    far = simulate(far, [0], {"all", "events"})
+    assert len(near.events[0].time) > 50
+    for one, other in zip(near.events[0], far.events[0], strict=True):
+        assert np.array_equal(one, other)
+    assert np.abs(far.whole[0].position - shift - near.whole[0].position).max() <= 1.2e-10  # half an ulp of 2^20
+    assert np.array_equal(near.whole[0].velocity, far.whole[0].velocity)
+
+
+# -- how many, how large --------------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_no_disk_at_all(boundary):
+    run = simulate(make(box(2, 2, boundary), [(0, 0.1, 1.0)], 1.0), [0, 1], {"tracer", "all", "events"})
+    assert run.tracer is None
+    assert run.times.tolist() == [0.0, 1.0]
+    assert all(column.tolist() == [0, 0] for column in run.observables.values())
+
+
+@BOTH
+@pytest.mark.parametrize("n", [1, 2])
+def test_one_or_two_disks_at_rest(boundary, n):
+    disks = state_of([(0, 0, 0, 0), (0.25, 0, 0, 0)][:n])
+    position, velocity, events, _ = outcome(box(2, 2, boundary), disks, 1e9)
+    assert np.array_equal(position, disks.position)
+    assert not velocity.any()
+    assert len(events.time) == 0
+
+
+@BOTH
+def test_a_disk_as_large_as_its_box(boundary):
+    """Between walls one that cannot move at all; a periodic box must be twice as wide as a disk."""
+    where = box(2, 2, boundary)
+    if boundary == P:
+        with pytest.raises(SceneError, match="too narrow"):
+            explicit(where, state_of([(0, 0, 0, 0)], 1.0), 1.0)
+        return
+    position, _, _, _ = outcome(where, state_of([(0, 0, 0, 0)], 1.0), 1.0)
+    assert position.tolist() == [[0.0, 0.0]]
+
+
+def test_a_periodic_box_below_four_radii_is_refused_by_name():
+    for width in (0.99999, 1.0):
+        mapping = {
+            "box": {"x": [0.0, width], "y": [0.0, 3.0], "boundary": P},
+            "disks": [{"position": [0.5, 0.5], "velocity": [1, 0], "radius": 0.25, "mass": 1}],
+            "duration": 1,
+        }
+        if width == 1.0:
+            parse_scene(mapping, "narrow.yaml")
+        else:
+            with pytest.raises(SceneError, match=r"narrow\.yaml: box: a periodic box .* must be at least 1\.0"):
+                parse_scene(mapping, "narrow.yaml")
