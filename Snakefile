@@ -31,11 +31,3 @@ rule all:
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/aggregate.smk"
 include: "workflow/rules/figures.smk"
-
-
-onsuccess:  # the answer, unless the run was asked to end before it
-    shell(
-        "cat {results}/figures/summary.txt 2> /dev/null"
-        " && echo 'figures and tables: {results}/figures; as one page: the same command with --report report.html'"
-        " || true"
-    )

@@ -57,7 +57,7 @@ def write(folder, trajectories):
     """The trajectory file of a batch; its path."""
     scene, seeds = trajectories.scene, trajectories.ensemble.seeds
     path = folder / f"{scene.name}-{scene.particles}-{trajectories.engine}-{seeds[0]}-{seeds[-1]}.h5"
-    write_trajectories(path, *trajectories)
+    write_trajectories(path, *trajectories[:4])
     return path
 
 

@@ -214,13 +214,69 @@ def test_a_place_that_cannot_be_written_to(output, message, capsys):
 
 
 @pytest.mark.parametrize("verb", [["aggregate", "x.h5", "--output", "a.nc"], ["figures", "x.h5", "--output", "f"]])
-@pytest.mark.parametrize("content", [None, b"", b"not HDF5"])
-def test_files_that_are_none(verb, content, capsys):
+@pytest.mark.parametrize(("content", "expected"), [(None, WRONG), (b"", FAILED), (b"not HDF5", WRONG)])
+def test_files_that_are_none(verb, content, expected, capsys):
     if content is not None:
         Path("x.h5").write_bytes(content)
     status, _, err = said(capsys, *verb)
-    assert status == FAILED
+    assert status == expected
     assert err.startswith("brownpipe: x.h5: ")
+    assert ("delete it" in err) == (expected == FAILED)
+
+
+def test_intact_files_of_the_other_kind_are_not_to_be_deleted(runs, dataset, capsys):
+    for argv in (["aggregate", dataset, "--output", "a.nc"], ["figures", runs, "--output", "f"]):
+        status, _, err = said(capsys, *argv)
+        assert (status, "delete" in err) == (WRONG, False)
+        assert "is a file of brownpipe, but not a" in err
+    Path("dataset").write_bytes(dataset.read_bytes())
+    assert "title " in said(capsys, "inspect", "dataset")[1]
+    assert said(capsys, "inspect", "absent.nc") == (
+        WRONG, "", "brownpipe: absent.nc: cannot be read: No such file or directory\n"
+    )  # fmt: skip
+
+
+def test_inputs_and_devices_are_not_replaced(runs, capsys):
+    Path("scene.yaml").write_bytes(Path(SCENE).read_bytes())
+    Path("runs.h5").write_bytes(runs.read_bytes())
+    os.link("runs.h5", "same.h5")
+    os.mkfifo("pipe")
+    for argv in (
+        ["simulate", "scene.yaml", "--output", "scene.yaml"],
+        ["aggregate", "runs.h5", "--output", "same.h5"],
+        ["simulate", "scene.yaml", "--output", "pipe"],
+    ):
+        status, _, err = said(capsys, *argv)
+        assert status == WRONG
+        assert "choose another name for the output" in err
+    assert Path("runs.h5").read_bytes() == runs.read_bytes()
+    assert Path("pipe").is_fifo()
+
+
+def test_a_link_is_followed(capsys):
+    os.symlink("there.h5", "link.h5")
+    assert said(capsys, "simulate", SCENE, "--particles", 10, "--output", "link.h5")[0] == DONE
+    assert Path("link.h5").is_symlink()
+    assert read_trajectories("there.h5").scene.particles == 10
+
+
+def test_a_list_of_disks_has_one_seed(capsys, tmp_path):
+    scene = Path(__file__).parent / "scenes" / "pair_head_on.yaml"
+    status, _, err = said(capsys, "simulate", scene, "--seeds", "0-49")
+    assert status == WRONG
+    assert "seeds: must be one seed, as the disks of pair_head_on are listed one by one" in err
+    assert list(tmp_path.iterdir()) == []
+    assert said(capsys, "simulate", scene, "--particles", 2, "--seeds", 7)[0] == DONE
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8:strict"])
+def test_any_path_can_be_said(encoding, tmp_path):
+    folder = os.fsencode(tmp_path) + b"/caf\xe9"
+    os.mkdir(folder)
+    Path(os.fsdecode(folder), "one.yaml").write_bytes(Path(SCENE).read_bytes())
+    argv = [sys.executable, "-m", "brownpipe", "check", folder + b"/one.yaml"]
+    done = subprocess.run(argv, env=os.environ | {"PYTHONIOENCODING": encoding}, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (DONE, b"")
 
 
 def raises(error):

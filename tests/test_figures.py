@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from brownpipe import figures, state
+from brownpipe import figures, state, storage
 from brownpipe.analysis import aggregate
 from brownpipe.figures import cases, displacement_distribution, msd, style
 from brownpipe.figures.tables import Table, to_csv
@@ -83,6 +83,26 @@ def test_each_scene_shows_a_count_of_its_own(dataset):
     assert [int(case.particles) for case in cases.one_count(cases.cases_of(with_own))] == [10, 20]
 
 
+def test_figures_not_drawn_again_do_not_stay(dataset, tmp_path):
+    (tmp_path / "msd.txt").write_text("of the user")
+    figures.render(dataset, tmp_path, ["msd"])
+    figures.render(dataset, tmp_path, ["health"])
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"msd.txt", "health.png", "health.svg", "health.csv", "summary.csv"}
+
+
+def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatch):
+    def full(path, _):
+        if path.suffix == ".svg":
+            raise storage.StorageError("full")
+        path.touch()
+
+    monkeypatch.setattr(storage, "write_file", full)
+    with pytest.raises(storage.StorageError):
+        figures.render(dataset, tmp_path, ["health"])
+    assert not (tmp_path / "summary.csv").exists()
+
+
 def test_figures_asked_for(dataset, tmp_path):
     names = {path.stem for path in figures.render(dataset, tmp_path, ["health", "msd"])}
     assert names == {"health", "msd", "summary"}
@@ -109,7 +129,9 @@ def test_msd_table_is_the_dataset(dataset, folder):
     for name in ("msd", "msd_low", "msd_high"):
         assert [float(row[name]) for row in table] == case[name].values.tolist()
     assert [float(row["ballistic"]) for row in table] == (8 * case.time**2).values.tolist()
-    fit = [float(row["fit over [0.1, 1]"]) for row in table]
+    fit = [float(row["fit over [0.1, 1]"] or "nan") for row in table]
+    assert np.isnan(fit[:2]).all()  # before its window
+    fit = fit[2:]
     assert np.allclose(np.diff(fit) / 0.05, case.slope.values[0])
 
 

@@ -32,3 +32,13 @@ def test_without_a_place_to_write_nothing_is_locked(monkeypatch):
     monkeypatch.setattr(kernels, "CACHE", "")
     with kernels.one_compiler():
         pass
+
+
+def test_machine_code_is_not_taken_from_others(tmp_path):
+    folder = tmp_path / "code"
+    folder.mkdir(mode=0o700)
+    assert kernels._private(folder)
+    folder.chmod(0o777)
+    assert not kernels._private(folder)
+    (tmp_path / "link").symlink_to(tmp_path)
+    assert not kernels._private(tmp_path / "link")

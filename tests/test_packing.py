@@ -50,3 +50,9 @@ def test_most_disks_is_reached_by_packings():
     assert most_disks(3.0, 3.0, 1.0, periodic=False) >= 9
     assert most_disks(1.0, 1.0, 1.1, periodic=False) == 0
     assert most_disks(10.0, 10 * math.sqrt(3), 1.0, periodic=True) == 200  # hexagonal, closed across the boundary
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("diameter", [2e-300, 5e-324])
+def test_disks_of_no_size_fit_in_any_number(diameter, periodic):
+    assert most_disks(6.0, 6.0, diameter, periodic) >= 10**18

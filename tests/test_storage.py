@@ -122,7 +122,7 @@ def test_round_trip(case, tmp_path):
     settings = {"cell_side": 1.5, "name": "ü"}
     storage.write_trajectories(tmp_path / "new" / "runs.h5", scene, "exact", settings, ensemble)
     assert os.listdir(tmp_path / "new") == ["runs.h5"]
-    written = storage.Trajectories(scene, "exact", settings, ensemble)
+    written = storage.Trajectories(scene, "exact", settings, ensemble, storage.source_digest())
     assert same(storage.read_trajectories(tmp_path / "new" / "runs.h5"), written)
 
 

@@ -1,5 +1,6 @@
 """The study: which runs are made, in which batches, and what is made of them."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -200,3 +201,18 @@ def test_every_scene_is_read_with_every_particle_count():
         small(particles=[50, 2000])
     with pytest.raises(SceneError, match=r"scenes/absent.yaml: cannot be read: No such file or directory"):
         small(scenes=["scenes/harrison2020.yaml", "scenes/absent.yaml"])
+
+
+def test_a_list_of_disks_in_a_study(tmp_path):
+    shutil.copy(Path(__file__).parent / "scenes" / "pair_head_on.yaml", tmp_path)
+    (tmp_path / "study.yaml").write_text("scenes: pair_head_on.yaml\nseeds: 1\n")
+    assert [case.particles for case in read_study(tmp_path / "study.yaml", {"particles": 2}).cases] == [2]
+    with pytest.raises(SceneError, match="particles asked for: must be 2, the number of disks listed, not 3"):
+        read_study(tmp_path / "study.yaml", {"particles": 3})
+    with pytest.raises(SceneError, match="seeds: must be one seed, as the disks of pair_head_on are listed one by one"):
+        read_study(tmp_path / "study.yaml", {"seeds": 2})
+
+
+def test_windows_that_look_the_same():
+    with pytest.raises(SceneError, match="windows that differ in their first six digits"):
+        small(fit_windows=[[0.1, 1.0], [0.1000001, 1.0]])

@@ -204,6 +204,21 @@ def test_more_seeds_leave_the_files_of_the_others_alone(study):
     assert before.items() <= after.items()
 
 
+def test_the_answer_is_printed_by_what_makes_it(study):
+    (study / "scenes" / "hot.yaml").write_text(SCENE.replace("mass: 0.4", "mass: 0.5"))
+    assert "figures and tables" not in snakemake(study, "--cores", "1", "--until", "aggregate")
+
+
+def test_a_list_of_disks_in_a_folder_with_spaces(tmp_path):
+    folder = tmp_path / "study"
+    (folder / "my scenes; false").mkdir(parents=True)
+    shutil.copy(ROOT / "tests" / "scenes" / "pair_head_on.yaml", folder / "my scenes; false" / "pair.yaml")
+    (folder / "study.yaml").write_text("scenes: my scenes; false/pair.yaml\nseeds: 1\n")
+    snakemake(folder, "--cores", "1")
+    assert (folder / "results/study/simulate/pair/N2/exact/0-0.h5").is_file()
+    assert re.search(r"^pair +2 +1 ", (folder / "results/study/figures/summary.txt").read_text(), re.MULTILINE)
+
+
 # -- what goes wrong ------------------------------------------------------------------------------------------------
 
 

@@ -11,11 +11,16 @@ FEWEST = 10  # disks that make a gas
 def describe(path: str, particles: int | None = None) -> str:
     """Return what the scene or study in the file asks for. Raises SceneError for whatever is wrong with it."""
     mapping = reading.read_yaml(path, MOST_BYTES)
-    if isinstance(mapping, dict) and mapping.keys() & STUDY_KEYS:
+    if isinstance(mapping, dict) and _is_study(mapping):
         if particles is not None:
             raise reading.SceneError(f"{path}: --particles is for scenes; a study says for itself")
         return "\n".join([f"{path}: a valid study", *_study(read_study(path))])
     return "\n".join([f"{path}: a valid scene", *_scene(parse_scene(mapping, path, particles))])
+
+
+def _is_study(mapping: dict) -> bool:
+    """A mistaken key of the other kind does not make a scene a study."""
+    return "scenes" in mapping or ("box" not in mapping and bool(mapping.keys() & STUDY_KEYS))
 
 
 def _scene(scene: Scene) -> list[str]:
@@ -100,7 +105,7 @@ def _time(seconds: float) -> str:
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0), ("s", 1.0)):
         if seconds >= 2 * size or (unit == "s" and seconds >= size):
             return f"{seconds / size:.2g} {unit}" if seconds < 100 * size else f"{seconds / size:,.0f} {unit}"
-    return f"{1e3 * seconds:.2g} ms"
+    return f"{1e3 * seconds:.0f} ms" if seconds >= 0.01 else f"{1e3 * seconds:.2g} ms"
 
 
 def _bytes(count: float) -> str:

@@ -18,6 +18,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run one verb; return the exit status."""
     try:
         signal.signal(signal.SIGTERM, _terminate)
+        sys.stdout.reconfigure(errors="backslashreplace")  # any path can be said, in any language
         arguments = _parser().parse_args(argv)
         status = arguments.verb(arguments)
         sys.stdout.flush()
@@ -40,7 +41,7 @@ def _terminate(*_) -> NoReturn:
 
 def _status_of(error: Exception) -> int | None:
     """Return what a failure means for the caller, None if it is a fault of the program. By name: nothing to import."""
-    wrong = {"SceneError", "AnalysisError", "FigureError"}
+    wrong = {"SceneError", "AnalysisError", "FigureError", "WrongFileError"}
     failed = {"RunError", "StorageError"}
     if type(error).__name__ in wrong:
         return WRONG
@@ -65,7 +66,7 @@ def simulate(arguments) -> int:
     """
     from brownpipe import cost
     from brownpipe.scene import SceneError, read_scene
-    from brownpipe.study import ENGINES, parse_seeds
+    from brownpipe.study import ENGINES, parse_seeds, refuse_repetition
 
     if arguments.engine not in ENGINES:
         raise SceneError(f"--engine {arguments.engine}: not implemented; must be {' or '.join(ENGINES)}")
@@ -73,8 +74,9 @@ def simulate(arguments) -> int:
         raise SceneError(f"--time-step {arguments.time_step}: not implemented; the exact engine has no time step")
     record, seeds = _record(arguments.record), parse_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
+    refuse_repetition([scene], seeds)
     cost.refuse_too_large(scene, len(seeds), record)
-    output = _writable(arguments.output or f"{scene.name}.h5")
+    output = _writable(arguments.output or f"{scene.name}.h5", arguments.scene)
 
     from brownpipe import exact
     from brownpipe.storage import seed_text, write_trajectories
@@ -92,7 +94,7 @@ def aggregate(arguments) -> int:
     from brownpipe import analysis
     from brownpipe.storage import write_dataset
 
-    output = _writable(arguments.output)
+    output = _writable(arguments.output, *arguments.files)
     write_dataset(
         output, analysis.aggregate(arguments.files, arguments.fit_windows, arguments.ring_width, arguments.rings)
     )
@@ -140,8 +142,10 @@ def _record(text: str) -> frozenset[str]:
     return words if "none" in words else words | {"tracer"}
 
 
-def _writable(path: str) -> str:
+def _writable(path: str, *inputs: str) -> str:
     """Return the path of a file to be written, after its folder is made: better now than when all is computed."""
+    path = os.path.realpath(path) if os.path.islink(path) else path
+    _refuse_to_replace(path, inputs)
     if Path(path).is_dir():
         raise IsADirectoryError(f"{path}: is a folder; choose the name of a file")
     try:
@@ -151,6 +155,17 @@ def _writable(path: str) -> str:
     if not os.access(Path(path).parent, os.W_OK):
         raise PermissionError(f"{path}: its folder cannot be written to; choose another place")
     return path
+
+
+def _refuse_to_replace(path: str, inputs: tuple[str, ...]) -> None:
+    """What is written takes the place of what was there, which must be neither an input nor, say, a device."""
+    from brownpipe.reading import SceneError
+
+    if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):
+        raise SceneError(f"{path}: is not an ordinary file; choose another name for the output")
+    for one in inputs:
+        if os.path.exists(path) and os.path.exists(one) and os.path.samefile(path, one):
+            raise SceneError(f"{path}: is an input; choose another name for the output")
 
 
 # -- the words ------------------------------------------------------------------------------------------------------
@@ -193,7 +208,7 @@ def _parser() -> argparse.ArgumentParser:
     one = _verb(verbs, aggregate, "brownpipe aggregate results/small/simulate/*/*/*/*.h5 --output small.nc")
     one.add_argument("files", nargs="+", metavar="FILE.h5", help="trajectory files of one study, in any order")
     one.add_argument("--output", required=True, metavar="DATASET.nc")
-    windows = {"nargs": "+", "type": _window, "metavar": "T0:T1", "default": [(0.1, 1.0), (0.5, 1.0)]}
+    windows = {"nargs": "+", "type": _window, "metavar": "T0:T1"}
     one.add_argument("--fit-windows", **windows, help="where lines are fitted to the MSD (default: 0.1:1 0.5:1)")
     one.add_argument(
         "--ring-width", type=_positive, default=0.04, metavar="DR", help="of the distribution (default: 0.04)"

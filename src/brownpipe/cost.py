@@ -1,6 +1,7 @@
 """What a scene will cost before it is run: collisions by Enskog's theory, and from them CPU time, memory and file size.
 
-Rough on purpose. The collision counts hold in equilibrium, within some percent up to a packing fraction of 0.65.
+Rough on purpose. The collision counts hold in equilibrium, within some percent up to a packing fraction of 0.65. If the
+scene gives every disk the same standard deviation of the velocity, they are those of its beginning.
 """
 
 import os
@@ -15,6 +16,8 @@ START_UP = 0.7  # CPU seconds that a process takes to start with its kernels com
 EACH_RUN = 2e-4  # CPU seconds to draw a state and to keep what is recorded
 DISKS = (1e3, 1e4, 1e5, 1e6)  # the more disks, the more often one is out of the processor's cache
 COLLISIONS_PER_SECOND = (2.0e6, 1.2e6, 0.8e6, 0.45e6)  # pairs per CPU second with so many disks
+PATH_PER_BLOCK = 1024.0  # as in exact.setup: contact distances that a disk moves until all is predicted afresh
+SECONDS_PER_BLOCK = 1.5e-7  # CPU seconds for one disk
 DENSEST = 0.7  # packing fraction up to which the theory is used
 BYTES_PER_DISK = 250  # the engine's working memory
 BYTES_PER_EVENT = 32
@@ -33,22 +36,24 @@ class Cost(NamedTuple):
 
 
 class Kinds(NamedTuple):
-    """The disks of a scene by kind, shape (K,) each."""
+    """The disks of a scene by kind, shape (K,) each. The speeds are standard deviations of one component."""
 
     number: np.ndarray
     radius: np.ndarray
     mass: np.ndarray
+    speed: np.ndarray  # [length/time]
 
 
 def of_run(scene: Scene, record=frozenset({"tracer"})) -> Cost:
     """Return what one run of the scene is expected to cost if `record` is kept of it."""
     time = scene.duration + scene.equilibrate
-    kinds, temperature = kinds_of(scene), mean_temperature(scene)
-    pairs, walls = time * pair_rate(scene, kinds, temperature), time * wall_rate(scene, kinds, temperature)
+    kinds = kinds_of(scene)
+    pairs, walls = time * pair_rate(scene, kinds), time * wall_rate(scene, kinds)
     speed = np.interp(np.log(max(scene.particles, 1)), np.log(DISKS), COLLISIONS_PER_SECOND)
     samples = len(scene.times) * (("tracer" in record) * 16 + ("all" in record) * 32 * scene.particles)
     recorded = COMPRESSED * samples + ("events" in record) * BYTES_PER_EVENT * (pairs + walls)
-    return Cost(pairs, walls, EACH_RUN + (pairs + walls) / float(speed), recorded, BYTES_PER_DISK * scene.particles)
+    seconds = EACH_RUN + (pairs + walls) / float(speed) + SECONDS_PER_BLOCK * scene.particles * blocks(time, kinds)
+    return Cost(pairs, walls, seconds, recorded, BYTES_PER_DISK * scene.particles)
 
 
 def refuse_too_large(scene: Scene, runs: int, record=frozenset({"tracer"})) -> None:
@@ -69,22 +74,32 @@ def kinds_of(scene: Scene) -> Kinds:
     counts = [getattr(one, "count", 1) for one in groups]
     both = np.array([(one.radius, one.mass) for one in groups]).reshape(-1, 2)
     kinds, which = np.unique(both, axis=0, return_inverse=True)
-    return Kinds(np.bincount(which.ravel(), counts, len(kinds)), *kinds.T)
+    radius, mass = kinds.T
+    return Kinds(np.bincount(which.ravel(), counts, len(kinds)), radius, mass, _speeds(scene, mass))
 
 
-def mean_temperature(scene: Scene) -> float:
-    """Return kT, the mean kinetic energy of a disk: collisions soon share it out evenly."""
+def _speeds(scene: Scene, mass: np.ndarray) -> np.ndarray:
+    """Return the standard deviation of a velocity component of disks of each mass; a list of disks: in equilibrium."""
     if scene.particles == 0:
-        return 0.0
+        return np.zeros(len(mass))
     if scene.velocities is None:
-        speeds = np.array([disk.velocity for disk in scene.disks])
-        return float(np.mean(scene.mass * np.sum(speeds**2, axis=1)) / 2)
+        velocity = np.array([disk.velocity for disk in scene.disks])
+        top = float(np.abs(velocity).max()) or 1.0
+        return top * np.sqrt(np.mean(scene.mass * np.sum((velocity / top) ** 2, axis=1)) / 2 / mass)
     if scene.velocities.temperature is not None:
-        return scene.velocities.temperature
-    return float(np.mean(scene.mass)) * scene.velocities.standard_deviation**2
+        return np.sqrt(scene.velocities.temperature / mass)
+    return np.full(len(mass), scene.velocities.standard_deviation)
 
 
-def pair_rate(scene: Scene, kinds: Kinds, temperature: float) -> float:
+def blocks(time: float, kinds: Kinds) -> float:
+    """Return how often the engine predicts everything afresh: its clock begins again each time."""
+    present = kinds.number > 0
+    if not present.any():
+        return 0.0
+    return time * float(kinds.speed[present].max()) / (PATH_PER_BLOCK * 2 * float(kinds.radius[present].min()))
+
+
+def pair_rate(scene: Scene, kinds: Kinds) -> float:
     """Return the expected collisions between disks per time [1/time], of all kinds with all kinds."""
     density, rate = kinds.number / scene.box.area, 0.0
     crowd = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
@@ -92,17 +107,17 @@ def pair_rate(scene: Scene, kinds: Kinds, temperature: float) -> float:
         others = kinds.number - (np.arange(len(kinds.number)) == i)
         sigma = radius + kinds.radius
         contact = theory.contact_value_mixture(2 * radius, 2 * kinds.radius, crowd * density, 2 * kinds.radius)
-        mass = theory.reduced_mass(kinds.mass[i], kinds.mass)
-        each = theory.collision_rate(others / scene.box.area, sigma, contact, mass, temperature)
+        relative = np.hypot(kinds.speed[i], kinds.speed)  # for one temperature, sqrt(kT / reduced mass)
+        each = theory.collision_rate(others / scene.box.area, sigma, contact, 1.0, 1.0) * relative
         rate += kinds.number[i] * each.sum() / 2
     return float(rate)
 
 
-def wall_rate(scene: Scene, kinds: Kinds, temperature: float) -> float:
+def wall_rate(scene: Scene, kinds: Kinds) -> float:
     """Return the expected collisions with walls per time: a gas of the disks' pressure hits the perimeter."""
     if scene.box.periodic or scene.particles == 0:
         return 0.0
     phi = min(scene.packing_fraction, DENSEST)
     density = kinds.number / scene.box.area * theory.compressibility(phi, theory.contact_value_henderson(phi))
-    flux = density * np.sqrt(temperature / (2 * np.pi * kinds.mass))
+    flux = density * kinds.speed / np.sqrt(2 * np.pi)
     return float(2 * (scene.box.width + scene.box.height) * flux.sum())

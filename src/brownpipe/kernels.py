@@ -3,6 +3,7 @@
 import fcntl
 import hashlib
 import os
+import stat
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,14 +33,22 @@ def _cache_folder() -> str:
     text = b"".join(path.read_bytes() for path in sorted(sources))
     name = f"kernels-{hashlib.sha256(text).hexdigest()[:16]}"
     usual = os.environ.get("NUMBA_CACHE_DIR") or PACKAGE / "__pycache__"
-    for base in (Path(usual), Path(tempfile.gettempdir()) / f"brownpipe-{os.getuid()}"):
+    shared = Path(tempfile.gettempdir()) / f"brownpipe-{os.getuid()}"
+    for base in (Path(usual), shared):
         try:
-            (base / name).mkdir(parents=True, exist_ok=True)
+            base.mkdir(mode=0o700 if base == shared else 0o777, parents=True, exist_ok=True)
+            (base / name).mkdir(exist_ok=True)
         except OSError:
             continue
-        if os.access(base / name, os.W_OK):
+        if os.access(base / name, os.W_OK) and (base != shared or _private(base)):
             return str(base / name)
     return ""
+
+
+def _private(folder: Path) -> bool:
+    """Numba runs what lies in its cache: nobody else may put anything there."""
+    found = folder.lstat()
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
 
 
 CACHE = _cache_folder()

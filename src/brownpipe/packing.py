@@ -6,6 +6,8 @@ import numpy as np
 
 ROUND_OFF = 1e-12  # in contact distances: disks nearer than contact by no more than this are in contact
 
+MOST = 10**18  # disks, as an upper bound; more are never asked for
+
 
 def overlap(position: np.ndarray, radius: np.ndarray, box=None) -> tuple[int, int, float] | None:
     """Return two disks that overlap by more than round-off and the (negative) gap between their edges, or None.
@@ -61,4 +63,6 @@ def most_disks(width: float, height: float, diameter: float, periodic: bool) -> 
     x, y = width / diameter - rim, height / diameter - rim
     if min(x, y) < 0:
         return 0
+    if x * y > MOST:
+        return MOST
     return math.floor((2 / math.sqrt(3) * x * y + rim * (x + y + 1)) * (1 + 1e-9))

@@ -19,9 +19,9 @@ class Step(NamedTuple):
 
 
 STEPS = {
-    "simulate": Step(SOURCES, ("numpy", "numba")),
-    "aggregate": Step(("storage", "analysis", "theory"), ("numpy", "scipy", "xarray")),
-    "figures": Step(("figures", "theory"), ("numpy", "matplotlib")),
+    "simulate": Step((*SOURCES, "storage"), ("numpy", "numba", "h5py")),
+    "aggregate": Step(("storage", "analysis", "theory"), ("numpy", "scipy", "xarray", "h5py")),
+    "figures": Step(("figures", "analysis", "storage", "theory"), ("numpy", "matplotlib")),
 }
 
 

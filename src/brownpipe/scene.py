@@ -176,12 +176,19 @@ def read_scene(path: str | Path, particles: int | None = None) -> Scene:
 def parse_scene(mapping: object, where: str, particles: int | None = None) -> Scene:
     """Return the scene that a mapping, as read from a scene file, describes.
 
-    `where` is the file that messages name; its stem becomes the name of the scene.
+    `where` is the file that messages name; its stem becomes the name of the scene. `particles` replaces the total
+    number of disks; of an explicit list it must be the length.
     """
+    if isinstance(mapping, dict) and "scenes" in mapping and "box" not in mapping:
+        raise SceneError(f"{where}: is a study, not a scene; run snakemake --configfile {where}")
     optional = {"particles": None, "velocities": None, "sample_interval": None, "equilibrate": None}
     given = reading.fields(Entry(mapping, where), ("box", "disks", "duration"), optional)
+    explicit = isinstance(given["disks"].value, list | tuple)
     if particles is not None:
-        given["particles"] = Entry(particles, where, ("particles asked for",))
+        asked = Entry(particles, where, ("particles asked for",))
+        if explicit and particles != len(given["disks"].value):
+            must_be(asked, f"{len(given['disks'].value)}, the number of disks listed")
+        given |= {} if explicit else {"particles": asked}
     duration = reading.number(given["duration"], above=0)
     common = {
         "name": reading.name(Entry(Path(where).stem, where, ("name of the file",))),
@@ -189,7 +196,6 @@ def parse_scene(mapping: object, where: str, particles: int | None = None) -> Sc
         "duration": duration,
         "sample_interval": _sample_interval(given["sample_interval"], duration),
     }
-    explicit = isinstance(given["disks"].value, list | tuple)
     return _explicit(given, common) if explicit else _of_species(given, common)
 
 

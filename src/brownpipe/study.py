@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe import reading
-from brownpipe.reading import Entry, must_be
+from brownpipe.reading import Entry, must_be, refuse
 from brownpipe.scene import MOST_BYTES, MOST_DISKS, Scene, parse_scene
 
 MOST_STUDY_BYTES = 2**20
@@ -122,10 +122,19 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         ring_width=ring_width,
         rings=rings,
     )
+    refuse_repetition(cases, study.seeds, given["seeds"])
     jobs = len(cases) * len(study.engines) * len(study.batches)
     if jobs > MOST_JOBS:
         must_be(given["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
     return study
+
+
+def refuse_repetition(scenes: Sequence[Scene], seeds: Sequence[int], entry: Entry | None = None) -> None:
+    """Raise SceneError for several seeds of a list of disks: its runs are all the same, and no sample of anything."""
+    listed = [scene.name for scene in scenes if scene.disks]
+    if listed and len(seeds) > 1:
+        why = f"as the disks of {listed[0]} are listed one by one and leave nothing to chance"
+        refuse(entry or Entry(None, "", ("seeds",)), f"must be one seed, {why}; found {len(seeds)}")
 
 
 def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
@@ -245,6 +254,8 @@ def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float
             if not t0 < t1 <= case.duration or inside < 3:
                 must_be(one, f"[t0, t1] with t0 < t1 <= {case.duration!r} and three samples or more of {case.name}")
         windows.append((t0, t1))
+    if len({f"{t0:g} {t1:g}" for t0, t1 in windows}) < len(windows):
+        must_be(entry, "windows that differ in their first six digits")
     return tuple(windows)
 
 

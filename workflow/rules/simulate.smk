@@ -11,5 +11,5 @@ rule simulate:
         physics=lookup(dpath="{scene}/{particles}/digest", within=cases),
         made_with=made_with("simulate"),
     shell:
-        "brownpipe simulate {params.scene} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
+        "brownpipe simulate {params.scene:q} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
         " --engine {wildcards.engine} --output {output} 2> {log}"

@@ -19,6 +19,9 @@ from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, FAILED, KEPT, 
 
 COLLISIONS = ("pair_collisions", "wall_collisions", "tracer_collisions")
 HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")
+WINDOWS = ((0.1, 1.0), (0.5, 1.0))  # of the fits, where none are asked for
+SAME_TIME = 1e-9  # relative difference of sample times that are one: k dt depends on dt by round-off
+WIDEST = 1000.0  # ring, in units of the longer side of the box
 
 
 class AnalysisError(ValueError):
@@ -34,28 +37,34 @@ class Runs(NamedTuple):
     seeds: np.ndarray  # (S,)
     squared: np.ndarray | None  # (S, T) squared displacement of the tracer; None without a tracer
     observables: dict  # name -> (S,)
+    source: str  # digest of the source that made them
 
     @property
     def key(self):
         return self.scene.name, self.scene.particles, self.engine
 
 
-def aggregate(paths, windows=((0.1, 1.0), (0.5, 1.0)), dr=0.04, rings=24):
+def aggregate(paths, windows=None, dr=0.04, rings=24):
     """All measures of the trajectory files `paths` as one `xarray.Dataset`.
 
     The files may hold any scenes, particle counts, engines and batches of seeds, in any order: the result depends on
     the runs alone, to the bit. Runs that failed are counted and left out of every average. `windows` are the times
-    (start, end) of the straight-line fits; `dr` and `rings` the displacement histogram's. What a scene does not have
-    (a shorter duration, fewer seeds) is NaN. Raises `AnalysisError` for files that do not belong together (the same
-    seed twice, one name for two scenes) and what `storage.read_trajectories` raises for broken ones.
+    (start, end) of the straight-line fits, WINDOWS by default; `dr` and `rings` the displacement histogram's. What a
+    scene does not have (a shorter duration, fewer seeds) is NaN. Raises `AnalysisError` for files that do not belong
+    together (the same seed twice, one name for two scenes, two sources), for windows that are the same or that no run
+    reaches, for rings far wider than any box, and what `storage.read_trajectories` raises for broken files.
     """
     from brownpipe.storage import read_trajectories
 
+    asked, windows = windows or (), windows or WINDOWS
+    if len(set(_labels(windows))) < len(windows):
+        raise AnalysisError(f"fit windows {', '.join(_labels(windows))}: must differ in their first six digits")
     batches = [(str(path), _batch(read_trajectories(path))) for path in paths]
     if not batches:
         raise AnalysisError("no trajectory files: nothing to aggregate")
     groups = [_join(batches, key) for key in sorted({batch.key for _, batch in batches})]
     _refuse_namesakes(groups)
+    _refuse_out_of_reach(groups, asked, dr)
     edges = ring_edges(dr, rings)
     return _assemble([(runs, _measure(runs, windows, edges)) for runs in groups], windows, edges)
 
@@ -70,7 +79,7 @@ def _batch(trajectories):
         track = ensemble.tracer
         squared = squared_displacement(track.position, track.image, (scene.box.width, scene.box.height))
     engine = _label(trajectories.engine, trajectories.settings)
-    return Runs(scene, engine, ensemble.times, ensemble.seeds, squared, ensemble.observables)
+    return Runs(scene, engine, ensemble.times, ensemble.seeds, squared, ensemble.observables, trajectories.source)
 
 
 def _label(engine, settings):
@@ -89,7 +98,7 @@ def _join(batches, key):
     squared = None if first.squared is None else np.concatenate([batch.squared for _, batch in mine])[order]
     names = first.observables
     observables = {name: np.concatenate([batch.observables[name] for _, batch in mine])[order] for name in names}
-    return Runs(first.scene, first.engine, first.times, seeds[order], squared, observables)
+    return first._replace(seeds=seeds[order], squared=squared, observables=observables)
 
 
 def _refuse_differing(mine):
@@ -99,6 +108,8 @@ def _refuse_differing(mine):
             raise AnalysisError(
                 f"{other}: its scene {batch.scene.name!r} is not the one in {path}; aggregate one of the two"
             )
+        if batch.source != first.source:
+            raise AnalysisError(f"{other}: made by another source code than {path}; make one of the two again")
 
 
 def _refuse_duplicates(mine, ordered):
@@ -106,6 +117,8 @@ def _refuse_duplicates(mine, ordered):
     if twice.size:
         holders = [path for path, batch in mine if twice[0] in batch.seeds]
         raise AnalysisError(f"{holders[-1]}: seed {twice[0]} is already in {holders[0]}; each run may count only once")
+    if mine[0][1].scene.disks and len(ordered) > 1:
+        raise AnalysisError(f"{mine[-1][0]}: its disks are listed one by one: all its runs are the same; give one seed")
 
 
 def _refuse_namesakes(groups):
@@ -115,6 +128,16 @@ def _refuse_namesakes(groups):
         uncounted = replace(scene, species=tuple(replace(species, count=0) for species in scene.species))
         if known.setdefault(scene.name, uncounted) != uncounted:
             raise AnalysisError(f"two different scenes are called {scene.name!r}; give one of them another name")
+
+
+def _refuse_out_of_reach(groups, windows, dr):
+    """Windows that end after every run, and rings that would hold all of a box and much more."""
+    last = max(runs.times[-1] for runs in groups)
+    for label in (label for label, (_, end) in zip(_labels(windows), windows, strict=True) if end * (1 - 1e-9) > last):
+        raise AnalysisError(f"fit window {label}: must end by {last:g}, when the longest run does")
+    most = WIDEST * max(max(runs.scene.box.width, runs.scene.box.height) for runs in groups)
+    if dr > most:
+        raise AnalysisError(f"ring width {dr:g}: must be at most {most:g}, {WIDEST:g} times the longest box")
 
 
 # --- runs to measures
@@ -237,12 +260,22 @@ def _axes(groups, windows, edges):
         "scene": sorted({runs.scene.name for runs in groups}),
         "particles": sorted({runs.scene.particles for runs in groups}),
         "engine": sorted({runs.engine for runs in groups}),
-        "time": np.unique(np.concatenate([runs.times for runs in groups])),
-        "window": [f"[{start:g}, {end:g}]" for start, end in windows],
+        "time": _time_axis([runs.times for runs in groups]),
+        "window": _labels(windows),
         "r": (edges[1:] + edges[:-1]) / 2,
-        "model": ["msd", *(f"slope [{start:g}, {end:g}]" for start, end in windows)],
+        "model": ["msd", *(f"slope {label}" for label in _labels(windows))],
         "seed": np.unique(np.concatenate([runs.seeds for runs in groups])),
     }
+
+
+def _labels(windows):
+    return [f"[{start:g}, {end:g}]" for start, end in windows]
+
+
+def _time_axis(times):
+    """The union of sample times, one value for those that differ by round-off only: the smallest."""
+    axis = np.unique(np.concatenate(times))
+    return axis[np.append(True, np.diff(axis) > SAME_TIME * axis[1:])]
 
 
 def _coordinates(axes, windows, edges):
@@ -259,6 +292,6 @@ def _coordinates(axes, windows, edges):
 
 def _place(runs, dims, axes):
     """Where the values of one group go: one index per leading dimension, positions along times and seeds."""
-    own = {"time": runs.times, "seed": runs.seeds}
+    own = {"time": runs.times * (1 - SAME_TIME), "seed": runs.seeds}
     at = [axes[dim].index(value) for dim, value in zip(("scene", "particles", "engine"), runs.key, strict=True)]
     return (*at, *(np.searchsorted(axes[dim], own[dim]) if dim in own else slice(None) for dim in dims[3:]))

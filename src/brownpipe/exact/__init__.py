@@ -51,8 +51,8 @@ def simulate(scene: Scene, seeds, record=frozenset({"tracer"})) -> Ensemble:
         try:
             state = draw(scene, seed)
             if before is not None:
-                before, state = _equilibrated(before, state)
-            engine, one = run(engine, state, times, record)
+                state = _equilibrated(before, state)
+            one = run(engine, state, times, record)
         except RunError as error:
             raise RunError(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
         tracer.position[:, column] = one.tracer.position[:, 0]
@@ -68,8 +68,12 @@ def simulate(scene: Scene, seeds, record=frozenset({"tracer"})) -> Ensemble:
     return Ensemble(seeds, times, tracer if scene.particles and "tracer" in record else None, measured, whole, events)
 
 
-def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> tuple[Engine, Run]:
-    """Run from a state and sample it at the given times; return the engine, if need be with more room, and the run."""
+def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> Run:
+    """Run from a state and sample it at the given times.
+
+    Where a cell or a list proves too small the run begins again with more room. That room is not handed on to the next
+    run, which must not depend on it.
+    """
     scene, frame, w, pinned = engine
     while True:
         fill(w, state, frame)
@@ -78,8 +82,8 @@ def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> 
         while outcome in (ws.PAUSED, ws.LOG_FULL):
             begun = _now(w)
             outcome = advance(w, room, EVENTS_PER_CALL)
-            if outcome == ws.PAUSED:
-                _refuse_standstill(w, frame, begun)
+            if outcome in (ws.PAUSED, ws.LOG_FULL):
+                _refuse_standstill(w, frame, begun, EVENTS_PER_CALL if outcome == ws.PAUSED else len(room.log_time))
             if len(room.log_time):
                 logs.append(logged(room, w, frame))
                 w.clock[ws.LOGGED] = 0
@@ -88,8 +92,7 @@ def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> 
         w = prepare(scene, frame, pinned, 2 * w.grid.slots)
     first = state.velocity[frame.order] / (frame.length / frame.time)
     found = observables(scene, frame, w, first)
-    done = Run(tracer_track(scene, frame, room), whole_track(scene, frame, room), joined(logs), found)
-    return engine._replace(workspace=w), done
+    return Run(tracer_track(scene, frame, room), whole_track(scene, frame, room), joined(logs), found)
 
 
 def prepared(scene: Scene, pinned: bool = False) -> Engine:
@@ -102,12 +105,12 @@ def prepared(scene: Scene, pinned: bool = False) -> Engine:
     return Engine(scene, frame, w, pinned)
 
 
-def _equilibrated(engine: Engine, state: State) -> tuple[Engine, State]:
+def _equilibrated(engine: Engine, state: State) -> State:
     """Return a state after the scene's time to equilibrate; a tracer that was pinned then gets its own velocity."""
     scene, begin = engine.scene, state
     if engine.pinned:
         begin = state._replace(velocity=state.velocity * (np.arange(scene.particles) > 0)[:, None])
-    engine, done = run(engine, begin, np.array([scene.equilibrate]), {"all"})
+    done = run(engine, begin, np.array([scene.equilibrate]), {"all"})
     if done.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
     position, velocity = done.whole.position[-1], done.whole.velocity[-1]
@@ -115,7 +118,7 @@ def _equilibrated(engine: Engine, state: State) -> tuple[Engine, State]:
         position[0], velocity[0] = state.position[0], state.velocity[0]
     if scene.velocities.zero_momentum:
         velocity = at_rest_on_the_whole(velocity, state.mass)
-    return engine, state._replace(position=position, velocity=velocity)
+    return state._replace(position=position, velocity=velocity)
 
 
 def _now(w: ws.Workspace) -> tuple[int, float]:
@@ -123,13 +126,13 @@ def _now(w: ws.Workspace) -> tuple[int, float]:
     return int(w.clock[ws.BLOCK]), float(w.tally[ws.NOW])
 
 
-def _refuse_standstill(w: ws.Workspace, frame: Frame, begun: tuple[int, float]) -> None:
-    """Raise RunError if the events since `begun` took so little time that it is below round-off."""
+def _refuse_standstill(w: ws.Workspace, frame: Frame, begun: tuple[int, float], events: int) -> None:
+    """Raise RunError if the (at least so many) events since `begun` took so little time that it is below round-off."""
     blocks, time = _now(w)
     elapsed = (blocks - begun[0]) * w.calendar.block + (time - begun[1])
-    if elapsed * len(frame.order) < SHORTEST_PATH * EVENTS_PER_CALL:
+    if elapsed * len(frame.order) < SHORTEST_PATH * events:
         at = (blocks * w.calendar.block + time) * frame.time
         raise RunError(
-            f"no progress at t = {at:.9g}: {EVENTS_PER_CALL} events took {elapsed * frame.time:.3g}; "
+            f"no progress at t = {at:.9g}: {events} events took {elapsed * frame.time:.3g}; "
             "the disks touch all round, and must have room to move"
         )

@@ -357,17 +357,33 @@ def audit(w, i, now):
 
 
 @kernel
-def note(image, w, i, now, position, velocity, images, row, column):
+def boxes_beyond(image, w, x, y):
+    """Return how many boxes to the right and above a position is: with lists, disks go round the box late."""
+    if image is None:
+        return 0, 0
+    return math.floor((x - w.grid.x) / w.grid.width), math.floor((y - w.grid.y) / w.grid.height)
+
+
+@kernel
+def note_image(image, i, images, row, column, across, up):
+    """Write how often disk i went round a periodic box into a row of a record."""
+    if image is not None:
+        images[row, column, 0] = image[2 * i] + across
+        images[row, column, 1] = image[2 * i + 1] + up
+
+
+@kernel
+def note(w, i, now, position, velocity, images, row, column):
     """Write where disk i is now into a row of a record."""
     disk, a = w.disk, ROW * i
     since = now - disk[a + TIME]
-    position[row, column, 0] = disk[a + X] + disk[a + VX] * since
-    position[row, column, 1] = disk[a + Y] + disk[a + VY] * since
+    x, y = disk[a + X] + disk[a + VX] * since, disk[a + Y] + disk[a + VY] * since
+    across, up = boxes_beyond(w.image, w, x, y)
+    position[row, column, 0] = x - across * w.grid.width
+    position[row, column, 1] = y - up * w.grid.height
     velocity[row, column, 0] = disk[a + VX]
     velocity[row, column, 1] = disk[a + VY]
-    if image is not None:
-        images[row, column, 0] = image[2 * i]
-        images[row, column, 1] = image[2 * i + 1]
+    note_image(w.image, i, images, row, column, across, up)
 
 
 @kernel
@@ -377,13 +393,13 @@ def sample(w, r, now):
     w.clock[SAMPLE] = row + 1
     if len(w.disk) == 0:
         return
-    note(w.image, w, r.tracer, now, r.position, r.velocity, r.image, row, 0)
+    note(w, r.tracer, now, r.position, r.velocity, r.image, row, 0)
     whole = r.whole_position.shape[1] > 0
     first, end = (0, len(w.disk) // ROW) if whole or row == len(r.block) - 1 else (r.tracer, r.tracer + 1)
     for i in range(first, end):
         audit(w, i, now)
         if whole:
-            note(w.image, w, i, now, r.whole_position, r.whole_velocity, r.whole_image, row, i)
+            note(w, i, now, r.whole_position, r.whole_velocity, r.whole_image, row, i)
 
 
 @kernel

@@ -18,13 +18,16 @@ MODULES = {
     module.__name__.rpartition(".")[2]: module for module in (msd, displacement_distribution, particle_counts, health)
 }
 
+KINDS = ("png", "svg", "csv")
+
 
 def render(dataset, folder, names=None, particles=None):
     """Write figures of `dataset` as PNG, SVG and CSV, and `summary.csv`, into `folder`; return the paths.
 
     `names` says which figures; without it, all that there is something to show in. `msd` and
     `displacement_distribution` show one particle count of each scene: `particles`, or else the 2020 note's 150 if the
-    scene has it, or else its largest. `particle_counts` compares the counts. `health` shows every run.
+    scene has it, or else its largest. `particle_counts` compares the counts. `health` shows every run. Figures in the
+    folder that are not drawn are removed, as they may be those of another dataset; the summary is written last.
 
     Raises FigureError for a figure of `names` that there is nothing to show in: the displacement if no run with a
     tracer was kept, particle counts if there is only one.
@@ -35,13 +38,17 @@ def render(dataset, folder, names=None, particles=None):
     for name in names or ():
         if not shown[name]:
             raise FigureError(f"{name}: there is nothing to show in this figure: {_LACKING[name]}")
-    files = {"summary.csv": to_csv(summary_table(dataset))}
+    files = {}
     with drawing():
         for name in names or [name for name, cases in shown.items() if cases]:
             figure, cases = MODULES[name], shown[name]
             drawn = figure.draw(cases)
             files |= {f"{name}.png": _image(drawn, "png"), f"{name}.svg": _image(drawn, "svg")}
             files[f"{name}.csv"] = to_csv(figure.table(cases))
+    files["summary.csv"] = to_csv(summary_table(dataset))
+    for old in (Path(folder) / f"{name}.{kind}" for name in MODULES for kind in KINDS):
+        if old.name not in files:
+            old.unlink(missing_ok=True)
     for name, contents in files.items():
         write_file(Path(folder) / name, contents)
     return [Path(folder) / name for name in files]

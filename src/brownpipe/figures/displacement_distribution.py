@@ -55,8 +55,9 @@ def _deviations(axes, case):
     axes.axhspan(-LIKELY, LIKELY, color="#EFEFEF", linewidth=0)
     axes.axhline(0, color=START, linewidth=0.8)
     axes.axvline(edge, color=START, linewidth=0.8)
-    for model, (colour, _, marker) in _models(case):
-        axes.plot(np.append(case.r, beyond), _standardised(case, model), marker, color=colour, markersize=4)
+    for k, (model, (colour, _, marker)) in enumerate(_models(case)):
+        aside = (2 * k - 1) * 0.1 * _width(case)  # one marker does not hide the other
+        axes.plot(np.append(case.r, beyond) + aside, _standardised(case, model), marker, color=colour, markersize=4)
     axes.set_xlim(0, beyond + 1.6 * _width(case))
     ticks = [tick for tick in axes.get_xticks() if 0 <= tick < edge - 2 * _width(case)]
     axes.set_xticks([*ticks, beyond], [*(f"{tick:.2g}" for tick in ticks), "beyond"])

@@ -34,7 +34,8 @@ def draw(cases):
         panel.set_xscale("log")
         panel.minorticks_off()
         panel.set_xlabel(label)
-    axes[0, 0].set_title("dot: median run; thick: 90 % of the runs; thin: all", pad=22, fontweight="normal", fontsize=9)
+    key = f"dot: median run; thick: 90 % of the runs; thin: all (zero is drawn at {SMALLEST:g})"
+    axes[0, 0].set_title(key, pad=22, fontweight="normal", fontsize=9)
     _name_rows(axes[0, 0], cases)
     return figure
 

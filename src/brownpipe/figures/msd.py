@@ -1,5 +1,7 @@
 """Figure `msd`: mean squared displacement against time, the note's figure 1, with what it should be compared to."""
 
+import numpy as np
+
 from brownpipe import theory
 from brownpipe.figures.cases import fits_of, over_time, plus_minus, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FILL, FIT, FREE, START, head, tall_and_low
@@ -82,17 +84,21 @@ def _running(axes, case, top):
         axes.plot(window, [diffusion, diffusion], color=FREE, linestyle=DASHED, linewidth=1.4)
 
 
+def _fitted(fit, t):
+    """The fitted line at the times t in its window, NaN at others."""
+    start, end = float(fit.window_start), float(fit.window_end)
+    inside = (t >= start * (1 - 1e-9)) & (t <= end * (1 + 1e-9))
+    return np.where(inside, float(fit.intercept) + float(fit.slope) * t, np.nan)
+
+
 def table(cases):
-    """One row per case and time: the curves of the figure."""
+    """One row per case and time: the curves of the figure. Fits are given in their windows."""
     header = ("scene", "particles", "engine", "time", "msd", "msd_standard_error", "msd_low", "msd_high", "msd_over_4t")
     rows = []
     for case in map(over_time, cases):
         label = (case.scene.item(), case.particles.item(), case.engine.item())
         columns = [case[name].values for name in header[3:]]
         ballistic = theory.ballistic_msd(columns[0], float(case.initial_square_speed))
-        lines = [
-            intercept + slope * columns[0]
-            for slope, intercept in zip(case.slope.values, case.intercept.values, strict=True)
-        ]
+        lines = [_fitted(case.isel(window=k), columns[0]) for k in range(case.sizes["window"])]
         rows += [(*label, *values) for values in zip(*columns, ballistic, *lines, strict=True)]
     return Table((*header, "ballistic", *(f"fit over {window}" for window in cases[0].window.values)), rows)

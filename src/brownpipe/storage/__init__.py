@@ -26,13 +26,14 @@ file depends on when, where or by whom it was written: two runs give the same by
 
 from brownpipe.provenance import source_digest
 from brownpipe.storage.datasets import read_dataset, write_dataset
-from brownpipe.storage.files import StorageError, write_file
+from brownpipe.storage.files import StorageError, WrongFileError, write_file
 from brownpipe.storage.inspection import describe, verify
 from brownpipe.storage.trajectories import Trajectories, read_trajectories, seed_text, write_trajectories
 
 __all__ = [
     "StorageError",
     "Trajectories",
+    "WrongFileError",
     "describe",
     "read_dataset",
     "read_trajectories",

@@ -2,7 +2,7 @@
 
 import io
 
-from brownpipe.storage.files import BLANK_SEAL, StorageError, read_sealed, seal, write_file
+from brownpipe.storage.files import BLANK_SEAL, StorageError, WrongFileError, read_sealed, seal, write_file
 
 FILTERS = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
 
@@ -21,10 +21,12 @@ def write_dataset(path, dataset):
 def read_dataset(path):
     """The xarray.Dataset in the file at `path`, in memory, after every byte is verified.
 
-    Raises StorageError naming the file and how to make it again.
+    Raises StorageError naming the file and how to make it again, WrongFileError if it is another file or none.
     """
     try:
         return _from_bytes(read_sealed(path))
+    except WrongFileError as error:
+        raise WrongFileError(f"{path}: {error}") from error
     except StorageError as error:
         raise StorageError(f"{path}: {error}; delete it and rerun snakemake, or rerun brownpipe aggregate") from error
 
@@ -45,5 +47,5 @@ def _from_bytes(image):
     with xarray.open_dataset(io.BytesIO(image), engine="h5netcdf") as dataset:
         dataset = dataset.load().drop_encoding()
     if dataset.attrs.pop("seal", None) is None:
-        raise StorageError("is a file of brownpipe, but not a dataset")
+        raise WrongFileError("is a file of brownpipe, but not a dataset (of `brownpipe aggregate`)")
     return dataset

@@ -16,6 +16,10 @@ class StorageError(Exception):
     """A file cannot be written, or what it holds cannot be trusted; one line that names the file and the cure."""
 
 
+class WrongFileError(StorageError):
+    """There is no such file, or it is of another kind; nothing is known to be damaged."""
+
+
 def write_file(path: str | Path, contents: bytes) -> None:
     """Write `contents` (bytes) to `path` such that a reader sees the old file or the whole new one, never a part.
 
@@ -77,11 +81,19 @@ def seal(contents: bytes) -> bytes:
 
 
 def read_sealed(path: str | Path) -> bytes:
-    """The bytes of a sealed HDF5 file. Raises StorageError, without the name of the file, if they cannot be trusted."""
+    """The bytes of a sealed HDF5 file.
+
+    Raises StorageError, without the name of the file, if they cannot be trusted; WrongFileError if there are none, or
+    if nothing in them looks like brownpipe.
+    """
     try:
         contents = Path(path).read_bytes()
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as error:
+        raise WrongFileError(f"cannot be read: {error.strerror}") from error
     except OSError as error:
         raise StorageError(f"cannot be read: {error.strerror}") from error
+    if contents and not contents.startswith(HDF5) and PREFIX.encode() not in contents:
+        raise WrongFileError("is not an HDF5 file")
     if not contents.startswith(HDF5):
         raise StorageError("is not an HDF5 file")
     seals = list(SEAL.finditer(contents))

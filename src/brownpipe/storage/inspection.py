@@ -7,14 +7,19 @@ import numpy as np
 
 from brownpipe.provenance import source_digest
 from brownpipe.storage.datasets import read_dataset
-from brownpipe.storage.files import StorageError
-from brownpipe.storage.trajectories import read_header, read_trajectories, seed_text
+from brownpipe.storage.files import StorageError, WrongFileError
+from brownpipe.storage.trajectories import Trajectories, read_header, read_trajectories, seed_text
 
 
 def verify(path: str | Path) -> list[str]:
-    """The problems of a trajectory file or of a dataset (.nc), one line each; none if it is intact."""
+    """The problems of a trajectory file or of a dataset, one line each; none if it is intact.
+
+    Raises WrongFileError if it is neither.
+    """
     try:
         _read(path)
+    except WrongFileError:
+        raise
     except StorageError as error:
         return [str(error)]
     return []
@@ -26,22 +31,24 @@ def describe(path: str | Path) -> str:
         contents = _read(path)
     except StorageError as error:
         return f"NOT INTACT  {error}"
-    describe_it = _dataset if _is_dataset(path) else _trajectories
+    describe_it = _trajectories if isinstance(contents, Trajectories) else _dataset
     size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
     lines = [f"{path}  {size}", *describe_it(path, contents), "intact       yes: every byte as it was written"]
     return "\n".join(lines)
 
 
-def _is_dataset(path):
-    return Path(path).suffix == ".nc"
-
-
 def _read(path):
-    return read_dataset(path) if _is_dataset(path) else read_trajectories(path)
+    """What the file holds, whatever its name; the name decides how to make a broken one again."""
+    readers = [read_trajectories, read_dataset]
+    first, second = readers[::-1] if Path(path).suffix == ".nc" else readers
+    try:
+        return first(path)
+    except WrongFileError:
+        return second(path)
 
 
 def _trajectories(path, contents):
-    scene, engine, settings, ensemble = contents
+    scene, engine, settings, ensemble = contents[:4]
     times = ensemble.times
     box = f"{scene.box.boundary} box {scene.box.width:g} x {scene.box.height:g}"
     return [

@@ -12,7 +12,7 @@ import numpy as np
 from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene, SceneError, parse_scene
 from brownpipe.state import Ensemble, Events, Track
-from brownpipe.storage.files import BLANK_SEAL, StorageError, read_sealed, seal, write_file
+from brownpipe.storage.files import BLANK_SEAL, StorageError, WrongFileError, read_sealed, seal, write_file
 from brownpipe.storage.tree import Link, Node, digest, from_bytes, to_bytes
 
 FORMAT = 1
@@ -56,6 +56,7 @@ class Trajectories(NamedTuple):
     engine: str
     settings: dict
     ensemble: Ensemble
+    source: str = ""  # digest of the source that made the runs
 
 
 def write_trajectories(path: str | Path, scene: Scene, engine: str, settings: dict, ensemble: Ensemble) -> None:
@@ -181,7 +182,7 @@ def _events(group, events):
 
 
 def _parameters(trajectories):
-    scene, engine, settings, ensemble = trajectories
+    scene, engine, settings, ensemble = trajectories[:4]
     names = {
         "format": FORMAT,
         "scene_name": scene.name,
@@ -215,7 +216,7 @@ def _contents(path):
     """The verified nodes of a trajectory file."""
     nodes = from_bytes(read_sealed(path))
     if "parameters" not in nodes:
-        raise StorageError("is a file of brownpipe, but not a trajectory file")
+        raise WrongFileError("is a file of brownpipe, but not a trajectory file (of `brownpipe simulate`)")
     attributes = nodes["parameters"].attributes
     if attributes["format"] > FORMAT:
         raise StorageError(f"has format {attributes['format']}; this brownpipe reads up to {FORMAT}: upgrade it")
@@ -231,7 +232,7 @@ def _trajectories(nodes):
     except SceneError as error:
         raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
     settings = json.loads(nodes["parameters/settings"].value)
-    return Trajectories(scene, parameters["engine"], settings, _ensemble(nodes, scene))
+    return Trajectories(scene, parameters["engine"], settings, _ensemble(nodes, scene), parameters["source_digest"])
 
 
 def _ensemble(nodes, scene):
@@ -268,9 +269,11 @@ def _read_events(nodes, group):
 
 @contextmanager
 def _naming(path):
-    """Give an error the name of the file and the cure."""
+    """Give an error the name of the file and, if it is broken, the cure."""
     try:
         yield
+    except WrongFileError as error:
+        raise WrongFileError(f"{path}: {error}") from error
     except StorageError as error:
         raise StorageError(f"{path}: {error}; {_cure(path)}") from error
 
