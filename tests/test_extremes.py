@@ -81,9 +81,9 @@ def test_behind_contact_with_a_wall_by_round_off():
     found = [edge for n, edge in edges.items() if edge < 1.15 and columns(edge) == n]
     assert found
     for edge, turn in product(found, (1, -1)):
-        position, _, _, seen = outcome(box(4, 4, W), disks(edge, turn), 0.2)
+        position, _, _, seen = outcome(box(4, 4, W), disks(edge, turn), 0.01)
         assert seen["wall_collisions"] == seen["pair_collisions"] == 0
-        np.testing.assert_allclose(position[0], [(edge - 1.8) * turn, 0.0], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(position[0], [(edge - 1.99) * turn, 0.0], rtol=0, atol=1e-12)
 
 
 @BOTH
