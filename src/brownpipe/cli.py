@@ -7,6 +7,7 @@ import argparse
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import NoReturn
 
@@ -63,6 +64,9 @@ def simulate(arguments) -> int:
 
     The tracer is recorded in any case, except with `--record none`. Runs that fail their health check are marked in
     the file, named, and never averaged in; if none is left, the exit status is 1.
+    With `--checkpoint-every`, what is done so far is kept in FILE.h5.checkpoint, at the first end of a block of time
+    (some 128 collisions of each disk) after so many seconds. The same command goes on from there if it was killed, to
+    the same file, byte for byte.
     """
     from brownpipe import cost
     from brownpipe.scene import SceneError, read_scene
@@ -79,10 +83,13 @@ def simulate(arguments) -> int:
     output = _writable(arguments.output or f"{scene.name}.h5", arguments.scene)
 
     from brownpipe import exact
-    from brownpipe.storage import seed_text, write_trajectories
+    from brownpipe.storage import remove_checkpoint, seed_text, write_trajectories
 
-    ensemble = exact.simulate(scene, seeds, record)
+    checkpoint = f"{output}.checkpoint"
+    ensemble = exact.simulate(scene, seeds, record, *_checkpoints(arguments, checkpoint, scene, seeds, record))
     write_trajectories(output, scene, arguments.engine, {}, ensemble)
+    if arguments.checkpoint_every is not None:
+        remove_checkpoint(checkpoint)
     failed = ensemble.seeds[ensemble.observables["failed"] > 0]
     if len(failed):
         _say(f"{output}: failed their health check: {len(failed)} of {len(seeds)} runs: {seed_text(failed)}", FAILED)
@@ -130,6 +137,29 @@ def check(arguments) -> int:
 
     print(describe(arguments.file, arguments.particles))
     return DONE
+
+
+def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
+    """What `exact.simulate` needs to keep checkpoints and to go on from the one that is there; nothing if unasked."""
+    if arguments.checkpoint_every is None:
+        return ()
+    from brownpipe.exact.checkpoint import Watch
+    from brownpipe.provenance import made_with
+    from brownpipe.storage import read_checkpoint, seed_text, write_checkpoint
+
+    asked = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
+    made_by = asked | {"engine": arguments.engine, "scene": scene.digest} | made_with("simulate")
+    written = time.monotonic()
+
+    def keep(arrays):
+        nonlocal written
+        write_checkpoint(path, made_by, arrays)
+        written = time.monotonic()
+
+    def due():
+        return time.monotonic() - written >= arguments.checkpoint_every
+
+    return Watch(due, keep), read_checkpoint(path, made_by)
 
 
 def _record(text: str) -> frozenset[str]:
@@ -204,6 +234,9 @@ def _parser() -> argparse.ArgumentParser:
         "--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events"
     )
     one.add_argument("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
+    one.add_argument(
+        "--checkpoint-every", type=_positive, metavar="SECONDS", help="keep what is done, to go on if killed"
+    )
 
     one = _verb(verbs, aggregate, "brownpipe aggregate results/small/simulate/*/*/*/*.h5 --output small.nc")
     one.add_argument("files", nargs="+", metavar="FILE.h5", help="trajectory files of one study, in any order")

@@ -1,13 +1,15 @@
 """The exact engine: hard disks from collision to collision, nothing approximated but the last bit."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.exact import workspace as ws
+from brownpipe.exact.checkpoint import NEVER, Midway, Watch, midway_of, pack, restore, unpack
 from brownpipe.exact.events import advance
 from brownpipe.exact.recording import joined, logged, observables, recorder, tracer_track, whole_track
-from brownpipe.exact.setup import Frame, fill, frame_of, prepare
+from brownpipe.exact.setup import Frame, begin, frame_of, motion_of, prepare
 from brownpipe.kernels import RunError, one_compiler
 from brownpipe.placement import warm_up
 from brownpipe.scene import Scene
@@ -35,63 +37,55 @@ class Engine(NamedTuple):
     pinned: bool
 
 
-def simulate(scene: Scene, seeds, record=frozenset({"tracer"})) -> Ensemble:
+def simulate(scene: Scene, seeds, record=frozenset({"tracer"}), watch: Watch = NEVER, kept=None) -> Ensemble:
     """Run the scene once for every seed.
 
     `record` holds words: "tracer" (disk 0 of all runs), "all" (every disk of every run), "events" (every collision).
+    Whenever the next checkpoint is due, `watch.keep` is given named arrays, and a call with these as `kept`, all else
+    being the same, goes on from there and returns the same to the last bit.
     Raises RunError if a run makes no progress, SceneError if its disks cannot be placed.
     """
-    seeds = np.asarray(seeds, dtype=np.int64)
-    times, engine, before = scene.times, prepared(scene), None
-    if scene.equilibrate > 0:
-        before = prepared(scene, pinned=scene.tracer_while_equilibrating == "pinned")
-    tracer = Track(np.empty((len(times), len(seeds), 2)), None, np.empty((len(times), len(seeds), 2), np.int32))
-    measured, whole, events = {}, {}, {}
-    for column, seed in enumerate(seeds.tolist()):
+    batch, engines = _room(scene, np.asarray(seeds, dtype=np.int64)), _engines(scene)
+    done, midway = (0, None) if kept is None else unpack(kept, batch)
+    for column in range(done, len(batch.seeds)):
+        seed = int(batch.seeds[column])
+        inside = watch._replace(keep=partial(_keep, watch, batch, column))
         try:
-            state = draw(scene, seed)
-            if before is not None:
-                state = _equilibrated(before, state)
-            one = run(engine, state, times, record)
+            _enter(batch, column, _one(engines, seed, record, inside, midway))
         except RunError as error:
             raise RunError(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
-        tracer.position[:, column] = one.tracer.position[:, 0]
-        if scene.box.periodic:
-            tracer.image[:, column] = one.tracer.image[:, 0]
-        for name, value in one.observables.items():
-            measured.setdefault(name, np.empty(len(seeds), np.asarray(value).dtype))[column] = value
-        if one.whole is not None:
-            whole[seed] = one.whole
-        if one.events is not None:
-            events[seed] = one.events
-    tracer = tracer if scene.box.periodic else tracer._replace(image=None)
-    return Ensemble(seeds, times, tracer if scene.particles and "tracer" in record else None, measured, whole, events)
+        midway = None
+        if column + 1 < len(batch.seeds) and watch.due():
+            _keep(watch, batch, column + 1, None)
+    return batch if scene.particles and "tracer" in record else batch._replace(tracer=None)
 
 
-def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> Run:
-    """Run from a state and sample it at the given times.
+def run(
+    engine: Engine,
+    state: State | None,
+    times: np.ndarray,
+    record=frozenset(),
+    watch: Watch = NEVER,
+    midway: Midway | None = None,
+) -> Run:
+    """Run from a state, or on from midway, and sample at the given times.
 
     Where a cell or a list proves too small the run begins again with more room. That room is not handed on to the next
     run, which must not depend on it.
     """
     scene, frame, w, pinned = engine
+    first = motion_of(state, frame) if midway is None else midway.first
+    if midway is not None and midway.slots != w.grid.slots:
+        w = prepare(scene, frame, pinned, midway.slots)
     while True:
-        fill(w, state, frame)
-        room = recorder(frame, w, times, record)
-        outcome, logs = ws.PAUSED, []
-        while outcome in (ws.PAUSED, ws.LOG_FULL):
-            begun = _now(w)
-            outcome = advance(w, room, EVENTS_PER_CALL)
-            if outcome in (ws.PAUSED, ws.LOG_FULL):
-                _refuse_standstill(w, frame, begun, EVENTS_PER_CALL if outcome == ws.PAUSED else len(room.log_time))
-            if len(room.log_time):
-                logs.append(logged(room, w, frame))
-                w.clock[ws.LOGGED] = 0
-        if outcome != ws.CELL_FULL:
+        begin(w, first)
+        room, logs = recorder(frame, w, times, record), []
+        if midway is not None:
+            logs = restore(midway, w, room)
+        if _finish(frame, w, room, first, logs, watch):
             break
-        w = prepare(scene, frame, pinned, 2 * w.grid.slots)
-    first = state.velocity[frame.order] / (frame.length / frame.time)
-    found = observables(scene, frame, w, first)
+        w, midway = prepare(scene, frame, pinned, 2 * w.grid.slots), None
+    found = observables(scene, frame, w, first[:, 2:])
     return Run(tracer_track(scene, frame, room), whole_track(scene, frame, room), joined(logs), found)
 
 
@@ -105,12 +99,56 @@ def prepared(scene: Scene, pinned: bool = False) -> Engine:
     return Engine(scene, frame, w, pinned)
 
 
-def _equilibrated(engine: Engine, state: State) -> State:
+def _engines(scene: Scene) -> tuple[Engine, Engine | None]:
+    """Return what runs, and what equilibrates before, if that is asked for."""
+    before = prepared(scene, scene.tracer_while_equilibrating == "pinned") if scene.equilibrate > 0 else None
+    return prepared(scene), before
+
+
+def _room(scene: Scene, seeds: np.ndarray) -> Ensemble:
+    """Return an ensemble to be filled."""
+    shape = (len(scene.times), len(seeds), 2)
+    image = np.empty(shape, np.int32) if scene.box.periodic else None
+    return Ensemble(seeds, scene.times, Track(np.empty(shape), None, image), {}, {}, {})
+
+
+def _enter(batch: Ensemble, column: int, one: Run) -> None:
+    """Enter a run that is finished."""
+    seed = int(batch.seeds[column])
+    batch.tracer.position[:, column] = one.tracer.position[:, 0]
+    if one.tracer.image is not None:
+        batch.tracer.image[:, column] = one.tracer.image[:, 0]
+    for name, value in one.observables.items():
+        values = batch.observables.setdefault(name, np.empty(len(batch.seeds), np.asarray(value).dtype))
+        values[column] = value
+    if one.whole is not None:
+        batch.whole[seed] = one.whole
+    if one.events is not None:
+        batch.events[seed] = one.events
+
+
+def _keep(watch: Watch, batch: Ensemble, done: int, midway: Midway | None) -> None:
+    watch.keep(pack(batch, done, midway))
+
+
+def _one(engines, seed: int, record, watch: Watch, midway: Midway | None) -> Run:
+    """Run one seed, from its beginning or on from midway."""
+    engine, before = engines
+    if midway is not None and not midway.equilibrating:
+        return run(engine, None, engine.scene.times, record, watch, midway)
+    state = draw(engine.scene, seed)
+    if before is not None:
+        state = _equilibrated(before, state, watch, midway)
+    return run(engine, state, engine.scene.times, record, watch)
+
+
+def _equilibrated(engine: Engine, state: State, watch: Watch, midway: Midway | None) -> State:
     """Return a state after the scene's time to equilibrate; a tracer that was pinned then gets its own velocity."""
-    scene, begin = engine.scene, state
+    scene, begun = engine.scene, state
     if engine.pinned:
-        begin = state._replace(velocity=state.velocity * (np.arange(scene.particles) > 0)[:, None])
-    done = run(engine, begin, np.array([scene.equilibrate]), {"all"})
+        begun = state._replace(velocity=state.velocity * (np.arange(scene.particles) > 0)[:, None])
+    watch = watch._replace(keep=lambda one, keep=watch.keep: keep(one._replace(equilibrating=True)))
+    done = run(engine, begun, np.array([scene.equilibrate]), {"all"}, watch, midway)
     if done.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
     position, velocity = done.whole.position[-1], done.whole.velocity[-1]
@@ -119,6 +157,23 @@ def _equilibrated(engine: Engine, state: State) -> State:
     if scene.velocities.zero_momentum:
         velocity = at_rest_on_the_whole(velocity, state.mass)
     return state._replace(position=position, velocity=velocity)
+
+
+def _finish(frame: Frame, w: ws.Workspace, room: ws.Recorder, first, logs: list[Events], watch: Watch) -> bool:
+    """Run to the last sample and append to the logs; return False if a cell has too little room for that."""
+    while True:
+        w.clock[ws.STOP] = watch.due()
+        begun = _now(w)
+        outcome = advance(w, room, EVENTS_PER_CALL)
+        if outcome in (ws.PAUSED, ws.LOG_FULL):
+            _refuse_standstill(w, frame, begun, EVENTS_PER_CALL if outcome == ws.PAUSED else len(room.log_time))
+        if len(room.log_time):
+            logs.append(logged(room, w, frame))
+            w.clock[ws.LOGGED] = 0
+        if outcome in (ws.DONE, ws.CELL_FULL):
+            return outcome == ws.DONE
+        if outcome == ws.BLOCK_OVER:
+            watch.keep(midway_of(w, room, first, logs))
 
 
 def _now(w: ws.Workspace) -> tuple[int, float]:

@@ -13,6 +13,7 @@ from brownpipe.exact import calendar, grid, lists
 from brownpipe.exact.disks import contact_distance, displacement, mass_of, move, push_apart, radius_of
 from brownpipe.exact.workspace import (
     BLOCK,
+    BLOCK_OVER,
     BUCKET_NOW,
     CELL_FULL,
     COLUMN,
@@ -42,6 +43,7 @@ from brownpipe.exact.workspace import (
     SAMPLE,
     SOON,
     STALE,
+    STOP,
     TIME,
     TRACER_PAIRS,
     UP,
@@ -404,7 +406,7 @@ def sample(w, r, now):
 
 @kernel
 def advance(w, r, most):
-    """Run until all samples are taken; return why it stopped. To go on after PAUSED or LOG_FULL, call it again."""
+    """Run until all samples are taken; return why it stopped. To go on, call it again, unless a cell was full."""
     clock = w.clock
     while clock[SAMPLE] < len(r.block):
         if not clock[OPEN]:
@@ -422,4 +424,6 @@ def advance(w, r, most):
         else:
             end_block(w)
             clock[OPEN] = 0
+            if clock[STOP]:
+                return BLOCK_OVER
     return DONE

@@ -11,18 +11,17 @@ from brownpipe.exact.lists import LINE_OF_LIST
 from brownpipe.exact.workspace import (
     CLOCK,
     COUNTS,
+    MOTION,
     NEAREST,
     RADIUS,
     ROW,
     TALLY,
     TIME,
-    VX,
     BigDisks,
     Calendar,
     Grid,
     Lists,
     Workspace,
-    X,
 )
 from brownpipe.placement import common_radius
 from brownpipe.scene import Scene
@@ -127,10 +126,19 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
 
 def fill(w: Workspace, state: State, frame: Frame) -> None:
     """Set a workspace to the beginning of a run from a state."""
+    begin(w, motion_of(state, frame))
+
+
+def motion_of(state: State, frame: Frame) -> np.ndarray:
+    """Return positions and velocities (N, 4) in the engine's units and order."""
+    position = (state.position[frame.order] - frame.origin) / frame.length
+    return np.hstack([position, state.velocity[frame.order] / (frame.length / frame.time)])
+
+
+def begin(w: Workspace, motion: np.ndarray) -> None:
+    """Set a workspace to the beginning of a run from positions and velocities (N, 4), as of `motion_of`."""
     disk = w.disk.reshape(-1, ROW)
-    disk[:, X : X + 2] = (state.position[frame.order] - frame.origin) / frame.length
-    disk[:, VX : VX + 2] = state.velocity[frame.order] / (frame.length / frame.time)
-    disk[:, TIME] = 0.0
+    disk[:, MOTION], disk[:, TIME] = motion, 0.0
     w.clock[:], w.count[:], w.tally[:] = 0, 0, 0.0
     w.tally[NEAREST] = np.inf
     if w.image is not None:

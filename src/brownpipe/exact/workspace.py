@@ -10,6 +10,7 @@ from typing import NamedTuple
 # The row of a disk: position and velocity at its own time, its next events, its radius.
 ROW = 8
 X, Y, VX, VY, TIME, PAIR_TIME, EVENT_TIME, RADIUS = range(ROW)
+MOTION = slice(X, TIME)  # what outlasts a block
 # The row of its links. COUNT is how often its velocity has changed, PARTNER_COUNT what the partner's was.
 PARTNER, PARTNER_COUNT, COUNT, COLUMN, LINE, BUCKET, EVENT = range(ROW - 1)
 # The event that is next: with the partner, into the next cell, or with a wall (whose code is WALL + the side).
@@ -23,10 +24,10 @@ TALLY = WALL_IMPULSE + 4
 PAIRS, WALLS, TRACER_PAIRS, STALE, CROSSINGS = range(5)
 COUNTS = 5
 # Columns of `clock`.
-BUCKET_NOW, SOON, BLOCK, SAMPLE, LOGGED, OVERFULL, OPEN = range(7)
-CLOCK = 7
+BUCKET_NOW, SOON, BLOCK, SAMPLE, LOGGED, OVERFULL, OPEN, STOP = range(8)  # STOP: at the end of the block
+CLOCK = 8
 # How a call of `advance` ends.
-DONE, PAUSED, LOG_FULL, CELL_FULL = range(4)
+DONE, PAUSED, LOG_FULL, CELL_FULL, BLOCK_OVER = range(5)
 
 
 class BigDisks(NamedTuple):

@@ -25,6 +25,7 @@ file depends on when, where or by whom it was written: two runs give the same by
 """
 
 from brownpipe.provenance import source_digest
+from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import StorageError, WrongFileError, write_file
 from brownpipe.storage.inspection import describe, verify
@@ -35,11 +36,14 @@ __all__ = [
     "Trajectories",
     "WrongFileError",
     "describe",
+    "read_checkpoint",
     "read_dataset",
     "read_trajectories",
+    "remove_checkpoint",
     "seed_text",
     "source_digest",
     "verify",
+    "write_checkpoint",
     "write_dataset",
     "write_file",
     "write_trajectories",

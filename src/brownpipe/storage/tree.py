@@ -54,25 +54,25 @@ def _add(total, name, value):
     total.update(data)
 
 
-def to_bytes(nodes: dict) -> bytes:
+def to_bytes(nodes: dict, compress: bool = True) -> bytes:
     """The bytes of the HDF5 file that holds `nodes`; parents come before children in the mapping."""
     with h5py.File.in_memory(block_size=2**20) as file:
         for path, node in nodes.items():
-            _create(file, path, node)
+            _create(file, path, node, compress)
         for path, node in nodes.items():
             _attach_scales(file, path, node)
         file.flush()
         return file.id.get_file_image()
 
 
-def _create(file, path, node):
+def _create(file, path, node, compress):
     if isinstance(node, Link):
         file[path] = file[node.target]
         return
     if node.value is None:
         target = file.require_group(path)
     else:
-        target = file.create_dataset(path, data=node.value, track_times=False, **_filters(node))
+        target = file.create_dataset(path, data=node.value, track_times=False, **(_filters(node) if compress else {}))
     for name, value in node.attributes.items():
         target.attrs[name] = value
     if _is_scale(path, node):

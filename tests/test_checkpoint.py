@@ -1,0 +1,343 @@
+"""Checkpoints: a run that is stopped and goes on, wherever and however often, is the same to the byte."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from importlib.metadata import version
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brownpipe import exact, provenance
+from brownpipe.cli import DONE, FAILED, WRONG, main
+from brownpipe.exact import simulate
+from brownpipe.exact import workspace as ws
+from brownpipe.exact.checkpoint import NEVER, Watch
+from brownpipe.scene import parse_scene
+from brownpipe.storage import read_checkpoint, write_checkpoint, write_trajectories
+
+SEEDS = [3, 4, 9]
+W, P = "reflecting", "periodic"
+TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
+
+
+def make(boundary, size, kinds, duration, tracer=None, placement="random", **more):
+    """A scene of species from (count, radius, mass) each, perhaps around the note's tracer."""
+    species = [{"name": f"s{j}", "count": n, "radius": r, "mass": m} for j, (n, r, m) in enumerate(kinds)]
+    disks = {"species": species, "placement": placement} | ({} if tracer is None else {"tracer": tracer})
+    box = {side: [-length / 2, length / 2] for side, length in zip("xy", size, strict=True)} | {"boundary": boundary}
+    mapping = {"box": box, "disks": disks, "velocities": {"standard_deviation": 1.0}, "duration": duration}
+    return parse_scene(mapping | more, "made.yaml")
+
+
+def around_tracer(boundary, duration, **more):
+    """A scene of the note's tracer among 39 disks, equilibrated before."""
+    return make(boundary, (6.0, 6.0), [(39, 0.1, 0.4)], duration, TRACER, **more)
+
+
+CASES = {  # some blocks each, and samples that do not fall on their ends
+    "walls": (make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer"}),
+    "walls-nothing": (make(W, (3, 3), [(24, 0.2, 1)], 70.0), {"none"}),
+    "walls-everything": (make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=4.0), {"tracer", "all", "events"}),
+    "periodic": (make(P, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer", "events"}),
+    "periodic-mixture": (
+        make(P, (4, 3), [(12, 0.1, 1), (12, 0.14, 0.3), (8, 0.2, 4)], 30.0, sample_interval=1.0),
+        {"tracer", "all", "events"},
+    ),
+    "crowded": (make(W, (3, 2), [(60, 0.14, 1)], 10.0, placement="lattice"), {"tracer", "events"}),
+    "crowded-mixture": (
+        make(P, (2.5, 2), [(13, 0.2, 1), (13, 0.19, 0.3)], 20.0, placement="lattice", sample_interval=1.0),
+        {"tracer", "all"},
+    ),
+    "pinned": (
+        around_tracer(W, 400.0, sample_interval=7.0, equilibrate={"time": 300.0, "tracer": "pinned"}),
+        {"tracer"},
+    ),
+    "free": (around_tracer(P, 300.0, equilibrate={"time": 300.0, "tracer": "free"}), {"tracer", "all"}),
+}
+
+
+class KilledError(Exception):
+    """Stands for the end of a process."""
+
+
+def file_of(folder, scene, ensemble):
+    """The bytes of the trajectory file."""
+    write_trajectories(folder / "x.h5", scene, "exact", {}, ensemble)
+    return (folder / "x.h5").read_bytes()
+
+
+def filed(folder, arrays):
+    """The arrays after they were in a checkpoint file."""
+    write_checkpoint(folder / "x.checkpoint", {"a": 1}, arrays)
+    return read_checkpoint(folder / "x.checkpoint", {"a": 1})
+
+
+def due_every(stops):
+    """A clock by which a checkpoint is due every so many times that the engine asks."""
+    numbers = count(1)
+    return lambda: next(numbers) % stops == 0
+
+
+def stopped_once(scene, record, kept, stops):
+    """Run until the first checkpoint and no further; return that, or the ensemble if there was none."""
+
+    def keep(arrays):
+        found.append({name: value.copy() for name, value in arrays.items()})
+        raise KilledError
+
+    found = []
+    try:
+        return None, simulate(scene, SEEDS, record, Watch(due_every(stops), keep), kept)
+    except KilledError:
+        return found[0], None
+
+
+def soil(engine):
+    """Fill a workspace with nonsense, as earlier runs might have left it; what a scene decides stays."""
+    w, random = engine.workspace, np.random.default_rng(1)
+    disk = w.disk.reshape(-1, ws.ROW)
+    disk[:, : ws.RADIUS] = random.random(disk[:, : ws.RADIUS].shape)
+    if w.lists is not None:
+        w.lists.centre[:], w.lists.neighbour[:] = random.random(2 * len(disk)), 3
+    for array in (w.link, w.cell, w.bucket, w.soon_disk, w.candidate, w.clock, w.count):
+        array[:] = random.integers(0, len(disk), array.shape)
+    for array in (w.soon_time, w.approach, w.tally):
+        array[:] = random.random(array.shape)
+    if w.image is not None:
+        w.image[:] = 7
+    return engine
+
+
+# -- the same to the byte -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_from_every_block_to_the_same_bytes(name, tmp_path, monkeypatch):
+    scene, record = CASES[name]
+    expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
+    kept = []
+    watch = Watch(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
+    assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, watch)) == expected
+    assert sum("run.clock" in arrays for arrays in kept) >= 2 * len(SEEDS)  # at block ends
+    assert [int(arrays["done"]) for arrays in kept if "run.clock" not in arrays] == [1, 2]  # and between runs
+    if scene.equilibrate:
+        assert {bool(arrays.get("run.equilibrating")) for arrays in kept} == {True, False}
+    prepared = exact.prepared
+    monkeypatch.setattr(exact, "prepared", lambda *given: soil(prepared(*given)))
+    for arrays in kept:
+        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, NEVER, arrays)) == expected
+
+
+@pytest.mark.parametrize("stops", [1, 2, 3])
+@pytest.mark.parametrize("name", ["walls", "periodic-mixture", "pinned"])
+def test_killed_again_and_again(name, stops, tmp_path):
+    scene, record = CASES[name]
+    expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
+    kept, done, deaths = None, None, -1
+    while done is None:
+        kept, done = stopped_once(scene, record, kept, stops)
+        deaths += 1
+    assert deaths >= (6 if stops == 1 else 2)
+    assert file_of(tmp_path, scene, done) == expected
+
+
+def test_calls_that_pause_between_checkpoints(tmp_path, monkeypatch):
+    scene, record = CASES["periodic-mixture"]
+    expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
+    monkeypatch.setattr(exact, "EVENTS_PER_CALL", 777)
+    for stops in (1, 5):
+        kept = []
+        watch = Watch(due_every(stops), lambda arrays, kept=kept: kept.append(filed(tmp_path, arrays)))
+        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, watch)) == expected
+        for arrays in kept[1::5]:
+            assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, NEVER, arrays)) == expected
+
+
+def full_in_block(number, most=10**9):
+    """An `advance` for which the usual room of a cell is too small in that block, in so many runs."""
+    advance, left = exact.advance, iter(range(most))
+
+    def seems_full(w, room, events):
+        stop, usual = w.clock[ws.STOP], w.lists is not None
+        while True:
+            w.clock[ws.STOP] = 1
+            outcome = advance(w, room, events)
+            if usual and w.clock[ws.BLOCK] == number and next(left, None) is not None:
+                return ws.CELL_FULL
+            if outcome != ws.BLOCK_OVER or stop:
+                return outcome
+
+    return seems_full
+
+
+def test_a_cell_that_proves_too_small(tmp_path, monkeypatch):
+    """Then a run begins again, whatever it did so far, and without neighbour lists; and so it must if it goes on."""
+    scene, record = CASES["crowded"]
+    usual = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
+    monkeypatch.setattr(exact, "advance", full_in_block(2))
+    expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
+    assert expected != usual
+    kept = []
+    watch = Watch(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
+    assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, watch)) == expected
+    slots = [(int(arrays["run.slots"]), int(arrays["run.clock"][ws.BLOCK])) for arrays in kept if "run.slots" in arrays]
+    assert slots[0][0] < slots[1][0] and slots[1][1] == 1  # begun again
+    for arrays in kept:
+        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, NEVER, arrays)) == expected
+
+
+def test_more_room_for_one_run_leaves_the_others_alone(monkeypatch):
+    scene, record = CASES["crowded"]
+    usual = simulate(scene, SEEDS, record)
+    monkeypatch.setattr(exact, "advance", full_in_block(2, most=1))
+    other = simulate(scene, SEEDS, record)
+    same = [np.array_equal(usual.events[seed].time, other.events[seed].time) for seed in SEEDS]
+    assert same == [False, True, True]
+
+
+# -- from the command line ------------------------------------------------------------------------------------------
+
+SCENE = """
+box: {x: [0.0, 3.0], y: [0.0, 3.0], boundary: reflecting}
+particles: 24
+disks: {species: [{name: bath, count: rest, radius: 0.2, mass: 1.0}]}
+velocities: {standard_deviation: 1.0}
+duration: DURATION
+"""
+ASKED = ["--seeds", "3-5", "--record", "tracer,events", "--output", "x.h5"]
+KEPT = Path("x.h5.checkpoint")
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """Every test in a folder of its own, with a scene of a few blocks, SIGTERM as before."""
+    monkeypatch.chdir(tmp_path)
+    Path("some.yaml").write_text(SCENE.replace("DURATION", "70.0"))
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture
+def kept(monkeypatch):
+    """A run that ended early; its checkpoint is in x.h5.checkpoint."""
+
+    def die(*_):
+        raise KilledError
+
+    with monkeypatch.context() as patched:
+        patched.setattr("brownpipe.storage.write_trajectories", die)
+        with pytest.raises(KilledError):
+            main(["simulate", "some.yaml", *ASKED, "--checkpoint-every", "1e-9"])
+    return KEPT.read_bytes()
+
+
+def said(capsys, *argv):
+    """Exit status, and what is on standard error."""
+    status = main(["simulate", "some.yaml", *argv])
+    return status, capsys.readouterr().err
+
+
+def test_the_interval_changes_nothing_and_nothing_is_left(kept, capsys):
+    Path("x.h5.checkpoint.17.part").write_bytes(b"of a process that was killed while it wrote")
+    assert said(capsys, *ASKED, "--checkpoint-every", "1e6") == (DONE, "")
+    first = Path("x.h5").read_bytes()
+    assert sorted(os.listdir()) == ["some.yaml", "x.h5"]
+    for more in ([], ["--checkpoint-every", "1e-9"], ["--checkpoint-every", "0.01"]):
+        assert said(capsys, *ASKED, *more) == (DONE, "")
+        assert Path("x.h5").read_bytes() == first
+        assert sorted(os.listdir()) == ["some.yaml", "x.h5"]
+
+
+def test_without_the_option_a_checkpoint_is_left_alone(kept, capsys):
+    assert said(capsys, *ASKED) == (DONE, "")
+    assert KEPT.read_bytes() == kept
+
+
+def test_killed_at_any_moment():
+    """In the middle of a run, or, as a checkpoint is due at every block, most likely while one is written."""
+    Path("some.yaml").write_text(SCENE.replace("DURATION", "1.5e4"))
+    argv = ["simulate", "some.yaml", "--seeds", "3-4", "--output", "x.h5", "--checkpoint-every"]
+    for seconds, delay in (("1e-9", 0.0), ("0.1", 0.05), ("1e-9", 0.0371)):
+        before = KEPT.stat().st_mtime_ns if KEPT.exists() else 0
+        process = subprocess.Popen([sys.executable, "-m", "brownpipe", *argv, seconds])
+        while process.poll() is None and not (KEPT.exists() and KEPT.stat().st_mtime_ns > before):
+            time.sleep(0.001)
+        time.sleep(delay)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL  # it was not at the end
+    subprocess.run([sys.executable, "-m", "brownpipe", *argv, "0.5"], check=True)
+    interrupted = Path("x.h5").read_bytes()
+    assert sorted(os.listdir()) == ["some.yaml", "x.h5"]
+    assert main(argv[:-1]) == DONE
+    assert Path("x.h5").read_bytes() == interrupted
+
+
+# -- what is refused ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--seeds", "3-6", "seeds 3-5, not 3-6"),
+        ("--record", "all,events", "record events,tracer, not all,events,tracer"),
+        ("--particles", "23", "particles 24, not 23"),
+        ("scene", "71.0", "another scene"),
+        ("source", "0" * 64, "another source"),
+        ("numba", "0.0.1", f"numba {version('numba')}, not 0.0.1"),
+    ],
+)
+def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monkeypatch):
+    asked = [*ASKED, "--checkpoint-every", "60"]
+    if option == "scene":
+        Path("some.yaml").write_text(SCENE.replace("DURATION", value))
+    elif option in ("source", "numba"):
+        made_with = provenance.made_with("simulate")
+        monkeypatch.setattr(provenance, "made_with", lambda _: made_with | {option: value})
+    else:
+        asked += [option, value]
+    status, err = said(capsys, *asked)
+    assert status == WRONG
+    assert err.startswith(f"brownpipe: x.h5.checkpoint: is of a run with {message}")
+    assert err.endswith("; repeat that command, delete this file to begin anew, or choose another --output\n")
+    assert err.count("\n") == 1
+    assert KEPT.read_bytes() == kept
+    assert not Path("x.h5").exists()
+
+
+def test_a_damaged_checkpoint(kept, capsys):
+    random = np.random.default_rng(3)
+    bits = random.integers(0, 8 * len(kept), 60)
+    damaged = [kept[: len(kept) // 2], kept[:-1], b"", kept + b"\0"]
+    for bit in bits.tolist():
+        flipped = bytearray(kept)
+        flipped[bit // 8] ^= 1 << bit % 8
+        damaged.append(bytes(flipped))
+    for contents in damaged:
+        KEPT.write_bytes(contents)
+        status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
+        assert status == FAILED
+        assert re.fullmatch(r"brownpipe: x\.h5\.checkpoint: [^\n]*; delete it to begin anew\n", err)
+        assert not Path("x.h5").exists()
+
+
+def test_a_file_that_is_no_checkpoint(capsys):
+    assert said(capsys, *ASKED) == (DONE, "")
+    os.rename("x.h5", KEPT)
+    status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
+    assert status == FAILED
+    assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; delete it to begin anew" in err
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "often"])
+def test_an_interval_that_is_none(value, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["simulate", "some.yaml", "--checkpoint-every", value])
+    assert left.value.code == WRONG
+    assert "--checkpoint-every: must be a finite number > 0" in capsys.readouterr().err
