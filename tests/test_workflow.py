@@ -245,7 +245,7 @@ def test_a_failed_job_says_why(tmp_path):
     (folder / "study.yaml").write_text(crowd)
     (folder / "scenes" / "hot.yaml").write_text(SCENE.replace("[-3.0, 3.0]", "[-1.5, 1.5]"))
     printed = snakemake(folder, "--cores", "1", fails=True)
-    assert "brownpipe: hot: disks: " in printed
+    assert "brownpipe: hot, N = 170, seed 0: disks: " in printed
     assert "Traceback" not in printed
     assert contents(folder, *PHYSICS) == {}
 

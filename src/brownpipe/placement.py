@@ -66,7 +66,7 @@ def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator
         outcome = insert(position, radius, common, big, size, scene.box.periodic, numbers, grid, following, progress)
     if outcome == STUCK:
         raise SceneError(
-            f"{scene.name}: disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "
+            f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "
             f"(packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
         )
     return position + low
@@ -157,7 +157,7 @@ def _on_lattice(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Gener
         sites = low + _lattice(size, scene.box.periodic, wanted)
         if _nearest(size, scene.box.periodic, wanted) < 2 * free.max() * (1 - 1e-14):
             raise SceneError(
-                f"{scene.name}: disks: no triangular lattice in this box has places for {len(free)} disks of radius "
+                f"disks: no triangular lattice in this box has places for {len(free)} disks of radius "
                 f"{float(free.max())!r} (packing fraction {scene.packing_fraction:.4g}); must be fewer or smaller disks"
             )
         if fixed is not None:

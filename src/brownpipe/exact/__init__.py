@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.batch import Run, enter, filled, room_for
 from brownpipe.exact import workspace as ws
 from brownpipe.exact.checkpoint import NEVER, Midway, Watch, midway_of, pack, restore, unpack
 from brownpipe.exact.events import advance
@@ -12,20 +13,11 @@ from brownpipe.exact.recording import joined, logged, observables, recorder, tra
 from brownpipe.exact.setup import Frame, begin, frame_of, motion_of, prepare
 from brownpipe.kernels import RunError, one_compiler
 from brownpipe.placement import warm_up
-from brownpipe.scene import Scene
-from brownpipe.state import Ensemble, Events, State, Track, at_rest_on_the_whole, draw
+from brownpipe.scene import Scene, SceneError
+from brownpipe.state import Ensemble, Events, State, at_rest_on_the_whole, draw
 
 EVENTS_PER_CALL = 2_000_000  # then Python may look at signals and at the progress
 SHORTEST_PATH = 2e-16  # in contact distances: disks that move less between collisions are jammed
-
-
-class Run(NamedTuple):
-    """One run from one state."""
-
-    tracer: Track  # M = 1
-    whole: Track | None  # M = N
-    events: Events | None
-    observables: dict[str, float | int]
 
 
 class Engine(NamedTuple):
@@ -45,19 +37,19 @@ def simulate(scene: Scene, seeds, record=frozenset({"tracer"}), watch: Watch = N
     being the same, goes on from there and returns the same to the last bit.
     Raises RunError if a run makes no progress, SceneError if its disks cannot be placed.
     """
-    batch, engines = _room(scene, np.asarray(seeds, dtype=np.int64)), _engines(scene)
+    batch, engines = room_for(scene, np.asarray(seeds, dtype=np.int64)), _engines(scene)
     done, midway = (0, None) if kept is None else unpack(kept, batch)
     for column in range(done, len(batch.seeds)):
         seed = int(batch.seeds[column])
         inside = watch._replace(keep=partial(_keep, watch, batch, column))
         try:
-            _enter(batch, column, _one(engines, seed, record, inside, midway))
-        except RunError as error:
-            raise RunError(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
+            enter(batch, column, _one(engines, seed, record, inside, midway))
+        except (RunError, SceneError) as error:
+            raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
         midway = None
         if column + 1 < len(batch.seeds) and watch.due():
             _keep(watch, batch, column + 1, None)
-    return batch if scene.particles and "tracer" in record else batch._replace(tracer=None)
+    return filled(scene, batch, record)
 
 
 def run(
@@ -103,28 +95,6 @@ def _engines(scene: Scene) -> tuple[Engine, Engine | None]:
     """Return what runs, and what equilibrates before, if that is asked for."""
     before = prepared(scene, scene.tracer_while_equilibrating == "pinned") if scene.equilibrate > 0 else None
     return prepared(scene), before
-
-
-def _room(scene: Scene, seeds: np.ndarray) -> Ensemble:
-    """Return an ensemble to be filled."""
-    shape = (len(scene.times), len(seeds), 2)
-    image = np.empty(shape, np.int32) if scene.box.periodic else None
-    return Ensemble(seeds, scene.times, Track(np.empty(shape), None, image), {}, {}, {})
-
-
-def _enter(batch: Ensemble, column: int, one: Run) -> None:
-    """Enter a run that is finished."""
-    seed = int(batch.seeds[column])
-    batch.tracer.position[:, column] = one.tracer.position[:, 0]
-    if one.tracer.image is not None:
-        batch.tracer.image[:, column] = one.tracer.image[:, 0]
-    for name, value in one.observables.items():
-        values = batch.observables.setdefault(name, np.empty(len(batch.seeds), np.asarray(value).dtype))
-        values[column] = value
-    if one.whole is not None:
-        batch.whole[seed] = one.whole
-    if one.events is not None:
-        batch.events[seed] = one.events
 
 
 def _keep(watch: Watch, batch: Ensemble, done: int, midway: Midway | None) -> None:
