@@ -18,6 +18,7 @@ SOURCES = (
     "theory",
     "collisions",
     "kernels",
+    "observables",
     "batch",
     "exact",
 )
