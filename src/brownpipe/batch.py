@@ -36,7 +36,8 @@ class Request(NamedTuple):
 def request(scene: Scene, record, names=(), average: str = "runs") -> Request:
     """Return a request. Raises SceneError for observables that the scene does not have."""
     observables.refuse_unfit(scene, tuple(names), average)
-    return Request(scene, frozenset(record), tuple(names), average)
+    ordered = tuple(name for name in observables.OBSERVABLES if name in names)
+    return Request(scene, frozenset(record), ordered, average)
 
 
 def room_for(asked: Request, seeds) -> Ensemble:

@@ -122,22 +122,16 @@ def numbers_in(scene: Scene, names: tuple[str, ...]) -> int:
 def _axis(scene: Scene, dim: str) -> np.ndarray | list[str]:
     if dim == "time":
         return scene.times
-    if dim == "velocity":
-        return _middles(np.arange(round(-velocity.FASTEST / velocity.BIN), round(velocity.FASTEST / velocity.BIN) + 1))
-    if dim == "speed":
-        return _middles(np.arange(round(velocity.SPEEDS / velocity.BIN) + 1))
+    if dim in ("velocity", "speed"):
+        number = velocity.BINS[dim]
+        return (np.arange(number) + 0.5 - (number / 2 if dim == "velocity" else 0.0)) * velocity.BIN
     if dim == "distance":
-        edges = pairs.edges(scene)
-        return (edges[1:] + edges[:-1]) / 2
+        number, width = pairs.bins(scene)
+        return (np.arange(number) + 0.5) * width
     kinds = kinds_of(scene)
     if dim == "species":
         return list(kinds.name)
     return [f"{kinds.name[a]}:{kinds.name[b]}" for a, b in pairs.pairs_of(kinds)]
-
-
-def _middles(edges: np.ndarray) -> np.ndarray:
-    """The middles of bins of velocities that are bounded by these multiples of the width."""
-    return (edges[1:] + edges[:-1]) / 2 * velocity.BIN
 
 
 # -- what a scene does not have -------------------------------------------------------------------------------------
@@ -167,7 +161,7 @@ def _unfit(scene: Scene, names: tuple[str, ...]) -> str | None:
     if names and scene.particles == 0:
         return "there is no disk to measure"
     if "pair_distribution" in names:
-        bins = len(pairs.edges(scene)) - 1
+        bins, _ = pairs.bins(scene)
         if bins < 1:
             return "pair_distribution needs two disks, and room for them to be apart"
         if bins * len(pairs.pairs_of(kinds_of(scene))) > MOST_PAIR_COUNTS:

@@ -8,7 +8,6 @@ import numpy as np
 from brownpipe.observables.kinds import equal_disks
 from brownpipe.observables.origins import lags
 from brownpipe.scene import Scene
-from brownpipe.state import Track
 
 
 def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
@@ -19,7 +18,7 @@ def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray
     """
     size = (scene.box.width, scene.box.height)
     if average == "origins":
-        return {"square_displacement": over_origins(scene, run.tracer, size)}
+        return {"square_displacement": over_origins(scene, run.tracer.position, run.tracer.image, size)}
     if average == "disks":
         disks = equal_disks(scene)
         image = None if run.whole.image is None else run.whole.image[:, disks]
@@ -36,9 +35,9 @@ def from_start(position: np.ndarray, image: np.ndarray | None, size: tuple[float
     return _square(position, image, slice(0, 1), slice(None), size)
 
 
-def over_origins(scene: Scene, track: Track, size: tuple[float, float]) -> np.ndarray:
-    """Mean over disks and time origins (T,) of the squared distance between samples."""
-    return np.array([_square(track.position, track.image, *pair, size).mean() for pair in lags(scene)])
+def over_origins(scene: Scene, position: np.ndarray, image: np.ndarray | None, size: tuple[float, float]) -> np.ndarray:
+    """Mean over disks and time origins (T,) of the squared distance between samples, as `from_start`."""
+    return np.array([_square(position, image, *pair, size).mean() for pair in lags(scene)])
 
 
 def _square(position, image, earlier: slice, later: slice, size) -> np.ndarray:

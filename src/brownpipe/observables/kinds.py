@@ -40,5 +40,5 @@ def equal_disks(scene: Scene) -> np.ndarray:
 def bath_disks(scene: Scene) -> np.ndarray:
     """The indices of the disks of the most numerous kind that is not the tracer's; none where there is one kind."""
     kinds = kinds_of(scene)
-    number = np.where(np.arange(len(kinds.number)) == kinds.label[0], 0, kinds.number)
+    number = np.where(np.isin(np.arange(len(kinds.number)), kinds.label[:1]), 0, kinds.number)
     return np.flatnonzero(kinds.label == np.argmax(number)) if number.any() else np.array([], int)

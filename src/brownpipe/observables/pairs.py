@@ -17,20 +17,20 @@ def pairs_of(kinds: Kinds) -> list[tuple[int, int]]:
     return list(combinations_with_replacement(range(len(kinds.name)), 2))
 
 
-def edges(scene: Scene) -> np.ndarray:
-    """Edges (R + 1,) of the bins of distances [length]; none (1,) if there are no two disks or no room for a bin.
+def bins(scene: Scene) -> tuple[int, float]:
+    """The number R of bins of distances and their width [length]; none if there are no two disks or no room for a bin.
 
-    The smallest contact distance is the 40th edge. They end at five times the largest, or before, at half the shorter
+    The smallest contact distance is 40 bins wide. They end at five times the largest, or before, at half the shorter
     side of a periodic box (beyond it a pair has more than one distance) or at how far the centres can get along the
     shorter side between walls.
     """
     kinds, box = kinds_of(scene), scene.box
     contacts = [kinds.radius[a] + kinds.radius[b] for a, b in pairs_of(kinds) if a != b or kinds.number[a] > 1]
     if not contacts:
-        return np.zeros(1)
+        return 0, 0.0
     side, width = min(box.width, box.height), min(contacts) / BINS_PER_CONTACT
     reach = min(side / 2 if box.periodic else side - 2 * kinds.radius.max(), FARTHEST * max(contacts))
-    return np.arange(max(0, int(reach / width * (1 + 1e-12))) + 1) * width
+    return max(0, int(reach / width * (1 + 1e-12))), width
 
 
 def distribution(scene: Scene, run, _) -> dict[str, np.ndarray | int]:
@@ -38,19 +38,19 @@ def distribution(scene: Scene, run, _) -> dict[str, np.ndarray | int]:
 
     All samples if the run is stationary, the last one otherwise.
     """
-    kinds, radii = kinds_of(scene), edges(scene)
+    kinds, (number, width) = kinds_of(scene), bins(scene)
     which = np.zeros((len(kinds.name),) * 2, np.int64)
     for place, (a, b) in enumerate(pairs_of(kinds)):
         which[a, b] = which[b, a] = place
     position = run.whole.position[slice(None) if is_stationary(scene) else slice(-1, None)]
-    counts = np.zeros(len(pairs_of(kinds)) * (len(radii) - 1), np.int64)
+    counts = np.zeros(len(pairs_of(kinds)) * number, np.int64)
     for one in position:
-        pair, distance = near_pairs(scene, one, radii[-1])
-        place = (distance / radii[1]).astype(np.int64)
-        inside = place < len(radii) - 1
+        pair, distance = near_pairs(scene, one, number * width)
+        place = (distance / width).astype(np.int64)
+        inside = place < number
         a, b = kinds.label[pair[inside]].T
-        counts += np.bincount(which[a, b] * (len(radii) - 1) + place[inside], minlength=len(counts))
-    return {"pair_counts": counts.reshape(-1, len(radii) - 1), "pair_snapshots": len(position)}
+        counts += np.bincount(which[a, b] * number + place[inside], minlength=len(counts))
+    return {"pair_counts": counts.reshape(-1, number), "pair_snapshots": len(position)}
 
 
 def near_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:

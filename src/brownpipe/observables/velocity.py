@@ -12,7 +12,8 @@ from brownpipe.observables.origins import is_stationary, lags
 from brownpipe.scene import Scene
 
 BIN = 0.1  # of velocities and speeds, in units of sqrt(kT/m)
-FASTEST, SPEEDS = 6.0, 8.0  # component and speed from which all is in one bin
+FASTEST = 6.0  # component, up or down, from which all is in one bin
+BINS = {"velocity": 120, "speed": 80}
 VALUES_AT_ONCE = 2**18  # so that what is computed on the way takes little memory
 
 
@@ -55,12 +56,11 @@ def distribution(scene: Scene, run, _) -> dict[str, np.ndarray]:
     """
     kinds, velocity = kinds_of(scene), run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
     scale = np.sqrt(scene.mass / (_temperature(scene, velocity) or np.inf))[:, None]
-    bins = round(2 * FASTEST / BIN), round(SPEEDS / BIN)
-    counts = [np.zeros((len(kinds.name), each), np.int64) for each in bins]
+    counts = [np.zeros((len(kinds.name), each), np.int64) for each in BINS.values()]
     for part in _parts(velocity):
         scaled = part * scale
         _count(counts[0], kinds.label[:, None], scaled + FASTEST)
-        _count(counts[1], kinds.label, np.sqrt(np.sum(scaled**2, axis=-1)))
+        _count(counts[1], kinds.label, np.hypot(scaled[..., 0], scaled[..., 1]))
     return {"velocity_counts": counts[0], "speed_counts": counts[1]}
 
 
