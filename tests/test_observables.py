@@ -283,6 +283,21 @@ def test_one_whole_run_is_held_at_a_time():
     assert peaks[0] < cost.BYTES_PER_SAMPLE * len(scene.times) * scene.particles + 2**21
 
 
+def test_what_needs_every_disk():
+    alone = make(kinds=[{"name": "same", "count": 4, **TRACER}], tracer=None)
+    for scene, names, average, expected in (
+        (make(), (), "runs", False),
+        (make(), ("displacement",), "origins", False),
+        (make(), ("velocity_autocorrelation",), "runs", True),  # that of the bath
+        (alone, ("displacement", "velocity_autocorrelation"), "runs", False),
+        (alone, ("displacement",), "disks", True),
+        (alone, ("kinetic_energy",), "runs", True),
+    ):
+        assert observables.needs_every_disk(scene, names, average) == expected
+        found = simulate(scene, [0, 1], {"none"}, observables=names, average=average)
+        assert observables.variables_of(scene, names) == tuple(name for name in VARIABLES if name in found.observables)
+
+
 def test_cost_knows_the_arrays_and_the_run_that_is_held():
     scene = make()
     usual, measured = cost.of_run(scene), cost.of_run(scene, {"none"}, ALL)

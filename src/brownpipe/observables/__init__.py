@@ -92,15 +92,17 @@ def observe(scene: Scene, run, names: tuple[str, ...], average: str = "runs") ->
 
 def needs_every_disk(scene: Scene, names: tuple[str, ...], average: str = "runs") -> bool:
     """Do the names need the tracks of all disks, or that of the tracer alone?"""
-    one = {"displacement"} if len(bath_disks(scene)) else set(AVERAGED)
-    return not set(names) <= (one if average != "disks" else set())
+    if average == "disks" or set(names) - set(AVERAGED):
+        return bool(names)
+    return "velocity_autocorrelation" in names and len(bath_disks(scene)) > 0
 
 
 def variables_of(scene: Scene, names: tuple[str, ...]) -> tuple[str, ...]:
     """The arrays that are made of a scene when the names are asked for."""
-    made = [name for asked in names for name in OBSERVABLES[asked].variables]
-    absent = () if len(bath_disks(scene)) else ("bath_velocity_autocorrelation",)
-    return tuple(name for name in made if name not in absent)
+    made = tuple(name for asked in names for name in OBSERVABLES[asked].variables)
+    if "velocity_autocorrelation" in names and not len(bath_disks(scene)):
+        return tuple(name for name in made if name != "bath_velocity_autocorrelation")
+    return made
 
 
 def asked_for(variables) -> tuple[str, ...]:

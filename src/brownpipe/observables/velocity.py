@@ -33,10 +33,10 @@ def autocorrelation(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
 
 def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray:
     """Mean (T,) over disks, and origins if these are asked for, of the product of velocities (T, M, 2)."""
-    disks = velocity.shape[1]
+    disks, flat = velocity.shape[1], velocity.reshape(len(velocity), -1)
     if average != "origins":
-        return np.einsum("tmc,mc->t", velocity, velocity[0]) / disks
-    products = (np.einsum("tmc,tmc->t", velocity[earlier], velocity[later]) for earlier, later in lags(scene))
+        return np.einsum("tm,m->t", flat, flat[0]) / disks
+    products = (np.einsum("tm,tm->t", flat[earlier], flat[later]) for earlier, later in lags(scene))
     return np.array([product.mean() / disks for product in products])
 
 
