@@ -166,6 +166,22 @@ def test_what_lies_beyond_the_bins_is_in_the_outermost():
     assert found["velocity_counts"].sum(axis=1).tolist() == [2 * samples, 24 * samples, 6 * samples]
 
 
+def test_kinds_in_a_list_of_disks():
+    kinds = [(0.1, 1.0), (0.2, 1.0), (0.1, 1.0), (0.1, 3.0)]
+    disks = [
+        {"position": [i, 3.0], "velocity": [i, 0.0], "radius": radius, "mass": mass}
+        for i, (radius, mass) in enumerate(kinds)
+    ]
+    scene = make(W, disks=disks, velocities=None, equilibrate=None, duration=1e-3, sample_interval=None)
+    found = simulate(scene, [0], {"none"}, observables=("kinetic_energy", "pair_distribution")).observables
+    axes = observables.axes(scene, "species_energy") | observables.axes(scene, "pair_counts")
+    assert axes["species"] == ["kind-1", "kind-2", "kind-3"]
+    assert found["species_energy"][0, 0].tolist() == [1.0, 0.5, 13.5]
+    pairs = dict(zip(axes["species_pair"], found["pair_counts"][0].sum(axis=1).tolist(), strict=True))
+    expected = {"1:1": 0, "1:2": 2, "1:3": 1, "2:2": 0, "2:3": 0, "3:3": 0}  # nearer than 5 * 0.3 = 1.5
+    assert pairs == {f"kind-{name[0]}:kind-{name[2]}": count for name, count in expected.items()}
+
+
 def test_disks_at_rest_are_all_in_one_bin():
     scene = make(velocities={"temperature": 0.0})
     run = made_up(scene)
@@ -216,6 +232,18 @@ def test_ballistic_flight():
     v2 = found["initial_square_speed"][:, None]
     np.testing.assert_allclose(found["velocity_autocorrelation"], np.tile(v2, len(scene.times)), rtol=1e-14)
     np.testing.assert_allclose(found["square_displacement"], v2 * scene.times**2, rtol=1e-12, atol=1e-14)
+
+
+def test_logarithmic_samples_see_the_same_run():
+    """From ballistic flight on: the run does not know when it is looked at."""
+    log = make(sample_interval=None, samples={"per_decade": 4, "first": 1e-6}, equilibrate=None, duration=2.0)
+    lin = make(sample_interval=None, equilibrate=None, duration=2.0)
+    seen, once = (simulate(scene, range(4), {"tracer"}, observables=("displacement",)) for scene in (log, lin))
+    assert seen.times.tolist() == log.times.tolist() and len(log.times) > 25
+    assert seen.tracer.position[-1].tobytes() == once.tracer.position[-1].tobytes()
+    early = seen.observables["square_displacement"][:, 1]
+    # positions of size 6 have round-off 1e-15, so that of a path of 1e-6 is 1e-9
+    np.testing.assert_allclose(early, seen.observables["initial_square_speed"] * 1e-12, rtol=1e-7)
 
 
 @pytest.mark.parametrize("boundary", [W, P])
@@ -306,6 +334,9 @@ def test_cost_knows_the_arrays_and_the_run_that_is_held():
     assert measured.recorded == 8 * size
     assert measured.working - usual.working == cost.BYTES_PER_SAMPLE * len(scene.times) * 16
     assert cost.of_run(scene, {"none"}, ("displacement",)).working == usual.working  # of the tracer alone
+    longer = make(duration=200.0)
+    seconds = [cost.of_run(longer, {"none"}, names, "origins").seconds for names in ((), ("displacement",), ALL)]
+    assert seconds[0] < seconds[1] < seconds[2]
 
 
 # -- in files -------------------------------------------------------------------------------------------------------

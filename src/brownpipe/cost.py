@@ -11,6 +11,8 @@ import numpy as np
 
 from brownpipe import observables as measures
 from brownpipe import theory
+from brownpipe.observables import pairs
+from brownpipe.observables.kinds import bath_disks
 from brownpipe.scene import Scene, SceneError
 
 START_UP = 0.7  # CPU seconds that a process takes to start with its kernels compiled
@@ -25,6 +27,8 @@ BYTES_PER_EVENT = 32
 COMPRESSED = 0.95  # of the bytes of random coordinates
 BYTES_PER_NUMBER = 8
 BYTES_PER_SAMPLE = 120  # of a disk, of which a run is measured: recorded, put in order, and what is computed from it
+SECONDS_PER_PAIR = 1e-7  # of disks that are near enough to be counted, in one sample
+SECONDS_PER_ORIGIN = 2e-8  # of a disk for one lag
 COPIES = 4  # of what is recorded, while it is written and verified
 
 
@@ -59,8 +63,22 @@ def of_run(scene: Scene, record=frozenset({"tracer"}), observables=(), average: 
     working = BYTES_PER_DISK * scene.particles
     if measures.needs_every_disk(scene, observables, average):
         working += BYTES_PER_SAMPLE * len(scene.times) * scene.particles
-    seconds = EACH_RUN + (pairs + walls) / float(speed) + SECONDS_PER_BLOCK * scene.particles * blocks(time, kinds)
+    seconds = _measuring(scene, observables, average)
+    seconds += EACH_RUN + (pairs + walls) / float(speed) + SECONDS_PER_BLOCK * scene.particles * blocks(time, kinds)
     return Cost(pairs, walls, seconds, recorded, working)
+
+
+def _measuring(scene: Scene, names, average: str) -> float:
+    """Return the CPU seconds that it takes to look at all pairs in reach and at all time origins of a run."""
+    seconds, samples = 0.0, len(scene.times)
+    if "pair_distribution" in names:
+        bins, width = pairs.bins(scene)
+        near = min(1.0, np.pi * (bins * width) ** 2 / scene.box.area) * scene.particles**2 / 2
+        seconds += SECONDS_PER_PAIR * near * (samples if measures.is_stationary(scene) else 1)
+    if average == "origins":
+        each = {"displacement": 1, "velocity_autocorrelation": 1 + len(bath_disks(scene)) / 25}
+        seconds += SECONDS_PER_ORIGIN * samples**2 / 2 * sum(each.get(name, 0) for name in names)
+    return seconds
 
 
 def refuse_too_large(
