@@ -116,7 +116,9 @@ def test_an_engine_gets_its_settings_and_no_other(capsys, monkeypatch, runs):
     monkeypatch.setitem(provenance.ENGINES, "timestep", provenance.SOURCES)
     asked = ["simulate", SCENE, "--particles", 10, "--seeds", "0-2", *STEP, "--output", "x.h5"]
     assert said(capsys, *asked) == (DONE, "", "")
-    assert calls == [([0, 1, 2], frozenset({"tracer"}), {"time_step": 0.01, "precision": "double"})]
+    nothing_measured = {"observables": (), "average": "runs"}
+    settings = {"time_step": 0.01, "precision": "double"}
+    assert calls == [([0, 1, 2], frozenset({"tracer"}), nothing_measured | settings)]
     assert read_trajectories("x.h5").settings == {"time_step": 0.01, "precision": "double"}
     assert b"--engine timestep --time-step 0.01 --precision double`" in Path("x.h5").read_bytes()
     assert "engine       timestep" in said(capsys, "inspect", "x.h5")[1]
@@ -333,7 +335,7 @@ def test_any_path_can_be_said(encoding, tmp_path):
 
 
 def raises(error):
-    def simulate(*_):
+    def simulate(*_, **__):
         raise error
 
     return simulate
@@ -364,7 +366,7 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
 def test_runs_that_fail_their_health_check(runs, failed, status, capsys, monkeypatch):
     ensemble = read_trajectories(runs).ensemble
     marked = ensemble._replace(observables=ensemble.observables | {"failed": np.array(failed, np.uint8)})
-    monkeypatch.setattr(exact, "simulate", lambda *_: marked)
+    monkeypatch.setattr(exact, "simulate", lambda *_, **__: marked)
     found, _, err = said(capsys, "simulate", SCENE, "--particles", 10, "--seeds", "0-2", "--output", "x.h5")
     assert found == status
     assert f"x.h5: failed their health check: {sum(failed)} of 3 runs: 0" in err

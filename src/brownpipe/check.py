@@ -111,7 +111,8 @@ def _cautions(engine: Engine, scenes: Sequence[Scene]) -> list[str]:
 
 def _study(study: Study) -> list[str]:
     runs, batches = len(study.seeds), len(study.batches)
-    costs = [cost.of_run(case) for case in study.cases]
+    kept = {study.record}, study.observables, study.average
+    costs = [cost.of_run(case, *kept) for case in study.cases]
     names = max(len(case.name) for case in study.cases)
     lines = [f"{'scene':<{names}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  of a run"]
     for case, one in zip(study.cases, costs, strict=True):
@@ -120,7 +121,7 @@ def _study(study: Study) -> list[str]:
         lines.append(f"{case.name:<{names}}  {row} {_bytes(one.recorded):>9}")
     each, engines, jobs = [], len(study.engines), len(study.jobs())
     for engine in study.engines:
-        takes = [cost.of_engine(engine, case) for case in study.cases]
+        takes = [cost.of_engine(engine, case, *kept) for case in study.cases]
         each.append(sum(batches * (cost.START_UP + one.once) + runs * one.seconds for one in takes))
         lines.append(f"engine    {engine.label}: {_model(engine, study.cases)}; some {_time(each[-1])} of CPU")
         lines += _cautions(engine, study.cases)

@@ -1,7 +1,7 @@
 """The engines there are: what can be set of each, how it is asked for, and where it may be used.
 
-An engine is the module or package of its name, with `simulate(scene, seeds, record, **settings) -> Ensemble`. It is
-imported when it is run.
+An engine is the module or package of its name, with
+`simulate(scene, seeds, record, observables=(), average="runs", **settings) -> Ensemble`. It is imported when it is run.
 """
 
 from importlib import import_module
@@ -47,9 +47,12 @@ class Engine(NamedTuple):
         """Name and settings in the words of `brownpipe simulate --engine`."""
         return " ".join([self.name, *(f"{option(key)} {value}" for key, value in self.settings)])
 
-    def simulate(self, scene, seeds, record, *more):
+    def simulate(self, scene, seeds, record, *more, observables=(), average="runs"):
         """Run a scene once for every seed; `more` is what this engine alone takes."""
-        return import_module(f"brownpipe.{self.name}").simulate(scene, seeds, record, *more, **dict(self.settings))
+        measures = {"observables": observables, "average": average}
+        return import_module(f"brownpipe.{self.name}").simulate(
+            scene, seeds, record, *more, **measures, **dict(self.settings)
+        )
 
 
 def option(setting: str) -> str:

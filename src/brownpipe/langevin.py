@@ -16,20 +16,24 @@ law; nothing else does.
 
 import numpy as np
 
-from brownpipe.batch import Run, enter, filled, room_for
+from brownpipe.batch import Run, enter, request, room_for
 from brownpipe.friction import bath_of, followed, friction_rate, refuse_unfit
 from brownpipe.kernels import kernel, one_compiler
+from brownpipe.observables import of_tracer
 from brownpipe.scene import Scene
 from brownpipe.state import Ensemble, Track, draw_tracer, noise
 
 FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) is summed as a series: the closed form cancels
 
 
-def simulate(scene: Scene, seeds, record=frozenset({"tracer"}), friction: str = "enskog") -> Ensemble:
+def simulate(
+    scene: Scene, seeds, record=frozenset({"tracer"}), *, observables=(), average="runs", friction: str = "enskog"
+) -> Ensemble:
     """Follow the tracer of the scene once for every seed; `friction` as in `friction.friction_rate`.
 
     It begins with the velocity that it has in the exact engine, and where the scene puts it, or anywhere in the
     accessible box. If it is free while the scene equilibrates, it moves for that time before t = 0.
+    Of `observables` it has those of the tracer alone; the others are left out.
     Raises SceneError where the Langevin equation is not to be used.
     """
     refuse_unfit(scene, friction, record)
@@ -37,13 +41,14 @@ def simulate(scene: Scene, seeds, record=frozenset({"tracer"}), friction: str = 
     before = scene.equilibrate if scene.tracer_while_equilibrating == "free" else 0.0
     steps = np.diff(scene.times, prepend=-before)
     weights = step_weights(steps, gamma, bath_of(scene).temperature / followed(scene).mass)
-    mass, batch = scene.mass, room_for(scene, np.asarray(seeds, dtype=np.int64))
+    asked = request(scene, record, *of_tracer(observables, average))
+    mass, batch = scene.mass, room_for(asked, seeds)
     with one_compiler():
         follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4)))
     for column, seed in enumerate(batch.seeds.tolist()):
         track = folded(scene, _path(scene, mass, seed, weights))
-        enter(batch, column, Run(track, None, None, {"friction_rate": gamma, "failed": np.uint8(0)}))
-    return filled(scene, batch, record)
+        enter(batch, column, Run(track, None, None, {"friction_rate": gamma, "failed": np.uint8(0)}), asked)
+    return batch
 
 
 def step_weights(dt, gamma: float, square_speed: float) -> np.ndarray:

@@ -7,8 +7,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 PACKAGE = Path(__file__).parent
-# The modules and packages that decide the trajectories of the exact engine.
-SOURCES = ("reading", "packing", "scene", "placement", "state", "theory", "collisions", "kernels", "batch", "exact")
+# The modules and packages that decide the trajectories of the exact engine, and what is measured in its runs.
+SOURCES = (
+    "reading",
+    "packing",
+    "sampling",
+    "scene",
+    "placement",
+    "state",
+    "theory",
+    "collisions",
+    "kernels",
+    "observables",
+    "batch",
+    "exact",
+)
 ENGINES = {  # the others equilibrate by the exact one, or measure with it
     "exact": SOURCES,
     "timestep": (*SOURCES, "timestep"),

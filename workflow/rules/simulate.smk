@@ -10,7 +10,8 @@ rule simulate:
         scene=lookup(dpath="{scene}/{particles}/file", within=cases),
         physics=lookup(dpath="{scene}/{particles}/digest", within=cases),
         engine=lookup(dpath="{engine}/words", within=engines),
+        measuring=study.measuring,
         made_with=lookup(dpath="{engine}/made_with", within=engines),
     shell:
         "brownpipe simulate {params.scene:q} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
-        " --engine {params.engine} --output {output} 2> {log}"
+        " --engine {params.engine} {params.measuring} --output {output} 2> {log}"

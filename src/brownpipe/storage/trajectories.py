@@ -10,9 +10,11 @@ import h5py
 import numpy as np
 
 from brownpipe.engines import Engine
+from brownpipe.observables import AXES, VARIABLES
 from brownpipe.provenance import ENGINES, source_digest, versions
 from brownpipe.scene import Scene, SceneError, parse_scene
 from brownpipe.state import Ensemble, Events, Track
+from brownpipe.storage import measured
 from brownpipe.storage.files import BLANK_SEAL, StorageError, WrongFileError, read_sealed, seal, write_file
 from brownpipe.storage.tree import Link, Node, digest, from_bytes, to_bytes
 
@@ -45,6 +47,7 @@ MEANING = {
     "virial": ("energy", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
     "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
     "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
+    "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
     "failed": ("1", "1 if overlap or energy drift passed its bound: not to be averaged in"),
     "scene": ("1", "the scene as canonical JSON"),
     "settings": ("1", "settings of the engine as JSON"),
@@ -110,7 +113,7 @@ def _layout(trajectories):
         nodes |= _particles(group, scene, ensemble.times, track, "disk", np.arange(scene.particles))
         nodes[f"{group}/radius"] = _dataset("radius", scene.radius, ("id",))
         nodes[f"{group}/mass"] = _dataset("mass", scene.mass, ("id",))
-    nodes |= _observables(ensemble)
+    nodes |= _observables(scene, ensemble)
     for seed, events in ensemble.events.items():
         nodes |= _events(f"observables/events/seed_{seed:05d}", events)
     return nodes | _parameters(trajectories)
@@ -162,7 +165,7 @@ def _components():
     return _dataset("component", np.array(["x", "y"], h5py.string_dtype()), ("component",))
 
 
-def _observables(ensemble):
+def _observables(scene, ensemble):
     group = "observables/run"
     nodes = {
         "observables": Node(None, {}),
@@ -170,7 +173,9 @@ def _observables(ensemble):
         f"{group}/seed": _dataset("seed", ensemble.seeds, ("seed",)),
     }
     for name, value in ensemble.observables.items():
-        nodes[f"{group}/{name}"] = _dataset(name, value, ("seed",))
+        if name not in VARIABLES:
+            nodes[f"{group}/{name}"] = _dataset(name, value, ("seed",))
+    nodes |= measured.layout(group, scene, ensemble)
     if ensemble.events:
         nodes["observables/events"] = Node(None, {})
     return nodes
@@ -191,6 +196,7 @@ def _parameters(trajectories):
         "particles": scene.particles,
         "engine": engine,
         "seeds": seed_text(ensemble.seeds),
+        "average": ensemble.average,
         "rerun": _command(scene, Engine(engine, tuple(settings.items())), ensemble),
         "source_digest": source_digest(sources=ENGINES[engine]),
     }
@@ -208,7 +214,8 @@ def _command(scene, engine, ensemble):
     nothing = ["none"] * (ensemble.tracer is None and scene.particles > 0)
     record = f" --record {','.join(words or nothing)}" if words or nothing else ""
     seeds = f" --seeds {seed_text(ensemble.seeds)}"
-    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.words}{record}`"
+    observables = measured.options(ensemble)
+    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.words}{record}{observables}`"
 
 
 # Reading
@@ -234,17 +241,19 @@ def _trajectories(nodes):
     except SceneError as error:
         raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
     settings = json.loads(nodes["parameters/settings"].value)
-    return Trajectories(scene, parameters["engine"], settings, _ensemble(nodes, scene), parameters["source_digest"])
+    ensemble = _ensemble(nodes, scene)._replace(average=parameters.get("average", "runs"))
+    return Trajectories(scene, parameters["engine"], settings, ensemble, parameters["source_digest"])
 
 
 def _ensemble(nodes, scene):
-    run = _children(nodes, "observables/run")
+    run = {name: value for name, value in _children(nodes, "observables/run").items() if name not in AXES}
     seeds = run.pop("seed")
     whole = {_seed(name): _track(nodes, f"particles/{name}") for name in _runs(nodes, "particles")}
     events = _runs(nodes, "observables/events")
     events = {_seed(name): _read_events(nodes, f"observables/events/{name}") for name in events}
     tracer = _track(nodes, "particles/tracer") if "particles/tracer" in nodes else None
-    times = next((node.value for path, node in nodes.items() if path.endswith("/position/time")), scene.times)
+    places = ("/position/time", "observables/run/time")
+    times = next((node.value for path, node in nodes.items() if path.endswith(places)), scene.times)
     return Ensemble(seeds=seeds, times=times, tracer=tracer, observables=run, whole=whole, events=events)
 
 
