@@ -67,7 +67,8 @@ def of_engine(engine: Engine, scene: Scene, record=frozenset({"tracer"})) -> Cos
     """Return what one run of the scene by an engine is expected to cost; of an engine that is fit for it."""
     exact = of_run(scene, record)
     if engine.name == "timestep":
-        steps = scene.duration / dict(engine.settings)["time_step"]  # collisions and neighbours cost as in the exact one
+        steps = scene.duration / dict(engine.settings)["time_step"]
+        # neighbours and collisions cost about as much as in the exact engine
         return exact._replace(seconds=exact.seconds + SECONDS_PER_DISK_STEP * scene.particles * steps)
     if engine.name == "langevin":
         seconds = EACH_LANGEVIN_RUN + SECONDS_PER_SAMPLE * len(scene.times)
