@@ -16,7 +16,25 @@ from brownpipe.observables.origins import is_stationary, why_not_stationary
 from brownpipe.reading import SceneError
 from brownpipe.scene import Scene
 
+__all__ = [
+    "AVERAGES",
+    "AXES",
+    "OBSERVABLES",
+    "VARIABLES",
+    "asked_for",
+    "axes",
+    "is_stationary",
+    "needs_every_disk",
+    "numbers_in",
+    "observe",
+    "of_tracer",
+    "problem",
+    "refuse_unfit",
+    "variables_of",
+]
+
 AVERAGES = ("runs", "origins", "disks")
+AVERAGED = ("displacement", "velocity_autocorrelation")  # observables that they apply to
 MOST_PAIR_COUNTS = 1_000_000  # numbers in a histogram
 
 
@@ -44,8 +62,10 @@ AXES = {  # dimension: units, meaning
     "distance": ("length", "distance of the centres, middle of its bin"),
 }
 VARIABLES = {
-    "square_displacement": Variable(("time",), "length^2", "squared displacement of the tracer"),
-    "velocity_autocorrelation": Variable(("time",), "length^2/time^2", "v(0).v(t) of the tracer"),
+    "square_displacement": Variable(
+        ("time",), "length^2", "squared displacement of the tracer; /parameters says over what it is averaged"
+    ),
+    "velocity_autocorrelation": Variable(("time",), "length^2/time^2", "v(0).v(t) of the tracer; averaged likewise"),
     "bath_velocity_autocorrelation": Variable(
         ("time",), "length^2/time^2", "v(0).v(t), mean over the disks of the most numerous species but the tracer's"
     ),
@@ -64,23 +84,6 @@ OBSERVABLES = {
     "velocity_distribution": Observable(velocity.distribution, ("velocity_counts", "speed_counts")),
     "pair_distribution": Observable(pairs.distribution, ("pair_counts", "pair_snapshots")),
 }
-__all__ = [
-    "AVERAGES",
-    "AXES",
-    "OBSERVABLES",
-    "VARIABLES",
-    "asked_for",
-    "axes",
-    "is_stationary",
-    "needs_every_disk",
-    "numbers_in",
-    "observe",
-    "of_tracer",
-    "problem",
-    "refuse_unfit",
-    "variables_of",
-]
-AVERAGED = ("displacement", "velocity_autocorrelation")  # that `average` applies to
 
 
 def observe(scene: Scene, run, names: tuple[str, ...], average: str = "runs") -> dict[str, np.ndarray | int]:
