@@ -114,7 +114,7 @@ def wrap(w):
 @kernel
 def boxes_away(place, low, side):
     """Return how many boxes from the first one a coordinate lies."""
-    return int(math.floor((float(place) - low) / side))
+    return math.floor((float(place) - low) / side)
 
 
 @kernel
@@ -213,7 +213,7 @@ def pairs_round_the_box(w, columns, lines, column, line):
 @kernel
 def images_within_reach(distance, cells, side):
     """Return how many cells to a side a distance reaches."""
-    return max(1, int(math.ceil(distance * cells / side)))
+    return max(1, math.ceil(distance * cells / side))
 
 
 @kernel
@@ -235,7 +235,7 @@ def pairs_of_big(w, i):
 
 @kernel
 def meet(w, pairs, counter, i, begin, end, across, up):
-    """List the pairs of disk i with disks in a stretch of the arrays, all seen as one image; say if there is no room."""
+    """List the pairs of disk i with a stretch of the arrays, all seen as one image; say if there is no room."""
     m = begun = w.clock[counter]
     if m + end - begin > len(pairs.a):
         w.clock[OVERFULL] = 1

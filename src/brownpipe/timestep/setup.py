@@ -66,7 +66,7 @@ def prepare(scene: Scene, frame: Frame, time_step: float, precision: str, room: 
     reals = np.zeros(ws.REALS, real)
     reals[ws.LENGTH] = dt
     reals[[ws.LEFT, ws.BOTTOM]] = corner
-    reals[[ws.RIGHT, ws.TOP]] = corner + (inner.width, inner.height)
+    reals[[ws.RIGHT, ws.TOP]] = corner + np.array((inner.width, inner.height))
     room = max(room, 16 * n + 64)
     return Workspace(
         box=inner,

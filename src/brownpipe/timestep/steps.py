@@ -74,16 +74,18 @@ def near_across(w, pairs, number, slack, offset, m):
 
 @kernel
 def relative(w, pair):
-    """Return a pair, and place and velocity of its disk b as seen from a."""
-    room = len(w.within.a)
-    if pair < room:
-        a, b = w.within.a[pair], w.within.b[pair]
+    """Return a pair, the disk with the lower number first, and place and velocity of its disk b as seen from a."""
+    j, room = pair, len(w.within.a)
+    if j < room:
+        a, b = int(w.within.a[j]), int(w.within.b[j])
         x, y = float(w.x[b]) - float(w.x[a]), float(w.y[b]) - float(w.y[a])
     else:
-        j = pair - room
-        a, b = w.across.a[j], w.across.b[j]
+        j -= room
+        a, b = int(w.across.a[j]), int(w.across.b[j])
         x = float(w.x[b]) - float(w.x[a]) + float(w.across.shift_x[j])
         y = float(w.y[b]) - float(w.y[a]) + float(w.across.shift_y[j])
+    if w.disk[a] > w.disk[b]:
+        a, b, x, y = b, a, -x, -y
     return a, b, x, y, float(w.vx[b]) - float(w.vx[a]), float(w.vy[b]) - float(w.vy[a])
 
 
@@ -101,8 +103,7 @@ def judge(w, hits):
         contact = float(w.within.contact[pair] if pair < room else w.across.contact[pair - room])
         distance, approach, speed, cross = x * x + y * y, x * u + y * v, u * u + v * v, x * v - y * u
         if distance < contact:
-            i, k = int(w.disk[a]), int(w.disk[b])
-            w.contact_key[m], w.contact_pair[m] = min(i, k) * n + max(i, k), pair
+            w.contact_key[m], w.contact_pair[m] = int(w.disk[a]) * n + int(w.disk[b]), pair
             m += 1
             w.tally[NEAREST] = min(w.tally[NEAREST], distance / contact)
         else:
