@@ -308,14 +308,17 @@ def run(w, r, until, most):
 def begin_block(w):
     """Put the disks into cells and let each begin with a stale event, so that it predicts afresh.
 
-    All that follows depends on nothing but the positions and velocities at local time 0.
+    All that follows depends on nothing but the positions and velocities at local time 0. A disk that keeps a list may
+    have left a periodic box by half a square; its neighbours are found only from its cell inside.
     """
     w.cell[:: w.grid.slots] = 0
     calendar.clear(w)
     for i in range(len(w.disk) // ROW - 1, -1, -1):
         a = ROW * i
         column, line = grid.place(w, i, 0.0)
-        grid.enter(w.big, w, i, min(max(column, 0), w.grid.columns - 1), min(max(line, 0), w.grid.lines - 1))
+        if wrapped(w.image, w, i, column, line):
+            column, line = column % w.grid.columns, line % w.grid.lines
+        grid.enter(w.big, w, i, column, line)
         w.disk[a + PAIR_TIME] = w.disk[a + EVENT_TIME] = 0.0
         w.link[a + EVENT], w.link[a + PARTNER], w.link[a + COUNT], w.link[a + PARTNER_COUNT] = PAIR, i, 0, 1
         calendar.insert(w, i, 0.0)
@@ -326,7 +329,7 @@ def begin_block(w):
 def make_lists(neighbour_lists, w):
     """Make the lists of all disks anew, if there are any."""
     if neighbour_lists is not None:
-        neighbour_lists.neighbour[:: lists.LINE_OF_LIST] = 0
+        neighbour_lists.neighbour[:: neighbour_lists.line] = 0
         n = len(w.disk) // ROW
         for i in range(n):
             lists.centre(neighbour_lists, w, i, 0.0)

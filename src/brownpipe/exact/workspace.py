@@ -68,8 +68,9 @@ class Lists(NamedTuple):
     """Neighbour lists, and the squares for which they hold."""
 
     half: float  # half the side of a square
+    line: int  # of one disk in `neighbour`: a power of two
     centre: object  # (2 N,) float64, of the squares
-    neighbour: object  # (16 N,) uint32, how many neighbours and which
+    neighbour: object  # (line * N,) uint32, how many neighbours and which
 
 
 class Workspace(NamedTuple):
