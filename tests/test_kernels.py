@@ -1,8 +1,14 @@
 """Kernels are compiled by one process at a time."""
 
+import fcntl
+import os
+import signal
 import subprocess
 import sys
+import time
 from itertools import pairwise
+
+import pytest
 
 from brownpipe import kernels
 
@@ -42,3 +48,44 @@ def test_machine_code_is_not_taken_from_others(tmp_path):
     assert not kernels._private(folder)
     (tmp_path / "link").symlink_to(tmp_path)
     assert not kernels._private(tmp_path / "link")
+
+
+def test_machine_code_that_nobody_uses_is_removed(tmp_path):
+    """Of three folders the one unused for a day; not one whose lock is held, nor what is not ours."""
+    for name in ("kernels-old", "kernels-new", "kernels-held", "other"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / kernels.LOCK).touch()
+        (tmp_path / name / "code.nbc").touch()
+    for name in ("kernels-old", "kernels-held", "other"):
+        os.utime(tmp_path / name / kernels.LOCK, (time.time() - 2 * kernels.UNUSED,) * 2)
+    with open(tmp_path / "kernels-held" / kernels.LOCK) as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        kernels._prune(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kernels-held", "kernels-new", "other"]
+
+
+def test_using_machine_code_keeps_it_from_being_removed(tmp_path, monkeypatch):
+    folder = tmp_path / "kernels-used"
+    monkeypatch.setattr(kernels, "CACHE", str(folder))
+    for _ in range(2):
+        with kernels.one_compiler():
+            pass
+        os.utime(folder / kernels.LOCK, (0, 0))
+    with kernels.one_compiler():
+        pass
+    kernels._prune(tmp_path)
+    assert folder.exists()
+
+
+def test_a_signal_while_compiling_is_answered_after_it():
+    done = []
+
+    def compiled():
+        with kernels.one_compiler():
+            signal.raise_signal(signal.SIGINT)
+            done.append("compiled")
+
+    with pytest.raises(KeyboardInterrupt):
+        compiled()
+    assert done == ["compiled"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

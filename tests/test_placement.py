@@ -44,6 +44,14 @@ def test_random_places_are_sound(name):
         assert_sound(RANDOM[name], draw(RANDOM[name], seed))
 
 
+def test_larger_disks_find_their_places_first():
+    """Listed last, a large disk found none among 1,400 small ones; equal ones keep the order of the scene."""
+    late = make(box(6, 6, W), [(1400, 0.05, 1), (1, 1.0, 1), (1, 0.9, 1)], 1.0)
+    assert_sound(late, draw(late, 0))
+    early = make(box(6, 6, W), [(1, 1.0, 1), (1, 0.9, 1), (1400, 0.05, 1)], 1.0)
+    assert np.array_equal(draw(early, 0).position[[*range(2, 1402), 0, 1]], draw(late, 0).position)
+
+
 @pytest.mark.parametrize("boundary", [W, P])
 def test_a_disk_is_uniform_over_where_it_can_be(boundary):
     """Kolmogorov-Smirnov per coordinate over 3,000 states; false alarm 1e-6 each."""

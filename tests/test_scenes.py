@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from brownpipe.exact import simulate
+from brownpipe.exact import setup, simulate
 from brownpipe.scene import SceneError, read_scene
 
 FOLDER = Path(__file__).parent / "scenes"
@@ -17,8 +17,11 @@ def test_every_scene_has_an_outcome():
     assert {path.stem for path in FOLDER.glob("*.yaml")} - {"expected"} == set(EXPECTED)
 
 
+@pytest.mark.parametrize("lists_from", [0.0, np.inf], ids=["lists", "cells"])
 @pytest.mark.parametrize("name", EXPECTED)
-def test_scene(name):
+def test_scene(name, lists_from, monkeypatch):
+    """With neighbour lists (where they can be) and with cells alone, whatever the packing fraction."""
+    monkeypatch.setattr(setup, "LISTS_FROM", lists_from)
     expected, path = EXPECTED[name], FOLDER / f"{name}.yaml"
     if "refused" in expected:
         with pytest.raises(SceneError) as refusal:

@@ -3,9 +3,13 @@
 import fcntl
 import hashlib
 import os
+import shutil
+import signal
 import stat
 import tempfile
-from contextlib import contextmanager
+import threading
+import time
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -13,6 +17,8 @@ import numba
 from numba.core.cpu import CPUTargetOptions
 
 PACKAGE = Path(__file__).parent
+LOCK = "compiling"  # in each folder of machine code; its time is that of the last use
+UNUSED = 86_400.0  # seconds
 
 # cache: compiled once per machine.
 # error_model="numpy": x / 0 is inf, as for arrays, and no division needs a branch.
@@ -40,12 +46,23 @@ def _cache_folder(engine: str) -> str:
     for base in (Path(usual), shared):
         try:
             base.mkdir(mode=0o700 if base == shared else 0o777, parents=True, exist_ok=True)
-            (base / name).mkdir(exist_ok=True)
+            if not (base / name).exists():
+                (base / name).mkdir(exist_ok=True)
+                _prune(base)
         except OSError:
             continue
         if os.access(base / name, os.W_OK) and (base != shared or _private(base)):
             return str(base / name)
     return ""
+
+
+def _prune(base: Path) -> None:
+    """Remove machine code of sources that no process has used for a day. One that still does compiles again."""
+    for lock in base.glob(f"kernels-*/{LOCK}"):
+        with suppress(OSError), open(lock) as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if time.time() - lock.stat().st_mtime > UNUSED:
+                shutil.rmtree(lock.parent, ignore_errors=True)
 
 
 def _private(folder: Path) -> bool:
@@ -75,8 +92,28 @@ class RunError(Exception):
 def one_compiler():
     """Let one process at a time compile, so that the others find the result in the cache."""
     if not CACHE:
-        yield
+        with _signals_held():
+            yield
         return
-    with open(Path(CACHE) / "compiling", "w") as lock:
+    Path(CACHE).mkdir(exist_ok=True)  # it may have been pruned meanwhile
+    with open(Path(CACHE) / LOCK, "w") as lock:
+        os.utime(lock.fileno())
         fcntl.flock(lock, fcntl.LOCK_EX)
+        with _signals_held():
+            yield
+
+
+@contextmanager
+def _signals_held():
+    """Hold back Ctrl-C and the like: the compiler calls back from C, where what a handler raises is lost."""
+    held, saved = [], {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            saved[number] = signal.signal(number, lambda came, _: held.append(came))
+    try:
         yield
+    finally:
+        for number, handler in saved.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+        for number in held:
+            signal.raise_signal(number)

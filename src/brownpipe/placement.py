@@ -15,7 +15,8 @@ def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.n
     """Return the (N, 2) centres of the disks of a scene of species.
 
     The tracer stands where the scene puts it. `random`: every other centre is uniform over the places where the disk
-    lies in the box and overlaps none before it (random sequential insertion, which ends near phi = 0.5).
+    lies in the box and overlaps none before it (random sequential insertion, which ends near phi = 0.5). Larger disks
+    come first, as they would find no place among the small ones; equal ones in the order of the scene.
     `lattice`: a triangular lattice that fills the box, its sites shared out at random.
     Raises SceneError if the disks do not fit.
     """
@@ -45,8 +46,10 @@ def _accessible(scene: Scene, margin) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator) -> np.ndarray:
-    n = len(radius)
-    position = np.zeros((n, 2))
+    n, turn = len(radius), np.argsort(-radius, kind="stable")
+    if fixed is not None:
+        turn = np.concatenate([[0], turn[turn > 0]])
+    position, radius = np.zeros((n, 2)), radius[turn]
     if n == 0:
         return position
     low, size = np.array((scene.box.x[0], scene.box.y[0])), np.array((scene.box.width, scene.box.height))
@@ -69,7 +72,7 @@ def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator
             f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "
             f"(packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
         )
-    return position + low
+    return (position + low)[np.argsort(turn)]
 
 
 @kernel

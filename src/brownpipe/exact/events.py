@@ -11,6 +11,7 @@ import math
 from brownpipe.collisions import delay, encounter, exchange, meets
 from brownpipe.exact import calendar, grid, lists
 from brownpipe.exact.disks import contact_distance, displacement, mass_of, move, push_apart, radius_of
+from brownpipe.exact.sampling import audit_place, sample
 from brownpipe.exact.workspace import (
     BLOCK,
     BLOCK_OVER,
@@ -308,14 +309,17 @@ def run(w, r, until, most):
 def begin_block(w):
     """Put the disks into cells and let each begin with a stale event, so that it predicts afresh.
 
-    All that follows depends on nothing but the positions and velocities at local time 0.
+    All that follows depends on nothing but the positions and velocities at local time 0. A disk that keeps a list may
+    have left a periodic box by half a square; its neighbours are found only from its cell inside.
     """
     w.cell[:: w.grid.slots] = 0
     calendar.clear(w)
     for i in range(len(w.disk) // ROW - 1, -1, -1):
         a = ROW * i
         column, line = grid.place(w, i, 0.0)
-        grid.enter(w.big, w, i, min(max(column, 0), w.grid.columns - 1), min(max(line, 0), w.grid.lines - 1))
+        if wrapped(w.image, w, i, column, line):
+            column, line = column % w.grid.columns, line % w.grid.lines
+        grid.enter(w.big, w, i, column, line)
         w.disk[a + PAIR_TIME] = w.disk[a + EVENT_TIME] = 0.0
         w.link[a + EVENT], w.link[a + PARTNER], w.link[a + COUNT], w.link[a + PARTNER_COUNT] = PAIR, i, 0, 1
         calendar.insert(w, i, 0.0)
@@ -326,7 +330,7 @@ def begin_block(w):
 def make_lists(neighbour_lists, w):
     """Make the lists of all disks anew, if there are any."""
     if neighbour_lists is not None:
-        neighbour_lists.neighbour[:: lists.LINE_OF_LIST] = 0
+        neighbour_lists.neighbour[:: neighbour_lists.line] = 0
         n = len(w.disk) // ROW
         for i in range(n):
             lists.centre(neighbour_lists, w, i, 0.0)
@@ -340,68 +344,9 @@ def end_block(w):
     for i in range(len(w.disk) // ROW):
         move(w, i, w.calendar.block)
         w.disk[ROW * i + TIME] = 0.0
+        audit_place(w.lists, w, i, 0.0)
     w.clock[BLOCK] += 1
     w.tally[NOW] = 0.0
-
-
-@kernel
-def audit(w, i, now):
-    """Look for overlaps of disk i with its neighbours."""
-    column, line = int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE])
-    m = grid.gather(w.big, w, i, column, line)
-    for j in range(m):
-        k = w.candidate[j] & DISK_MASK
-        if k != i:
-            x, y, u, v = displacement(w, i, w.candidate[j], now)
-            sigma = contact_distance(w.mass, w, i, k)
-            c = encounter(x, y, u, v, sigma)[1]
-            w.tally[NEAREST] = min(w.tally[NEAREST], c / (sigma * sigma))
-
-
-@kernel
-def boxes_beyond(image, w, x, y):
-    """Return how many boxes to the right and above a position is: with lists, disks go round the box late."""
-    if image is None:
-        return 0, 0
-    return math.floor((x - w.grid.x) / w.grid.width), math.floor((y - w.grid.y) / w.grid.height)
-
-
-@kernel
-def note_image(image, i, images, row, column, across, up):
-    """Write how often disk i went round a periodic box into a row of a record."""
-    if image is not None:
-        images[row, column, 0] = image[2 * i] + across
-        images[row, column, 1] = image[2 * i + 1] + up
-
-
-@kernel
-def note(w, i, now, position, velocity, images, row, column):
-    """Write where disk i is now into a row of a record."""
-    disk, a = w.disk, ROW * i
-    since = now - disk[a + TIME]
-    x, y = disk[a + X] + disk[a + VX] * since, disk[a + Y] + disk[a + VY] * since
-    across, up = boxes_beyond(w.image, w, x, y)
-    position[row, column, 0] = x - across * w.grid.width
-    position[row, column, 1] = y - up * w.grid.height
-    velocity[row, column, 0] = disk[a + VX]
-    velocity[row, column, 1] = disk[a + VY]
-    note_image(w.image, i, images, row, column, across, up)
-
-
-@kernel
-def sample(w, r, now):
-    """Take a sample, and look for overlaps among what it shows; at the last one among all."""
-    row = w.clock[SAMPLE]
-    w.clock[SAMPLE] = row + 1
-    if len(w.disk) == 0:
-        return
-    note(w, r.tracer, now, r.position, r.velocity, r.image, row, 0)
-    whole = r.whole_position.shape[1] > 0
-    first, end = (0, len(w.disk) // ROW) if whole or row == len(r.block) - 1 else (r.tracer, r.tracer + 1)
-    for i in range(first, end):
-        audit(w, i, now)
-        if whole:
-            note(w, i, now, r.whole_position, r.whole_velocity, r.whole_image, row, i)
 
 
 @kernel

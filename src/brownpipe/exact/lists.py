@@ -13,8 +13,6 @@ from brownpipe.exact.disks import contact_distance, shifted
 from brownpipe.exact.workspace import COLUMN, DISK_BITS, DISK_MASK, LINE, OVERFULL, ROW, TIME, VX, VY, X, Y
 from brownpipe.kernels import kernel
 
-LINE_OF_LIST, ROOM = 16, 15  # uint32 of one disk: how many neighbours, and which
-
 
 @kernel
 def reversed_image(candidate, i):
@@ -27,18 +25,18 @@ def reversed_image(candidate, i):
 @kernel
 def append(lists, w, i, candidate):
     """Put a candidate on the list of disk i; if there is no room, say so in the clock."""
-    n = lists.neighbour[LINE_OF_LIST * i]
-    if n == ROOM:
+    n = lists.neighbour[lists.line * i]
+    if n + 1 == lists.line:
         w.clock[OVERFULL] = 1
         return
-    lists.neighbour[LINE_OF_LIST * i + 1 + n] = candidate
-    lists.neighbour[LINE_OF_LIST * i] = n + 1
+    lists.neighbour[lists.line * i + 1 + n] = candidate
+    lists.neighbour[lists.line * i] = n + 1
 
 
 @kernel
 def strike(lists, i, candidate):
     """Take a candidate off the list of disk i, the last one taking its place."""
-    first = LINE_OF_LIST * i
+    first = lists.line * i
     n = lists.neighbour[first]
     last = lists.neighbour[first + n]
     for j in range(first + 1, first + n):
@@ -61,7 +59,7 @@ def near(lists, w, i, candidate):
 @kernel
 def forget(lists, i):
     """Empty the list of disk i, and take it off the lists of its neighbours."""
-    first = LINE_OF_LIST * i
+    first = lists.line * i
     for j in range(first + 1, first + 1 + lists.neighbour[first]):
         strike(lists, lists.neighbour[j] & DISK_MASK, reversed_image(lists.neighbour[j], i))
     lists.neighbour[first] = 0
@@ -96,4 +94,4 @@ def edges_ahead(lists, i, vx, vy):
 @kernel
 def neighbours(lists, i):
     """Return the array that the list of disk i is in, where it begins, and how many it holds."""
-    return lists.neighbour, LINE_OF_LIST * i + 1, lists.neighbour[LINE_OF_LIST * i]
+    return lists.neighbour, lists.line * i + 1, lists.neighbour[lists.line * i]

@@ -76,6 +76,8 @@ def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) 
     before, after = (float(mass @ np.sum(v * v, axis=1)) for v in (first, last))
     drift = (after - before) / before if before > 0 else 0.0
     overlap = 1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0)))
+    if w.tally[ws.STRAY] > HEALTH_BOUND:  # then overlaps may have gone unseen
+        overlap = max(overlap, float(w.tally[ws.STRAY]))
     residual = _momentum_residual(w, mass, first, last)
     pinned = len(mass) < len(w.disk) // ws.ROW  # a pinned tracer takes up momentum
     sound = all(size <= HEALTH_BOUND for size in (abs(drift), overlap, 0.0 if pinned else residual))
@@ -89,7 +91,7 @@ def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) 
         "momentum_residual": residual,
         "failed": np.uint8(not sound),
         "kinetic_energy": 0.5 * before * unit * (frame.length / frame.time),
-        "virial": float(w.tally[ws.VIRIAL]) * unit * (frame.length / frame.time),
+        "virial": float(w.tally[ws.VIRIAL]) * unit * frame.length,
     }
     if not scene.box.periodic:
         found["wall_impulse"] = float(w.tally[ws.WALL_IMPULSE :].sum()) * unit

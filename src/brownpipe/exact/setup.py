@@ -7,7 +7,6 @@ import numpy as np
 
 from brownpipe import theory
 from brownpipe.exact.calendar import LINE as BUCKET_LINE
-from brownpipe.exact.lists import LINE_OF_LIST
 from brownpipe.exact.workspace import (
     CLOCK,
     COUNTS,
@@ -31,6 +30,7 @@ EVENTS_PER_BUCKET = 8.0  # in the mean
 COLLISIONS_PER_BLOCK = 128.0  # of one disk: a block begins with predicting everything afresh, which should cost little
 LARGEST_RATIO = 1e12  # of masses, up to which the light disks are given time for speeds they may reach
 LISTS_FROM = 0.58  # packing fraction from which neighbour lists are faster than cells alone
+LINES_OF_LIST = (16, 32)  # uint32: how many neighbours a disk has, and which
 DENSEST = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice
 FITS_CACHE = 20_000  # disks: with more, a short ring is worth more than one that few events are too far ahead for
 PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
@@ -91,12 +91,12 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         mass[frame.back[0]] = np.inf
     equal = n < 2 or (np.all(radius == radius[0]) and np.all(mass == mass[0]))
     common = common_radius(radius) if n else 0.5
-    cells = _grid(scene, frame, common, slots or _slots(radius, common), 0.0)
-    big = _big_disks(cells, radius, common)
+    big = _big_disks(_grid(scene, frame, common, 0.0), radius, common)
     if big is None:
         common = radius.max(initial=common)
-    half = _half_square(scene, common) if big is None and slots is None else 0.0
-    cells = _grid(scene, frame, common, slots or _slots(radius, common), half)
+    half, line = _squares(scene, radius) if big is None and slots is None else (0.0, 0)
+    cells = _grid(scene, frame, common, half)
+    cells = cells._replace(slots=slots or _slots(scene, radius, common, cells))
     calendar = _calendar(scene, thermal_speed(scene) * frame.time / frame.length, common, cells, half)
     room = 9 * cells.slots + 8 if big is None else cells.slots * (len(big.reach) + 9) + 9 * big.number + 8
     shift = np.array([(a, u) for u in (0, 1, -1) for a in (0, 1, -1)]) * (cells.width, cells.height)
@@ -112,7 +112,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
         shift=shift if scene.box.periodic else None,
         big=big,
-        lists=Lists(half, np.zeros(2 * n), np.zeros(LINE_OF_LIST * n, np.uint32)) if half else None,
+        lists=Lists(half, line, np.zeros(2 * n), np.zeros(line * n, np.uint32)) if half else None,
         bucket=np.zeros(BUCKET_LINE * (calendar.ring + 1), np.uint32),
         soon_time=np.empty(2 * n + 16),
         soon_disk=np.empty(2 * n + 16, np.uint32),
@@ -145,24 +145,39 @@ def begin(w: Workspace, motion: np.ndarray) -> None:
         w.image[:] = 0
 
 
-def _slots(radius: np.ndarray, common: float) -> int:
+def _slots(scene: Scene, radius: np.ndarray, common: float, cells: Grid) -> int:
     """Return the room of a cell: a multiple of 4, of which one is the counter."""
     smallest = radius.min(initial=common)
-    most = 1.5 * (1.6 * common / smallest) ** 2 + 2.0
+    most = 1.5 * (1.6 * common / smallest) ** 2
+    reached = (cells.cell_width + 2 * smallest) * (cells.cell_height + 2 * smallest)
+    most = max(most, _crowd(scene, smallest, reached)) + 2.0
     return int(min(max(8, 4 * math.ceil(most / 4)), 64))
 
 
-def _half_square(scene: Scene, common: float) -> float:
-    """Return half the side of the squares for which neighbour lists hold; 0 where cells alone are faster."""
+def _crowd(scene: Scene, smallest: float, area: float) -> float:
+    """Return how many of the smallest disks cover an area as densely as the scene's disks cover the box."""
+    return scene.packing_fraction * area / (math.pi * smallest**2)
+
+
+def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, int]:
+    """Return half the side of the squares for which neighbour lists hold, and the line that a list takes.
+
+    (0.0, 0) where cells alone are faster, or where the neighbours of the largest disk may be too many for a list.
+    """
     phi = scene.packing_fraction
-    if phi < LISTS_FROM:
-        return 0.0
+    if phi < LISTS_FROM or len(radius) == 0:
+        return 0.0, 0
+    smallest, largest = radius.min(), radius.max()
     gap = math.sqrt(DENSEST / phi) - 1  # mean, between the edges of neighbours, in contact distances
-    return 2 * common * min(max(2 * gap, 0.02), 0.4)
+    half = 2 * largest * min(max(2 * gap, 0.02), 0.4)
+    reach = largest + 2 * smallest  # beyond two squares next to each other, of the edge of a small disk
+    most = _crowd(scene, smallest, (4 * half) ** 2 + 16 * half * reach + math.pi * reach**2)
+    line = next((line for line in LINES_OF_LIST if most < line), 0)
+    return (half, line) if line else (0.0, 0)
 
 
-def _grid(scene: Scene, frame: Frame, common: float, slots: int, half: float) -> Grid:
-    """Cells 1.1 (dense) to 2 (dilute) contact distances wide, but not many more than there are disks.
+def _grid(scene: Scene, frame: Frame, common: float, half: float) -> Grid:
+    """Cells, of no room yet, 1.1 (dense) to 2 (dilute) contact distances wide, but not many more than there are disks.
 
     With neighbour lists, cells hold centres of squares of half the side `half`, which may lie nearer than the disks.
     """
@@ -172,7 +187,7 @@ def _grid(scene: Scene, frame: Frame, common: float, slots: int, half: float) ->
     side = max(wide, math.sqrt(width * height / (4 * n + 4)))
     columns, lines = max(int(width / side), 1), max(int(height / side), 1)
     x, y = (box.x[0] - frame.origin[0]) / frame.length, (box.y[0] - frame.origin[1]) / frame.length
-    return Grid(columns, lines, x, y, width, height, width / columns, height / lines, slots, 2 * common)
+    return Grid(columns, lines, x, y, width, height, width / columns, height / lines, 0, 2 * common)
 
 
 def _calendar(scene: Scene, speed: float, common: float, cells: Grid, half: float) -> Calendar:

@@ -19,7 +19,8 @@ PAIR, LEFT, RIGHT, DOWN, UP, WALL = 0, 1, 2, 3, 4, 4
 DISK_BITS = 28
 DISK_MASK = (1 << DISK_BITS) - 1
 # Columns of `tally` and `count`: what a run reports.
-NOW, NEAREST, VIRIAL, WALL_IMPULSE = 0, 1, 2, 3  # WALL_IMPULSE + side - 1: four of them
+# STRAY: how far a disk was outside its cell or square, in cells.
+NOW, NEAREST, STRAY, VIRIAL, WALL_IMPULSE = range(5)  # WALL_IMPULSE + side - 1: four of them
 TALLY = WALL_IMPULSE + 4
 PAIRS, WALLS, TRACER_PAIRS, STALE, CROSSINGS = range(5)
 COUNTS = 5
@@ -68,8 +69,9 @@ class Lists(NamedTuple):
     """Neighbour lists, and the squares for which they hold."""
 
     half: float  # half the side of a square
+    line: int  # of one disk in `neighbour`: a power of two
     centre: object  # (2 N,) float64, of the squares
-    neighbour: object  # (16 N,) uint32, how many neighbours and which
+    neighbour: object  # (line * N,) uint32, how many neighbours and which
 
 
 class Workspace(NamedTuple):
