@@ -92,6 +92,14 @@ def refuse_unfit(engine: Engine, scene, record=frozenset({"tracer"})) -> None:
         from brownpipe import friction
 
         friction.refuse_unfit(scene, dict(engine.settings)["friction"], record)
+    if engine.name == "timestep":
+        from brownpipe.timestep.setup import refuse_bad_step
+
+        refuse_bad_step(scene, **dict(engine.settings))
+        if "events" in record:
+            raise SceneError(
+                "--record events: the timestep engine knows no instants of collisions; must be tracer or all"
+            )
 
 
 def caution(engine: Engine, scene) -> str | None:

@@ -27,16 +27,18 @@ def refuse_bad_step(scene: Scene, time_step: float, precision: str) -> None:
         raise SceneError(f"precision: must be one of {', '.join(PRECISIONS)}, found {precision!r}")
     most, least = largest_step(scene), smallest_step(scene, precision)
     if not (isinstance(time_step, int | float) and math.isfinite(time_step) and time_step > 0):
-        raise SceneError(f"time_step: must be a finite number above 0 and at most {most:.4g}, found {time_step!r}")
+        raise SceneError(
+            f"{scene.name}: time_step: must be a finite number above 0 and at most {most:.4g}, found {time_step!r}"
+        )
     if time_step > most:
         raise SceneError(
-            f"time_step: must be at most {most:.4g}, in which a disk at thermal speed covers its radius, "
+            f"{scene.name}: time_step: must be at most {most:.4g}, in which a disk at thermal speed covers its radius, "
             f"found {time_step!r}"
         )
     if time_step < least:
         raise SceneError(
-            f"time_step: must be at least {least:.4g} in {precision} precision, for at most {MOST_STEPS:g} steps in "
-            f"which disks move by more than round-off, found {time_step!r}"
+            f"{scene.name}: time_step: must be at least {least:.4g} in {precision} precision, for at most "
+            f"{MOST_STEPS:g} steps in which disks move by more than round-off, found {time_step!r}"
         )
 
 
