@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe import observables as measures
 from brownpipe import reading
 from brownpipe.reading import Entry, must_be, refuse
 from brownpipe.scene import MOST_BYTES, MOST_DISKS, Scene, parse_scene
@@ -21,10 +22,14 @@ LARGEST_SEED = 2**63 - 1
 
 ENGINES = {"exact": {}}  # name: {setting: how an Entry of it is read}
 FIGURES = ("msd", "displacement_distribution", "particle_counts", "health")
+RECORDS = ("tracer", "none")
 DEFAULTS = {
     "particles": None,  # of each scene file
     "engines": ["exact"],
     "batch": 2400,
+    "record": "tracer",
+    "observables": [],
+    "average": "runs",
     "figures": None,  # all that there is something to show in
     "displacement_times": [],  # the end of each run
     "fit_windows": None,  # from a tenth and from a half of the shortest duration to its end
@@ -69,11 +74,21 @@ class Study:
     fit_windows: tuple[tuple[float, float], ...]  # [time]
     ring_width: float  # dr [length]
     rings: int
+    record: str = "tracer"  # or "none": no trajectories, only what is measured in the runs
+    observables: tuple[str, ...] = ()  # measured in each run
+    average: str = "runs"  # what displacements and autocorrelations among them are averages over
 
     @property
     def batches(self) -> list[tuple[int, int]]:
         """First and last seed of each batch, cut at multiples of `batch`: more seeds leave whole batches alone."""
         return [cut for first, last in _runs(self.seeds) for cut in _cuts(first, last, self.batch)]
+
+    @property
+    def measuring(self) -> str:
+        """What to keep of each run and to measure in it, as options of `brownpipe simulate`; nothing if as usual."""
+        words = {"record": self.record, "observables": ",".join(self.observables), "average": self.average}
+        usual = {"record": "tracer", "observables": "", "average": "runs"}
+        return " ".join(f"--{key} {value}" for key, value in words.items() if value != usual[key])
 
     @property
     def ring_edges(self) -> np.ndarray:
@@ -112,6 +127,8 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     scenes = _scenes(given["scenes"], Path(path).parent)
     cases = _cases(scenes, given["particles"])
     ring_width, rings = _rings(given["rings"])
+    record = reading.choice(given["record"], RECORDS)
+    observables, average = _measures(given["observables"], given["average"], cases)
     study = Study(
         name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
         scenes=scenes,
@@ -119,11 +136,14 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         engines=_engines(given["engines"]),
         seeds=_seeds(given["seeds"]),
         batch=reading.integer(given["batch"], 1, MOST_SEEDS),
-        figures=_figures(given["figures"], cases),
+        figures=_figures(given["figures"], cases, record, observables),
         displacement_times=_displacement_times(given["displacement_times"], cases),
         fit_windows=_windows(given["fit_windows"], cases),
         ring_width=ring_width,
         rings=rings,
+        record=record,
+        observables=observables,
+        average=average,
     )
     refuse_repetition(cases, study.seeds, given["seeds"])
     jobs = len(cases) * len(study.engines) * len(study.batches)
@@ -230,12 +250,31 @@ def _engine(entry: Entry) -> Engine:
     return Engine(which.value, tuple((key, read(given[key])) for key, read in settings.items()))
 
 
-def _figures(entry: Entry, cases: tuple[Scene, ...]) -> tuple[str, ...]:
+def _measures(observables: Entry, average: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[str, ...], str]:
+    """Return what is measured in each run, and the averages made there; every scene must have it."""
+    listed = observables.value not in (None, []) and _one_or_more(observables)
+    names = tuple(reading.choice(one, tuple(measures.OBSERVABLES)) for one in listed or ())
+    over = reading.choice(average, measures.AVERAGES)
+    for case in cases:
+        found = measures.problem(case, names, over)
+        if found is not None:
+            key, why = found
+            refuse({"observables": observables, "average": average}[key], f"{case.name}, N = {case.particles}: {why}")
+    return names, over
+
+
+def _figures(entry: Entry, cases: tuple[Scene, ...], record: str, observables: tuple[str, ...]) -> tuple[str, ...]:
     """Return the figures; the default is all that there is something to show in."""
     moving = {case.particles for case in cases} - {0}
     lacking = {"particle_counts": "two particle counts or more"} if len(moving) < 2 else {}
     if not moving:
         lacking |= dict.fromkeys(("msd", "displacement_distribution"), "a disk to follow")
+    if record == "none":
+        lacking |= {"displacement_distribution": "record: tracer"}
+        if "displacement" not in observables:
+            lacking |= dict.fromkeys(
+                ("msd", "particle_counts"), "record: tracer, or displacement among the observables"
+            )
     if entry.value is None:
         return tuple(figure for figure in FIGURES if figure not in lacking)
     names = tuple(reading.choice(one, FIGURES) for one in _one_or_more(entry))

@@ -48,7 +48,7 @@ def aggregate(paths, windows=None, dr=0.04, rings=24, displacement_times=()):
 
 def _case(group, asked):
     outline = group.outline
-    return Case(outline.scene, group.key[2], outline.times, asked, outline.settings.get("average", "runs"))
+    return Case(outline.scene, group.key[2], outline.times, asked, outline.average)
 
 
 def _refuse_same(asked):

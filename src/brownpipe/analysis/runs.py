@@ -86,6 +86,8 @@ def _refuse_differing(files):
             raise AnalysisError(
                 f"{other}: its scene {outline.scene.name!r} is not the one in {path}; aggregate one of the two"
             )
+        if outline.average != first.average:
+            raise AnalysisError(f"{other}: averages over {outline.average}, {path} over {first.average}; aggregate one")
         if outline.source != first.source:
             raise AnalysisError(f"{other}: made by another source code than {path}; make one of the two again")
 
