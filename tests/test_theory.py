@@ -26,6 +26,56 @@ def assert_mean(samples, expected):
 # --- diffusion
 
 
+def square_walkers(rng, tau, runs=200_000):
+    """Distances from the centre of runs that diffuse from there in the square of half-width 1, reflected exactly."""
+    x = np.sqrt(2 * tau) * rng.standard_normal((runs, 2))
+    return np.hypot(*(np.abs((x + 1) % 4 - 2) - 1).T)  # the method of images: fold the plane into the square
+
+
+@pytest.mark.parametrize("tau", [0.0067, 0.0069, 0.05, 0.3, 2.0])
+def test_radial_law_of_the_reflecting_square(tau):
+    """Against 200,000 walkers; at 0.0068 the free law takes over."""
+    r = np.array([0.05, 0.2, 0.5, 0.9, 1.0, 1.1, 1.35])
+    share = (square_walkers(np.random.default_rng(12), tau)[:, None] < r).mean(axis=0)
+    law = theory.reflecting_square_within(r * 2.7, tau * 2.7**2 / 0.25, 0.25, 2.7)
+    assert (np.abs(share - law) <= SIGMAS * np.sqrt(law * (1 - law) / 200_000) + 1e-5).all()
+
+
+def test_radial_law_has_its_limits():
+    r = np.linspace(0, 1.5, 31)
+    free, first = (theory.reflecting_square_within(r, tau, 1.0, 1.0) for tau in (0.0068 - 1e-12, 0.0068 + 1e-12))
+    assert np.abs(free - first).max() < 1e-9  # the law itself moves by 1e-10 between the two times
+    last = theory.reflecting_square_within(r, 50.0, 1.0, 1.0)
+    assert last[r <= 1] == pytest.approx(np.pi * r[r <= 1] ** 2 / 4, abs=1e-13)
+    assert (last[r >= 1.4143] == 1).all()
+    assert theory.reflecting_square_within(np.sqrt(2) - 1e-9, 50.0, 1.0, 1.0) == pytest.approx(1, abs=1e-12)
+
+
+def test_radial_law_has_the_msd_of_the_square():
+    r = np.linspace(0, np.sqrt(2), 2001)
+    for tau in (0.003, 0.02, 0.4):
+        beyond = 1 - theory.reflecting_square_within(r, tau, 1.0, 1.0)
+        assert np.trapezoid(2 * r * beyond, r) == pytest.approx(theory.reflecting_square_msd(tau, 1.0, 1.0), rel=1e-5)
+
+
+def test_diffusion_from_the_msd_in_the_square():
+    for diffusion in (1e-3, 0.3, 2.0):
+        msd = theory.reflecting_square_msd(1.3, diffusion, 2.7)
+        assert theory.reflecting_square_diffusion(msd, 1.3, 2.7) == pytest.approx(diffusion, rel=1e-9)
+    assert np.isnan(theory.reflecting_square_diffusion(2 * 2.7**2 / 3, 1.3, 2.7))
+    assert np.isnan(theory.reflecting_square_diffusion(0.0, 1.3, 2.7))
+
+
+def test_power_is_the_share_of_tests_that_refuse():
+    """Pearson's test of 4,000 multinomial samples with shares 0.3, 0.3, 0.4 where a third each is expected."""
+    counts = np.random.default_rng(13).multinomial(400, [0.3, 0.3, 0.4], 4000)
+    statistic = ((counts - 400 / 3) ** 2 / (400 / 3)).sum(axis=1)
+    refused = (statistic > 5.991464547107979).mean()  # the 95 % point of chi-square with 2 degrees
+    expected = theory.chi_square_power(400 * 3 * ((np.array([0.3, 0.3, 0.4]) - 1 / 3) ** 2).sum(), 2)
+    assert abs(refused - expected) < SIGMAS * np.sqrt(0.25 / 4000)
+    assert theory.chi_square_power(0.0, 7) == pytest.approx(0.05, abs=1e-12)
+
+
 def test_propagator_is_normalised_and_has_the_diffusive_msd():
     t, diffusion = 0.7, 0.31
     assert integral(lambda r: theory.propagator(r, t, diffusion) * 2 * np.pi * r, 0, 12) == pytest.approx(1, abs=1e-6)
@@ -195,3 +245,39 @@ def test_pair_distances_against_random_points():
         p = integral(lambda r: theory.pair_distance_density(r, width, height), low, high)
         inside = np.count_nonzero((distance >= low) & (distance < high))
         assert abs(inside - runs * p) <= SIGMAS * np.sqrt(runs * p) + 1
+
+
+# --- two sizes of disks
+
+
+def test_distance_of_two_points_in_one_rectangle_is_the_closed_form():
+    r = np.linspace(0, 5.5, 111)
+    one = theory.pair_distance_density_between(r, (3.0, 4.5), (3.0, 4.5))
+    assert one == pytest.approx(theory.pair_distance_density(r, 3.0, 4.5), abs=1e-13)
+
+
+def test_distance_of_points_in_two_rectangles():
+    """Against 400,000 pairs of points, in bins up to the farthest distance there is."""
+    rng, first, second = np.random.default_rng(20), np.array([4.0, 3.0]), np.array([5.0, 1.0])
+    apart = (rng.random((400_000, 2)) - 0.5) * first - (rng.random((400_000, 2)) - 0.5) * second
+    edges = np.linspace(0, np.hypot(4.5, 2.0), 41)
+    expected = 400_000 * theory.pair_distance_probability(edges, first, second)
+    assert expected.sum() == pytest.approx(400_000, rel=1e-6)
+    counts = np.histogram(np.hypot(*apart.T), edges)[0]
+    assert (np.abs(counts - expected) < SIGMAS * np.sqrt(expected) + 2).all()
+
+
+def test_mixture_of_equal_species_is_one_species():
+    chi = theory.contact_value(0.3)
+    n = 0.3 / (np.pi / 4)
+    rates = theory.mixture_collision_rates([n / 3, 2 * n / 3], [1.0, 1.0], [2.0, 2.0], 1.7)
+    assert rates.sum(axis=1) == pytest.approx(theory.collision_rate(n, 1.0, chi, 1.0, 1.7))
+    assert theory.mixture_compressibility([n / 3, 2 * n / 3], [1.0, 1.0]) == pytest.approx(1 + 0.6 * chi)
+    assert theory.mixture_contact_values([n], [1.0]) == pytest.approx(chi)
+
+
+def test_collisions_of_a_mixture_balance():
+    """What species i suffers from j, j suffers from i."""
+    n = np.array([0.2, 0.5])
+    rates = theory.mixture_collision_rates(n, [1.0, 0.4], [3.0, 0.5], 1.1)
+    assert n[0] * rates[0, 1] == pytest.approx(n[1] * rates[1, 0])

@@ -105,9 +105,8 @@ def aggregate(arguments) -> int:
     from brownpipe.storage import write_dataset
 
     output = _writable(arguments.output, *arguments.files)
-    write_dataset(
-        output, analysis.aggregate(arguments.files, arguments.fit_windows, arguments.ring_width, arguments.rings)
-    )
+    asked = (arguments.fit_windows, arguments.ring_width, arguments.rings, arguments.displacement_times)
+    write_dataset(output, analysis.aggregate(arguments.files, *asked))
     return DONE
 
 
@@ -289,6 +288,8 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument(
         "--ring-width", type=_positive, default=0.04, metavar="DR", help="of the distribution (default: 0.04)"
     )
+    times = {"nargs": "+", "type": _positive, "metavar": "T"}
+    one.add_argument("--displacement-times", **times, help="of the distribution (default: the end of each run)")
     one.add_argument("--rings", type=_rings, default=24, metavar="COUNT", help="of the distribution (default: 24)")
 
     one = _verb(verbs, figures, "brownpipe figures small.nc --output figures")

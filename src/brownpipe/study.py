@@ -33,6 +33,7 @@ DEFAULTS = {
     "observables": [],
     "average": "runs",
     "figures": None,  # all that there is something to show in
+    "displacement_times": [],  # the end of each run
     "fit_windows": None,  # from a tenth and from a half of the shortest duration to its end
     "rings": {"dr": 0.04, "count": 24},
 }
@@ -59,6 +60,7 @@ class Study:
     seeds: Sequence[int]  # ascending; a range where there is no gap
     batch: int  # seeds per job
     figures: tuple[str, ...]
+    displacement_times: tuple[float, ...]  # of the displacement distribution [time]; empty for the end of each run
     fit_windows: tuple[tuple[float, float], ...]  # [time]
     ring_width: float  # dr [length]
     rings: int
@@ -125,6 +127,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         seeds=_seeds(given["seeds"]),
         batch=reading.integer(given["batch"], 1, MOST_SEEDS),
         figures=_figures(given["figures"], cases, record, observables),
+        displacement_times=_displacement_times(given["displacement_times"], cases),
         fit_windows=_windows(given["fit_windows"], cases),
         ring_width=ring_width,
         rings=rings,
@@ -283,6 +286,19 @@ def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float
     if len({f"{t0:g} {t1:g}" for t0, t1 in windows}) < len(windows):
         must_be(entry, "windows that differ in their first six digits")
     return tuple(windows)
+
+
+def _displacement_times(entry: Entry, cases: tuple[Scene, ...]) -> tuple[float, ...]:
+    """Return the times of the displacement distribution; each is a sample time of some scene."""
+    times = []
+    for one in reading.items(entry):
+        time = reading.number(one, above=0)
+        if not any(np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in cases):
+            must_be(one, "a sample time of some scene")
+        if np.isclose(times, time, rtol=1e-9, atol=0.0).any():
+            must_be(one, "given once")
+        times.append(time)
+    return tuple(times)
 
 
 def _rings(entry: Entry) -> tuple[float, int]:

@@ -11,6 +11,7 @@ import numpy as np
 # erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
 _WALLS_UNSEEN = 0.0068
 _SERIES_TERMS = 24
+_NODES = 64  # of the quadrature over a quarter of a circle: 1e-15 for the narrowest density of the series
 
 
 # --- diffusion
@@ -54,6 +55,54 @@ def reflecting_square_msd(t, diffusion, half_width):
     series = (sign / k**2 * np.exp(-(np.pi**2) * k**2 * tau[..., None])).sum(axis=-1)
     component = np.where(tau < _WALLS_UNSEEN, 2.0 * tau, 1.0 / 3.0 + 4.0 / np.pi**2 * series)
     return 2.0 * np.square(half_width) * component
+
+
+def reflecting_square_within(r, t, diffusion, half_width):
+    """Probability to be within `r` (K,) of the centre of a reflecting square after time `t > 0`, from the centre.
+
+    `half_width` a is that of the accessible square. Both components have the density (1 + 2 sum_k cos(k pi x/a)
+    exp(-D k^2 pi^2 t/a^2)) / 2a on [-a, a], which integrated over [-h, h] is C(h); so with s^2 = r^2 - a^2, or 0,
+    the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx, here by Gauss and Legendre over the angle. Before
+    the walls are seen it is that of free diffusion; 1 from the corners on.
+    """
+    a, r = half_width, np.atleast_1d(np.asarray(r, float))
+    tau = diffusion * t / a**2
+    if not tau >= _WALLS_UNSEEN:
+        return ring_probability(0.0, r, t, diffusion)
+    s = np.sqrt(np.maximum(r**2 - a**2, 0.0))
+    first, last = np.arcsin(s / np.maximum(r, a)), np.arcsin(np.minimum(a / np.maximum(r, a), 1.0))
+    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    angle = first + (last - first) * (node[:, None] + 1) / 2
+    inner = _component_density(r * np.sin(angle), tau, a) * _component_within(r * np.cos(angle), tau, a)
+    arc = (weight[:, None] * inner * r * np.cos(angle)).sum(axis=0) * (last - first)
+    return np.where(r >= np.sqrt(2.0) * a, 1.0, np.minimum(_component_within(s, tau, a) + arc, 1.0))
+
+
+def _component_density(x, tau, a):
+    k = np.arange(1, _SERIES_TERMS + 1)
+    decay = np.exp(-(np.pi**2) * k**2 * tau)
+    return (1.0 + 2.0 * (decay * np.cos(k * np.pi * x[..., None] / a)).sum(axis=-1)) / (2.0 * a)
+
+
+def _component_within(h, tau, a):
+    k = np.arange(1, _SERIES_TERMS + 1)
+    decay = np.exp(-(np.pi**2) * k**2 * tau) / (k * np.pi)
+    return h / a + 2.0 * (decay * np.sin(k * np.pi * h[..., None] / a)).sum(axis=-1)
+
+
+def reflecting_square_diffusion(msd, t, half_width):
+    """The D [length^2/time] for which `reflecting_square_msd` at time `t > 0` is `msd`, a number.
+
+    NaN where there is none: `msd` is not positive, or not below 2 a^2/3 by more than round-off, where it ends.
+    """
+    low, high = 0.0, 4.0 * np.square(half_width) / t
+    if not 0.0 < msd < reflecting_square_msd(t, high, half_width):
+        return np.nan
+    while True:
+        middle = (low + high) / 2
+        if middle in (low, high):
+            return middle
+        low, high = (middle, high) if reflecting_square_msd(t, middle, half_width) < msd else (low, middle)
 
 
 # --- from ballistic flight to diffusion
@@ -159,6 +208,29 @@ def enskog_diffusion(number_density, distance, contact, mass, temperature):
     return temperature / enskog_friction(number_density, distance, contact, mass, temperature)
 
 
+def mixture_contact_values(number_densities, diameters):
+    """Contact values (K, K) of all pairs of K species: `contact_value` for one, `contact_value_mixture` for several."""
+    number_densities, diameters = np.asarray(number_densities, float), np.asarray(diameters, float)
+    if np.unique(diameters).size == 1:
+        chi = contact_value(np.pi / 4.0 * np.sum(number_densities * diameters**2))
+        return np.full((len(diameters), len(diameters)), chi)
+    return contact_value_mixture(diameters[:, None], diameters, number_densities, diameters)
+
+
+def mixture_collision_rates(number_densities, diameters, masses, temperature):
+    """Collisions per time (K, K) [1/time] of one disk of species i with all disks of species j; densities (K,)."""
+    chi = mixture_contact_values(number_densities, diameters)
+    distance = np.add.outer(diameters, diameters) / 2.0
+    mu = reduced_mass(np.asarray(masses, float)[:, None], np.asarray(masses, float))
+    return collision_rate(np.asarray(number_densities, float), distance, chi, mu, temperature)
+
+
+def mixture_compressibility(number_densities, diameters):
+    """Z = P/(n kT) of a mixture, 1 + (pi/2n) sum_ij n_i n_j sigma_ij^2 chi_ij: the virial theorem in the plane."""
+    n, distance = np.asarray(number_densities, float), np.add.outer(diameters, diameters) / 2.0
+    return 1.0 + np.pi / 2.0 * n @ (distance**2 * mixture_contact_values(n, diameters)) @ n / n.sum()
+
+
 # --- two uniform points in a box
 
 
@@ -180,3 +252,53 @@ def pair_distance_density(r, width, height):
 
     ring = 4.0 * d / (width * height) ** 2 * (antiderivative(last) - antiderivative(first))
     return np.where(inside, ring, 0.0)
+
+
+def pair_distance_density_between(r, first, second):
+    """The same of one uniform point in a rectangle `first` (width, height) and one in `second`, of the same centre.
+
+    Disks of two sizes between walls have accessible rectangles of two sizes. p(r) = 4 r times the integral over a
+    quarter of the directions q of f_x(r cos q) f_y(r sin q), where f is the density of the difference of two uniform
+    numbers: flat up to half the difference of the sides, then falling to 0 at half their sum. Integrated from kink to
+    kink by Gauss and Legendre, to round-off.
+    """
+    r = np.asarray(r, float)
+    d = np.where(r > 0.0, r, 1.0)[..., None]
+    along_x, along_y = (np.array([abs(a - b), a + b]) / 2 for a, b in zip(first, second, strict=True))
+    kinks = [np.arccos(np.minimum(along_x / d, 1.0)), np.arcsin(np.minimum(along_y / d, 1.0))]
+    ends = np.zeros_like(d), np.full_like(d, np.pi / 2)
+    cuts = np.sort(np.concatenate([ends[0], *kinks, ends[1]], axis=-1))[..., None]
+    node, weight = np.polynomial.legendre.leggauss(16)
+    wide = np.diff(cuts, axis=-2) / 2
+    q = cuts[..., :-1, :] + wide * (node + 1)
+    x = _difference_density(d[..., None] * np.cos(q), first[0], second[0])
+    y = _difference_density(d[..., None] * np.sin(q), first[1], second[1])
+    return np.where(r > 0.0, 4.0 * r * (weight * wide * x * y).sum(axis=(-2, -1)), 0.0)
+
+
+def _difference_density(x, a, b):
+    """Density at x >= 0 of the difference of uniform numbers on intervals of lengths a and b with the same middle."""
+    return np.clip((a + b) / 2 - x, 0.0, min(a, b)) / (a * b)
+
+
+def pair_distance_probability(edges, first, second):
+    """Probability (K,) that two such points are at a distance between edges[k] and edges[k + 1]."""
+    edges = np.asarray(edges, float)
+    node, weight = np.polynomial.legendre.leggauss(8)
+    half = np.diff(edges)[:, None] / 2
+    r = edges[:-1, None] + half * (node + 1)
+    return (weight * half * pair_distance_density_between(r, first, second)).sum(axis=-1)
+
+
+# --- tests
+
+
+def chi_square_power(noncentrality, degrees_of_freedom, level=0.05):
+    """Chance that a chi-square test at `level` refuses an expectation whose counts are off by `noncentrality`.
+
+    The statistic is then noncentral chi-square, with noncentrality sum (true - expected)^2/expected over the bins
+    (to first order in the deviations; W. G. Cochran, Ann. Math. Statist. 23, 315 (1952)).
+    """
+    from scipy.special import chdtri, chndtr
+
+    return 1.0 - chndtr(chdtri(degrees_of_freedom, level), degrees_of_freedom, noncentrality)

@@ -50,6 +50,12 @@ def over_time(case):
     return case.sel(time=case.time[np.isfinite(case.msd).values])
 
 
+def at_last_displacement(case):
+    """The case at the last time of those that its displacement distribution is taken at."""
+    held = np.flatnonzero(np.isfinite(case.displacement_overflow))
+    return case.isel(displacement_time=held[-1] if held.size else -1)
+
+
 def fits_of(case):
     """The windows whose line is defined, each as a dataset without the window dimension."""
     windows = [case.isel(window=k) for k in range(case.sizes["window"])]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from brownpipe.figures.cases import title_of
+from brownpipe.figures.cases import at_last_displacement, title_of
 from brownpipe.figures.style import DASHED, DATA, FIT, FREE, START, head, tall_and_low
 from brownpipe.figures.tables import Table
 
@@ -13,11 +13,12 @@ LIKELY = 2.0  # deviations of up to so many standard errors lie in the grey band
 def draw(cases):
     """One column per case: counts per ring with both expectations above, deviations with the overflow below."""
     figure, axes = tall_and_low(len(cases))
+    cases = [at_last_displacement(case) for case in cases]
     for case, (main, low) in zip(cases, axes.T, strict=True):
         _counts(main, case)
         _deviations(low, case)
         head(main, title_of(case))
-        low.set_xlabel(f"distance $r$ from the start at $t$ = {case.duration.item():g} (reduced units)")
+        low.set_xlabel(f"distance $r$ from the start at $t$ = {case.displacement_time.item():g} (reduced units)")
     axes[0, 0].set_ylim(0, 1.05 * max(float(case.displacement_counts_high.max()) for case in cases))
     axes[0, 0].set_ylabel(f"runs that end between $r$ and $r$ + {_width(cases[0]):g}")
     axes[1, 0].set_yticks([-LIKELY, 0, LIKELY])
@@ -83,6 +84,7 @@ def _width(case):
 def table(cases):
     """One row per case and ring, the last ring of a case being everything beyond."""
     header = ("scene", "particles", "engine", "r_inner", "r_outer", "runs", "runs_low", "runs_high")
+    cases = [at_last_displacement(case) for case in cases]
     models = [f"expected, {model}" for model in cases[0].model.values]
     rows = []
     for case in cases:

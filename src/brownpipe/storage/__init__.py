@@ -32,15 +32,24 @@ from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, wr
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import StorageError, WrongFileError, write_file
 from brownpipe.storage.inspection import describe, verify
-from brownpipe.storage.trajectories import Trajectories, read_trajectories, seed_text, write_trajectories
+from brownpipe.storage.trajectories import (
+    Outline,
+    Trajectories,
+    read_outline,
+    read_trajectories,
+    seed_text,
+    write_trajectories,
+)
 
 __all__ = [
+    "Outline",
     "StorageError",
     "Trajectories",
     "WrongFileError",
     "describe",
     "read_checkpoint",
     "read_dataset",
+    "read_outline",
     "read_trajectories",
     "remove_checkpoint",
     "seed_text",

@@ -16,9 +16,18 @@ from brownpipe.scene import Scene, SceneError, parse_scene
 from brownpipe.state import Ensemble, Events, Track
 from brownpipe.storage import measured
 from brownpipe.storage.files import BLANK_SEAL, StorageError, WrongFileError, read_sealed, seal, write_file
-from brownpipe.storage.tree import Link, Node, digest, from_bytes, to_bytes
+from brownpipe.storage.tree import Link, Node, digest, from_bytes, some_from_bytes, to_bytes
 
 FORMAT = 1
+OUTLINE = (  # what an outline is made of
+    "parameters",
+    "parameters/scene",
+    "parameters/settings",
+    "observables/run/seed",
+    "particles/tracer",
+    "particles/tracer/position/time",
+    "observables/run/time",
+)
 TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
 
 MEANING = {
@@ -65,6 +74,19 @@ class Trajectories(NamedTuple):
     source: str = ""  # digest of the source that made the runs
 
 
+class Outline(NamedTuple):
+    """What a trajectory file is about: all but the runs themselves."""
+
+    scene: Scene
+    engine: str
+    settings: dict
+    seeds: np.ndarray  # (S,)
+    times: np.ndarray  # (T,)
+    tracer: bool  # whether it has the tracks of the tracer
+    source: str
+    average: str = "runs"  # as in Ensemble
+
+
 def write_trajectories(path: str | Path, scene: Scene, engine: str, settings: dict, ensemble: Ensemble) -> None:
     """Write one batch of runs; layout in `brownpipe.storage`.
 
@@ -86,6 +108,28 @@ def read_trajectories(path: str | Path) -> Trajectories:
     """
     with _naming(path):
         return _trajectories(_contents(path))
+
+
+def read_outline(path: str | Path) -> Outline:
+    """The Outline of the file at `path`. Every byte is verified, but no track unpacked.
+
+    Raises StorageError like `read_trajectories`.
+    """
+    with _naming(path):
+        nodes = some_from_bytes(read_sealed(path), OUTLINE)
+        parameters = _parameters_of(nodes)
+        scene = _scene(nodes)
+        times = nodes.get("particles/tracer/position/time", nodes.get("observables/run/time"))
+        return Outline(
+            scene,
+            parameters["engine"],
+            json.loads(nodes["parameters/settings"].value),
+            nodes["observables/run/seed"].value,
+            scene.times if times is None else times.value,
+            "particles/tracer" in nodes,
+            parameters["source_digest"],
+            parameters.get("average", "runs"),
+        )
 
 
 def read_header(path: str | Path) -> dict:
@@ -225,22 +269,31 @@ def _command(scene, engine, ensemble):
 def _contents(path):
     """The verified nodes of a trajectory file."""
     nodes = from_bytes(read_sealed(path))
+    if _parameters_of(nodes)["contents_digest"] != digest(nodes):
+        raise StorageError("HDF5 gives back other numbers than were written; check memory and the HDF5 library")
+    return nodes
+
+
+def _parameters_of(nodes):
+    """The attributes of /parameters, if the nodes are of a trajectory file that this brownpipe reads."""
     if "parameters" not in nodes:
         raise WrongFileError("is a file of brownpipe, but not a trajectory file (of `brownpipe simulate`)")
     attributes = nodes["parameters"].attributes
     if attributes["format"] > FORMAT:
         raise StorageError(f"has format {attributes['format']}; this brownpipe reads up to {FORMAT}: upgrade it")
-    if attributes["contents_digest"] != digest(nodes):
-        raise StorageError("HDF5 gives back other numbers than were written; check memory and the HDF5 library")
-    return nodes
+    return attributes
+
+
+def _scene(nodes):
+    parameters = nodes["parameters"].attributes
+    try:
+        return parse_scene(json.loads(nodes["parameters/scene"].value), f"{parameters['scene_name']}.yaml")
+    except SceneError as error:
+        raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
 
 
 def _trajectories(nodes):
-    parameters = nodes["parameters"].attributes
-    try:
-        scene = parse_scene(json.loads(nodes["parameters/scene"].value), f"{parameters['scene_name']}.yaml")
-    except SceneError as error:
-        raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
+    parameters, scene = nodes["parameters"].attributes, _scene(nodes)
     settings = json.loads(nodes["parameters/settings"].value)
     ensemble = _ensemble(nodes, scene)._replace(average=parameters.get("average", "runs"))
     return Trajectories(scene, parameters["engine"], settings, ensemble, parameters["source_digest"])
