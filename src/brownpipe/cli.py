@@ -119,6 +119,20 @@ def figures(arguments) -> int:
     return DONE
 
 
+def movie(arguments) -> int:
+    """Show one whole run of a trajectory file: a picture, an animation (GIF), or a video (MP4, by ffmpeg).
+
+    The file must have been recorded with `--record all`. The picture shows the end of the run.
+    """
+    from brownpipe.figures.movie import movie as moving
+    from brownpipe.storage import read_trajectories, write_file
+
+    output = _writable(arguments.output or f"{Path(arguments.file).stem}.gif", arguments.file)
+    trajectories, kind = read_trajectories(arguments.file), Path(output).suffix
+    write_file(output, moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps))
+    return DONE
+
+
 def inspect(arguments) -> int:
     """Say what is in a trajectory file or dataset, and whether it is intact."""
     from brownpipe.storage import describe, verify
@@ -259,6 +273,13 @@ def _parser() -> argparse.ArgumentParser:
         "--particles", type=_integer, metavar="N", help="show the runs with this many disks (default: 150)"
     )
 
+    one = _verb(verbs, movie, "brownpipe movie seed17.h5 --output seed17.gif")
+    one.add_argument("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
+    one.add_argument("--seed", type=_integer, metavar="SEED", help="the run to show (default: the first in the file)")
+    one.add_argument("--output", metavar="FILE", help="*.gif, *.mp4 or *.png (default: name of the file, .gif)")
+    one.add_argument("--frames", type=_frames, metavar="COUNT", help="samples to show (default: all)")
+    one.add_argument("--fps", type=_positive, default=25.0, help="frames a second (default: 25)")
+
     one = _verb(verbs, inspect, "brownpipe inspect seed17.h5")
     one.add_argument("file", metavar="FILE", help="trajectory file or dataset")
 
@@ -303,3 +324,7 @@ def _integer(text: str, least: int = 0, most: int = 999_999_999) -> int:
 
 def _rings(text: str) -> int:
     return _integer(text, 1, 100_000)
+
+
+def _frames(text: str) -> int:
+    return _integer(text, 1)

@@ -1,5 +1,7 @@
 """The one style of all figures: print-ready, colours of Okabe and Ito (colour-blind safe), nothing that varies."""
 
+import io
+
 import numpy as np
 
 PANEL = (4.8, 5.4)  # width and height of one scene's panel [inch]
@@ -45,6 +47,13 @@ def drawing():
 
     defaults = {key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith("backend")}
     return matplotlib.rc_context(defaults | _STYLE)
+
+
+def image_bytes(figure, kind):
+    """The figure as the bytes of a PNG or SVG file, without date or version."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, **SAVE[kind])
+    return buffer.getvalue()
 
 
 def tall_and_low(columns):
