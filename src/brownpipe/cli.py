@@ -13,6 +13,8 @@ from typing import NoReturn
 
 DONE, FAILED, WRONG = 0, 1, 2  # exit status: done, the run failed, the request was wrong
 RECORDS = ("tracer", "all", "events", "none")
+FIGURES = ("msd", "displacement_distribution", "diffusion", "velocity_autocorrelation", "velocity_distribution")
+FIGURES += ("pair_distribution", "energy", "thermodynamics", "particle_counts", "health")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -265,9 +267,8 @@ def _parser() -> argparse.ArgumentParser:
     one = _verb(verbs, figures, "brownpipe figures small.nc --output figures")
     one.add_argument("dataset", metavar="DATASET.nc")
     one.add_argument("--output", required=True, metavar="FOLDER")
-    names = ("msd", "displacement_distribution", "particle_counts", "health")
     one.add_argument(
-        "--figures", nargs="+", choices=names, metavar="NAME", help=f"some of {', '.join(names)} (default: all)"
+        "--figures", nargs="+", choices=FIGURES, metavar="NAME", help=f"some of {', '.join(FIGURES)} (default: all)"
     )
     one.add_argument(
         "--particles", type=_integer, metavar="N", help="show the runs with this many disks (default: 150)"

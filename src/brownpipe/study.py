@@ -20,7 +20,19 @@ MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line;
 LARGEST_SEED = 2**63 - 1
 
 ENGINES = {"exact": {}}  # name: {setting: how an Entry of it is read}
-FIGURES = ("msd", "displacement_distribution", "particle_counts", "health")
+FOLLOWED, COUNTS = "a disk to follow", "two particle counts or more"
+FIGURES = {  # name: what it needs, if anything: a disk, particle counts, or an observable
+    "msd": FOLLOWED,
+    "displacement_distribution": FOLLOWED,
+    "diffusion": FOLLOWED,
+    "velocity_autocorrelation": "velocity_autocorrelation",
+    "velocity_distribution": "velocity_distribution",
+    "pair_distribution": "pair_distribution",
+    "energy": "kinetic_energy",
+    "thermodynamics": FOLLOWED,
+    "particle_counts": COUNTS,
+    "health": None,
+}
 DEFAULTS = {
     "particles": None,  # of each scene file
     "engines": ["exact"],
@@ -227,17 +239,16 @@ def _engine(entry: Entry) -> Engine:
     return Engine(which.value, tuple((key, read(given[key])) for key, read in settings.items()))
 
 
-def _figures(entry: Entry, cases: tuple[Scene, ...]) -> tuple[str, ...]:
+def _figures(entry: Entry, cases: tuple[Scene, ...], observables: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Return the figures; the default is all that there is something to show in."""
     moving = {case.particles for case in cases} - {0}
-    lacking = {"particle_counts": "two particle counts or more"} if len(moving) < 2 else {}
-    if not moving:
-        lacking |= dict.fromkeys(("msd", "displacement_distribution"), "a disk to follow")
+    there = {None, *observables, *([FOLLOWED] if moving else []), *([COUNTS] if len(moving) > 1 else [])}
     if entry.value is None:
-        return tuple(figure for figure in FIGURES if figure not in lacking)
-    names = tuple(reading.choice(one, FIGURES) for one in _one_or_more(entry))
-    for name in lacking.keys() & set(names):
-        reading.refuse(entry, f"{name} needs {lacking[name]}")
+        return tuple(figure for figure, needed in FIGURES.items() if needed in there)
+    names = tuple(reading.choice(one, tuple(FIGURES)) for one in _one_or_more(entry))
+    for name in (name for name in names if FIGURES[name] not in there):
+        kind = "" if FIGURES[name] in (FOLLOWED, COUNTS) else "the observable "
+        reading.refuse(entry, f"{name} needs {kind}{FIGURES[name]}")
     return names if len(set(names)) == len(names) else must_be(entry, "figures that differ")
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 NOTE_PARTICLES = 150  # of the 2020 note
+TIME = "displacement_time"  # dimension of distributions at several times
 
 
 class FigureError(ValueError):
@@ -16,18 +17,24 @@ def cases_of(dataset):
     return [case for case in cases if case.runs + case.failed_runs > 0]
 
 
+def has(case, *names):
+    """Has it a value of every one of these variables?"""
+    return all(name in case and bool(np.isfinite(case[name]).any()) for name in names)
+
+
 def has_msd(case):
-    return bool(np.isfinite(case.msd).any())
+    return has(case, "msd")
 
 
-def one_count(cases, particles=None):
-    """The cases that figures of a single particle count show: of each scene the one asked for, the note's, or the most.
-
-    Raises FigureError if no scene has the count asked for.
-    """
+def check_count(cases, particles):
+    """Raise FigureError if a particle count is asked for that no case has."""
     available = sorted({int(case.particles) for case in cases})
     if particles is not None and particles not in available:
         raise FigureError(f"particles: {particles} is not in the dataset; choose one of {available}")
+
+
+def one_count(cases, particles=None):
+    """The cases that figures of one particle count show: of each scene the one asked for, the note's, or the most."""
     return [case for mine in by_scene(cases).values() for case in mine if case.particles == _shown(mine, particles)]
 
 
@@ -45,9 +52,23 @@ def by_scene(cases):
     return grouped
 
 
-def over_time(case):
-    """The case at the times it has: scenes of other durations leave gaps."""
-    return case.sel(time=case.time[np.isfinite(case.msd).values])
+def over_time(case, name="msd"):
+    """The case at the times at which it has a value of `name`: scenes of other durations leave gaps."""
+    return defined(case, name, "time")
+
+
+def defined(case, name, dim):
+    """The case where `name` has a value, along `dim`."""
+    values = np.isfinite(case[name])
+    return case.isel({dim: values.any([other for other in values.dims if other != dim]).values})
+
+
+def distributions_of(case):
+    """The case at each time that it has a distribution of displacements of; itself if there is but one, at the end."""
+    if TIME not in case.dims:
+        return [case]
+    each = [case.isel({TIME: k}) for k in range(case.sizes[TIME])]
+    return [one for one in each if np.isfinite(one.displacement_counts).any()]
 
 
 def fits_of(case):

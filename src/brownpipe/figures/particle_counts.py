@@ -5,6 +5,13 @@ from brownpipe.figures.style import DATA, FILL, FIT, START, grid, shades
 from brownpipe.figures.tables import Table
 
 LOOKS = ((FIT, "o"), (DATA, "s"), (START, "^"))  # of the windows
+NEEDS = ("msd",)
+LACKING = "there are not two particle counts or more"
+
+
+def chosen(cases):
+    """Which of the cases that have what it needs are shown: every one, if there are several particle counts."""
+    return cases if len({int(case.particles) for case in cases}) > 1 else []
 
 
 def draw(cases):
