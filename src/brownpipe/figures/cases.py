@@ -52,6 +52,14 @@ def by_scene(cases):
     return grouped
 
 
+def by_series(cases):
+    """The cases that differ in their particle counts alone, by scene and, where it is not the exact one, engine."""
+    grouped = {}
+    for case in cases:
+        grouped.setdefault(case.scene.item() + _engine(case), []).append(case)
+    return grouped
+
+
 def over_time(case, name="msd"):
     """The case at the times at which it has a value of `name`: scenes of other durations leave gaps."""
     return defined(case, name, "time")
@@ -79,8 +87,11 @@ def fits_of(case):
 
 def title_of(case):
     """Scene, particle count and, if it is not the exact one, engine."""
-    engine = "" if case.engine == "exact" else f", {case.engine.item()}"
-    return f"{case.scene.item()}, N = {case.particles.item()}{engine}"
+    return f"{case.scene.item()}, N = {case.particles.item()}{_engine(case)}"
+
+
+def _engine(case):
+    return "" if case.engine == "exact" else f", {case.engine.item()}"
 
 
 def plus_minus(value, error):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.figures.cases import by_scene, has
+from brownpipe.figures.cases import by_series, has
 from brownpipe.figures.style import DASHED, INK, KINDS, START, bars, head, tall_and_low
 from brownpipe.figures.tables import long_table
 
@@ -42,7 +42,7 @@ def draw(cases):
 def _points(main, low, cases, name):
     """The cases of each scene with their 95 % intervals, and how far they are from Enskog's theory."""
     widest = max(float(case.packing_fraction) for case in cases)
-    for k, (scene, mine) in enumerate(by_scene(cases).items()):
+    for k, (scene, mine) in enumerate(by_series(cases).items()):
         colour, _, marker = KINDS[k % len(KINDS)]
         aside = 0.006 * k * widest  # one marker does not hide the other
         phi = [float(case.packing_fraction) + aside for case in mine]

@@ -26,7 +26,7 @@ def _rayleigh(u):
 
 SHOWN = {
     "velocity_density": ("velocity", _normal, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
-    "speed_density": ("speed", _rayleigh, "speeds", "$|v|\\,/\\,\\sqrt{kT/m}$"),
+    "speed_density": ("speed", _rayleigh, "speeds", "speed $|v|\\,/\\,\\sqrt{kT/m}$"),
 }  # dimension, distribution function, words, axis
 
 
@@ -40,6 +40,7 @@ def draw(cases):
             head(main, f"{title_of(case)}: {SHOWN[name][2]}")
             low.set_xlabel(SHOWN[name][3])
         axes[2 * k, 0].set_ylabel("probability density")
+        axes[2 * k + 1, 0].set_yticks([-LIKELY, 0, LIKELY])
         axes[2 * k + 1, 0].set_ylabel("(found - Maxwell)\n/ standard error")
     return figure
 
