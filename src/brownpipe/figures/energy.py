@@ -1,5 +1,7 @@
 """Figure `energy`: kinetic energy per disk of each species against time: a hot tracer cools until all have the same."""
 
+from itertools import cycle
+
 from brownpipe.figures.cases import has, over_time, plus_minus, title_of
 from brownpipe.figures.style import DOTTED, INK, KINDS, band, grid, head, time_axis
 from brownpipe.figures.tables import long_table
@@ -27,7 +29,7 @@ def draw(cases):
 
 def _curves(axes, case):
     kinds = [name for name in case.species.values if has(case.sel(species=name), NAME)]
-    for name, (colour, line, _) in zip(kinds, KINDS, strict=False):
+    for name, (colour, line, _) in zip(kinds, cycle(KINDS), strict=False):
         mine = case.sel(species=name)
         last = plus_minus(mine[NAME][-1], mine[f"{NAME}_standard_error"][-1])
         band(axes, mine.time.values, mine, NAME, colour, linestyle=line, label=f"{name}: {last} at the end")

@@ -33,7 +33,7 @@ def draw(cases):
 
 def _linear(axes, case, top):
     """MSD(t) with its band, the line over its window and how it misses the origin, and diffusion from the origin."""
-    t, end = case.time.values, case.time.values[-1]
+    t, end, smooth = case.time.values, case.time.values[-1], np.linspace(0, case.time.values[-1], 201)
     final = plus_minus(case.msd[-1], case.msd_standard_error[-1])
     label = f"{int(case.runs):,} runs, 95 % band: MSD({end:g}) = {final}"
     every = -(-t.size // MOST_DOTS)
@@ -41,10 +41,9 @@ def _linear(axes, case, top):
     for fit in fits_of(case)[:1]:
         _line(axes, fit, end)
     for diffusion, label in _diffusing(case):
-        smooth = np.linspace(0, end, 201)
         axes.plot(smooth, _diffusion(case, smooth, diffusion), color=FREE, linestyle=DASHED, linewidth=1.4, label=label)
-    start = theory.ballistic_msd(t, float(case.initial_square_speed))
-    axes.plot(t[start <= top], start[start <= top], color=START, linestyle=DOTTED)
+    start = theory.ballistic_msd(smooth, float(case.initial_square_speed))
+    axes.plot(smooth[start <= top], start[start <= top], color=START, linestyle=DOTTED)
     axes.set_xlim(0, 1.01 * end)
 
 

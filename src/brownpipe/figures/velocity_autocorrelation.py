@@ -55,7 +55,8 @@ def _decay(axes, case, curves):
     if has(case, "vacf_initial_slope_expected"):
         rate = -float(case.vacf_initial_slope_expected) / float(case[TRACER][0])
         label = f"1 - $\\gamma t$, $\\gamma$ = {rate:.3g} from the tracer's collision rate"
-        axes.plot([0, 1 / rate], [1, 0], color=INK, linestyle=DOTTED, label=label)
+        x = np.geomspace(1e-4, 1, 200)
+        axes.plot(x / rate, 1 - x, color=INK, linestyle=DOTTED, label=label)
     axes.set_ylim(min(-0.05, *(float(curve[name].min()) for name, curve in curves.items())), 1.05)
 
 

@@ -1,5 +1,6 @@
 """Figure `velocity_distribution`: velocity components and speeds of each species against Maxwell's distribution."""
 
+from itertools import cycle
 from math import erf
 
 import numpy as np
@@ -52,7 +53,7 @@ def _density(main, low, case, name):
     low.axhspan(-LIKELY, LIKELY, color="#EFEFEF", linewidth=0)
     low.axhline(0, color=START, linewidth=0.8)
     kinds = [kind for kind in case.species.values if has(case.sel(species=kind), name)]
-    for kind, (colour, _, marker) in zip(kinds, KINDS, strict=False):
+    for kind, (colour, _, marker) in zip(kinds, cycle(KINDS), strict=False):
         mine = case.sel(species=kind)
         found, error = mine[name].values, mine[f"{name}_standard_error"].values
         main.plot(case[dim], found, marker, color=colour, markersize=3, markerfacecolor="none", label=kind)
