@@ -4,13 +4,16 @@ Tolerances are in standard errors: 4.5 is a false alarm in 1 of 150,000 comparis
 """
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from brownpipe import analysis, state, theory
-from brownpipe.analysis import aggregate, displacement, resampling
-from brownpipe.analysis.dataset import initial_square_speed
+from brownpipe.analysis import aggregate, displacement, distribution, resampling
+from brownpipe.analysis.conditions import initial_square_speed
 from brownpipe.scene import parse_scene
 from brownpipe.storage import read_dataset, trajectories, write_dataset
 from ensembles import DIFFUSION, make_runs, make_scene, study, walk, write
@@ -106,7 +109,7 @@ def test_chi_square_of_diffusers_has_its_degrees_of_freedom():
     statistics = []
     for squared in rng.exponential(4 * DIFFUSION, (ensembles, runs)):
         counts = analysis.ring_counts(np.sqrt(squared), edges)
-        expected = displacement.expected_ring_counts(runs, edges, 1.0, squared.mean() / 4)
+        expected = distribution.expected_ring_counts(runs, edges, 1.0, squared.mean() / 4)
         test = analysis.chi_square(counts, expected)
         statistics.append(test.statistic)
         assert test.degrees_of_freedom == 22  # 24 rings, the first two pooled, and the overflow
@@ -142,41 +145,110 @@ def test_standard_error_is_the_scatter_of_ensembles():
     assert np.abs(claimed / scatter - 1).max() < SIGMAS / np.sqrt(2 * 600)
 
 
+def slope_variances(times, window):
+    """Of the slope of one free diffuser's r^2(t): the true variance, and what least squares expects on average.
+
+    cov(r^2(s), r^2(t)) = 16 D^2 min(s, t)^2; least squares takes the residuals for independent.
+    """
+    covariance = 16 * DIFFUSION**2 * np.minimum.outer(times, times) ** 2
+    slope, intercept = analysis.line_weights(times, window)
+    inside = intercept != 0
+    off = np.diag(inside * 1.0) - inside[:, None] * intercept - (inside * times)[:, None] * slope
+    spread = inside.sum() * times[inside].var()
+    return slope @ covariance @ slope, np.trace(off @ covariance @ off.T) / (inside.sum() - 2) / spread
+
+
 def test_least_squares_alone_claims_far_too_little():
-    squared = analysis.squared_displacement(walk(np.random.default_rng(5), TIMES, 400))
-    true = analysis.resample(displacement.per_run_lines(squared, TIMES, WINDOWS)).standard_error[0]
-    naive = [analysis.fit_line(TIMES, squared.mean(axis=0), window).naive_slope_error for window in WINDOWS]
-    assert (true > 3 * np.array(naive)).all()
-
-
-def test_mean_and_error_do_not_depend_on_the_order_of_runs():
-    samples = np.random.default_rng(9).exponential(1.0, (500, 3)) * [1.0, 1e-20, 1e9]
-    one, other = analysis.resample(samples), analysis.resample(samples[::-1])
-    assert np.array_equal(one.mean, other.mean)
-    assert np.array_equal(one.standard_error, other.standard_error)
+    """300 ensembles of 40 runs: both mean squared errors are as they must be, and 11.6 and 8.6 times apart in length."""
+    rng = np.random.default_rng(5)
+    claims = {window: [] for window in WINDOWS}
+    for _ in range(300):
+        squared = analysis.squared_displacement(walk(rng, TIMES, 40)).mean(axis=0)
+        for window in WINDOWS:
+            line = analysis.fit_line(TIMES, squared, window)
+            claims[window].append([(line.slope - 4 * DIFFUSION) ** 2, line.naive_slope_error**2])
+    for window, claimed in claims.items():
+        expected = np.array(slope_variances(TIMES, window)) / 40
+        error = np.std(claimed, axis=0) / np.sqrt(300)
+        assert (np.abs(np.mean(claimed, axis=0) - expected) < SIGMAS * error).all()
+        assert np.sqrt(expected[0] / expected[1]) == pytest.approx(11.6 if window == WINDOWS[0] else 8.6, rel=0.01)
 
 
 def test_sums_over_resampled_runs_have_no_round_off():
     """So no order of summation, number of threads or processor changes a bit of an interval."""
     rng = np.random.default_rng(6)
-    values = resampling._on_a_grid(rng.exponential(1.0, (777, 4)) * [1.0, 1e-30, 1e20, np.pi])
-    weights = resampling._weights(777, 0, 20)
-    exact = [[math.fsum(w * v) for v in values.T] for w in weights]
-    assert (weights @ values).tolist() == exact
-    assert (weights[:, ::-1] @ values[::-1]).tolist() == exact
+    columns = rng.exponential(1.0, (777, 5)) * [1.0, 1e-30, 1e20, np.pi, 0.0]
+    columns[3, 0] = 1e6
+    values, unit = resampling._on_a_grid(columns)
+    weights = resampling._weights(0)[:20, :777]
+    exact = np.array([[math.fsum(w * v) for v in values.T.astype(float)] for w in weights.astype(float)])
+    assert np.array_equal(weights @ values, exact)
+    assert np.array_equal(weights[:, ::-1] @ values[::-1], exact)
+    assert (np.abs(values * unit - columns) <= unit / 2).all()
+    assert (unit < 1e-3 * np.sqrt((columns**2).mean(axis=0)) + 1e-7).all()
 
 
-def test_grid_is_fine():
-    values = np.random.default_rng(7).exponential(1.0, (2400, 1))
-    assert np.abs(resampling._on_a_grid(values) - values).max() < 1e-11
+def test_weights_are_poisson_and_of_each_seed_alone():
+    """Mean, variance and correlation of 2e6 weights within 4.5 standard errors; no replicate is near the bound."""
+    one, other = resampling._weights(7), resampling._weights(8)
+    n = one.size
+    assert abs(one.mean() - 1) < SIGMAS / np.sqrt(n)
+    assert abs(np.square(one - 1).mean() - 1) < SIGMAS * np.sqrt(3 / n)  # the fourth central moment is 4
+    assert abs(((one - 1) * (other - 1)).mean()) < SIGMAS / np.sqrt(n)
+    assert np.square(one).sum(axis=1).max() < 0.75 * resampling._LONGEST**2
+
+
+def test_weights_do_not_depend_on_what_else_there_is():
+    """The replicates of a sum over some runs are those of the same runs among others that give nothing."""
+    few, many = np.array([3, 1030, 5000]), np.arange(6000)
+    x = np.random.default_rng(9).exponential(1.0, 3)
+    among = np.zeros(6000)
+    among[few] = x
+    drawn = []
+    for seeds, values in ((few, x), (many, among)):
+        parts = [resampling._drawn(b, seeds[rows] - 1024 * b, values[rows, None]) for b, rows in _blocks(seeds)]
+        drawn.append(np.sum(parts, axis=0))
+    assert np.array_equal(*drawn)
+
+
+def _blocks(seeds):
+    return [(b, np.flatnonzero(seeds // 1024 == b)) for b in np.unique(seeds // 1024)]
 
 
 def test_each_quantity_is_resampled_as_if_alone():
-    rng = np.random.default_rng(8)
-    samples = {"a": rng.exponential(1.0, 40), "b": rng.exponential(2.0, (40, 3, 2))}
-    for name, together in analysis.resample_each(samples).items():
-        for value, alone in zip(together, analysis.resample(samples[name]), strict=True):
-            assert np.array_equal(value, alone)
+    samples = np.random.default_rng(8).exponential(1.0, (1500, 7))
+    together = analysis.resample(samples)
+    for k in range(7):
+        for value, alone in zip(together, analysis.resample(samples[:, k]), strict=True):
+            assert np.array_equal(value[k], alone)
+
+
+def test_blocks_add_up():
+    """Mean and error of many blocks are those of all runs at once, to round-off."""
+    samples, seeds = np.random.default_rng(10).exponential(1.0, 5000) + 1e6, np.arange(5000) * 3 + 17
+    estimate = analysis.resample(samples, seeds)
+    assert estimate.mean == pytest.approx(samples.mean(), rel=1e-14)
+    assert estimate.standard_error == pytest.approx(samples.std(ddof=1) / np.sqrt(5000), rel=1e-9)
+    assert estimate.low < estimate.mean < estimate.high
+
+
+BITS = """
+import hashlib, numpy
+from brownpipe.analysis import resample
+x = numpy.random.Generator(numpy.random.Philox(key=1)).exponential(1.0, (3000, 40))
+print(hashlib.sha256(b"".join(values.tobytes() for values in resample(x))).hexdigest())
+"""
+
+
+def test_intervals_do_not_depend_on_the_number_of_threads():
+    """Threads of the linear algebra, which reads its number when it starts."""
+    said = {
+        subprocess.run([sys.executable, "-c", BITS], env=os.environ | {"OPENBLAS_NUM_THREADS": threads},
+                       capture_output=True, text=True, check=True).stdout
+        for threads in ("1", "2")
+    }  # fmt: skip
+    assert len(said) == 1
+    assert len(said.pop()) == 65
 
 
 def test_too_few_runs():
@@ -249,7 +321,8 @@ def dataset(files):
 
 def test_dataset_has_every_case(dataset):
     assert dict(dataset.sizes) == {
-        "scene": 2, "particles": 2, "engine": 1, "time": 21, "window": 2, "r": 24, "model": 3, "seed": 60,
+        "scene": 2, "particles": 2, "engine": 1, "time": 21, "window": 2, "displacement_time": 1, "r": 24, "model": 4,
+        "seed": 60,
     }  # fmt: skip
     assert (dataset.runs == 58).all()
     assert (dataset.failed_runs == 2).all()
@@ -257,9 +330,20 @@ def test_dataset_has_every_case(dataset):
 
 
 def test_dataset_agrees_with_theory(dataset):
-    for name, truth in (("msd", theory.diffusive_msd(dataset.time, DIFFUSION)), ("slope", 4 * DIFFUSION)):
-        error = dataset[f"{name}_standard_error"]
-        assert (abs(dataset[name] - truth) <= SIGMAS * 1.3 * error).all()  # 1.3: t with skewed runs, 58 of them
+    """The mean of 58 exponentials has a gamma law, whose tails beyond these bounds have 1e-6 together.
+
+    The slope, a quadratic form of normal numbers like r^2, is judged by the same bounds in its true standard errors.
+    """
+    from scipy.stats import gamma
+
+    low, high = (np.array(gamma.ppf([5e-7, 1 - 5e-7], 58)) - 58) / np.sqrt(58)  # in standard errors
+    truth = theory.diffusive_msd(dataset.time, DIFFUSION)
+    off = (dataset.msd - truth)[..., 1:] / (truth / np.sqrt(58))[1:]
+    assert ((low < off) & (off < high)).all()
+    for k, window in enumerate(WINDOWS):
+        error = np.sqrt(slope_variances(dataset.time.values, window)[0] / 58)
+        off = (dataset.slope[..., k] - 4 * DIFFUSION) / error
+        assert ((low < off) & (off < high)).all()
     assert np.allclose(dataset.diffusion_coefficient * 4, dataset.slope, rtol=1e-14)
 
 
@@ -272,7 +356,7 @@ def test_failed_runs_are_not_averaged_in(dataset, files, tmp_path):
     alone = aggregate([write(tmp_path, make_runs(make_scene("hot", 10), kept))])
     mine = dataset.sel(scene="hot", particles=10, engine="exact")
     for name in ("msd", "msd_high", "slope", "displacement_counts", "pair_collisions"):
-        assert np.array_equal(mine[name], alone[name].squeeze())
+        assert np.array_equal(mine[name].squeeze(), alone[name].squeeze())
 
 
 def test_counts_add_up(dataset):
@@ -283,9 +367,9 @@ def test_counts_add_up(dataset):
 
 
 def test_models_use_the_diffusion_coefficients(dataset):
-    models = dataset.model_diffusion_coefficient
-    assert np.array_equal(models.sel(model="msd"), dataset.msd_over_4t.isel(time=-1))
-    assert np.array_equal(models.isel(model=slice(1, None)), dataset.diffusion_coefficient)
+    models = dataset.model_diffusion_coefficient.isel(displacement_time=0)
+    assert np.allclose(models.sel(model="msd"), dataset.msd_over_4t.isel(time=-1), rtol=1e-14)
+    assert np.allclose(models.isel(model=slice(1, 3)), dataset.diffusion_coefficient, rtol=1e-14)
 
 
 def test_collision_counts_are_means_over_runs(dataset):
@@ -328,7 +412,10 @@ def test_other_durations_and_seeds_leave_nan(tmp_path):
     assert dataset.msd.sel(scene="short").count() == 11
     assert np.isnan(dataset.slope.sel(scene="short")).all()
     assert np.isfinite(dataset.slope.sel(scene="long")).all()
-    assert np.isfinite(dataset.chi_square.sel(scene="short", model="msd"))
+    assert dataset.displacement_time.values.tolist() == [0.5, 1.0]
+    tested = np.isfinite(dataset.chi_square.sel(model="msd"))
+    assert tested.sel(scene="short").values.tolist() == [True, False]
+    assert tested.sel(scene="long").values.tolist() == [False, True]
     assert dataset.missing_seeds.to_series().to_dict() == {"long": 10, "short": 5}
     assert dataset.energy_drift.sel(scene="long").count() == 20
     assert dataset.seed[dataset.run_status.sel(scene="short") == 2].values.tolist() == [0, 1, 2, 3, 4]

@@ -18,6 +18,7 @@ from brownpipe.cli import DONE, FAILED, WRONG, main
 from brownpipe.exact import simulate
 from brownpipe.exact import workspace as ws
 from brownpipe.exact.checkpoint import NEVER, Watch
+from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
 from brownpipe.storage import read_checkpoint, write_checkpoint, write_trajectories
 
@@ -145,6 +146,20 @@ def test_killed_again_and_again(name, stops, tmp_path):
         deaths += 1
     assert deaths >= (6 if stops == 1 else 2)
     assert file_of(tmp_path, scene, done) == expected
+
+
+@pytest.mark.parametrize(("record", "average"), [("none", "origins"), ("tracer", "runs")])
+def test_what_is_measured_in_the_runs(record, average, tmp_path):
+    """From every block and from between the runs; where nothing else is kept of them, too."""
+    more = {"sample_interval": 1.0, "equilibrate": {"time": 20.0, "tracer": "free"}, "velocities": {"temperature": 1.0}}
+    scene, measured = around_tracer(P, 100.0, **more), {"observables": tuple(OBSERVABLES), "average": average}
+    expected = file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, **measured))
+    kept = []
+    watch = Watch(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
+    assert file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, watch, **measured)) == expected
+    assert {int(arrays["done"]) for arrays in kept} == {0, 1, 2}
+    for arrays in kept:
+        assert file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, NEVER, arrays, **measured)) == expected
 
 
 def test_calls_that_pause_between_checkpoints(tmp_path, monkeypatch):
@@ -288,6 +303,7 @@ def test_killed_at_any_moment():
         ("--seeds", "3-6", "seeds 3-5, not 3-6"),
         ("--record", "all,events", "record events,tracer, not all,events,tracer"),
         ("--particles", "23", "particles 24, not 23"),
+        ("--observables", "kinetic_energy", "observables none, not kinetic_energy"),
         ("scene", "71.0", "another scene"),
         ("source", "0" * 64, "another source"),
         ("numba", "0.0.1", f"numba {version('numba')}, not 0.0.1"),

@@ -280,7 +280,7 @@ def test_any_path_can_be_said(encoding, tmp_path):
 
 
 def raises(error):
-    def simulate(*_):
+    def simulate(*_, **__):
         raise error
 
     return simulate
@@ -311,7 +311,7 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
 def test_runs_that_fail_their_health_check(runs, failed, status, capsys, monkeypatch):
     ensemble = read_trajectories(runs).ensemble
     marked = ensemble._replace(observables=ensemble.observables | {"failed": np.array(failed, np.uint8)})
-    monkeypatch.setattr(exact, "simulate", lambda *_: marked)
+    monkeypatch.setattr(exact, "simulate", lambda *_, **__: marked)
     found, _, err = said(capsys, "simulate", SCENE, "--particles", 10, "--seeds", "0-2", "--output", "x.h5")
     assert found == status
     assert f"x.h5: failed their health check: {sum(failed)} of 3 runs: 0" in err

@@ -151,6 +151,61 @@ def test_number_of_samples(duration, interval, count):
     assert len(explicit(duration=duration, sample_interval=interval).times) == count
 
 
+@given(st.floats(1e-150, 1e150), st.floats(1e-12, 0.99999), st.integers(1, 300))
+@settings(max_examples=200, deadline=None)
+def test_logarithmic_times_go_up_by_one_ratio_and_end_at_the_duration(duration, part, per_decade):
+    scene = explicit(duration=duration, samples={"per_decade": per_decade, "first": part * duration})
+    times, ratio = scene.times, 10 ** (1 / per_decade)
+    assert times[0] == 0 and times[-1] == duration
+    assert times[1] == part * duration
+    assert np.all(np.diff(times) > 0)
+    np.testing.assert_allclose(times[2:-1] / times[1:-2], ratio, rtol=1e-15 * 8)  # two roundings each of power, product
+    assert times[-1] / times[-2] <= ratio * (1 + 1e-6)
+    assert parse_scene(json.loads(scene.text), "test.yaml") == scene
+
+
+def test_logarithmic_times_of_a_few_decades():
+    times = explicit(duration=10.0, samples={"per_decade": 2, "first": 0.1}).times
+    assert times == pytest.approx([0, 0.1, 0.1 * 10**0.5, 1, 10**0.5, 10], rel=1e-15)
+    assert len(explicit(duration=math.nextafter(10, 11), samples={"per_decade": 2, "first": 0.1}).times) == 6
+    assert len(explicit(duration=10.01, samples={"per_decade": 2, "first": 0.1}).times) == 7
+    assert explicit(duration=20.0, samples={"per_decade": 1}).times[1] == 20.0 * 1e-4
+
+
+def test_scenes_without_logarithmic_times_keep_their_digests():
+    """As published with the first results: files are found by them."""
+    digests = [read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml").digest for end in ("", "_thermal")]
+    assert [digest[:16] for digest in digests] == ["b6cea58f932097a2", "9c381c577af2d9a3"]
+    assert explicit(samples={"per_decade": 3}).digest != explicit().digest
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"samples": {"per_decade": 3}, "sample_interval": 0.1}, "samples: must not be given with sample_interval"),
+        ({"samples": 3}, "samples: must be a mapping with the keys per_decade, first, not 3"),
+        ({"samples": {"first": 0.1}}, "samples.per_decade: missing; must be given"),
+        ({"samples": {"per_decade": 0}}, "samples.per_decade: must be an integer from 1 to 10000, not 0"),
+        ({"samples": {"per_decade": 2.5}}, "samples.per_decade: must be an integer from 1 to 10000, not 2.5"),
+        ({"samples": {"per_decade": 2, "first": 0}}, "samples.first: must be a finite number > 1e-290, not 0"),
+        ({"samples": {"per_decade": 2, "first": 1.0}}, "samples.first: must be below the duration, 1.0, not 1.0"),
+        ({"samples": {"per_decade": 2, "last": 1.0}}, "samples: unknown key 'last'"),
+        ({"duration": 1e-287, "samples": {"per_decade": 2}}, "samples.first: must be a finite number > 1e-290"),
+    ],
+)
+def test_sample_times_that_are_refused(more, message):
+    with pytest.raises(SceneError) as refusal:
+        explicit(**more)
+    assert str(refusal.value).startswith(f"test.yaml: {message}")
+
+
+def test_more_logarithmic_samples_than_can_be_kept(monkeypatch):
+    monkeypatch.setattr("brownpipe.sampling.MOST_SAMPLES", 31)
+    assert len(explicit(samples={"per_decade": 10, "first": 1e-3}).times) == 32
+    with pytest.raises(SceneError, match=r"samples.per_decade: must be smaller, for at most 31 samples, not 11"):
+        explicit(samples={"per_decade": 11, "first": 1e-3})
+
+
 # -- contact and overlap ---
 
 

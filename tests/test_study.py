@@ -58,6 +58,18 @@ def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     assert study.fit_windows == ((0.1, 1.0), (0.5, 1.0))
 
 
+def test_what_is_measured_in_the_runs(tmp_path):
+    assert (small().record, small().observables, small().average, small().measuring) == ("tracer", (), "runs", "")
+    study = small(observables=["displacement", "kinetic_energy"], record="none")
+    assert study.measuring == "--record none --observables displacement,kinetic_energy"
+    assert study.figures == ("msd", "diffusion", "energy", "thermodynamics", "particle_counts", "health")
+    assert small(observables="kinetic_energy", record="none").figures == ("energy", "thermodynamics", "health")
+    text = (CONFIG / "scenes" / "harrison2020_thermal.yaml").read_text() + "equilibrate: {time: 1, tracer: free}\n"
+    (tmp_path / "mixed.yaml").write_text(text)
+    study = small(scenes=str(tmp_path / "mixed.yaml"), observables="displacement", average="origins")
+    assert study.measuring == "--observables displacement --average origins"
+
+
 def test_engine_with_settings_is_read_by_the_table(monkeypatch):
     table = {"exact": {}, "timestep": {"time_step": lambda entry: float(entry.value)}}
     monkeypatch.setattr(study_module, "ENGINES", table)
@@ -181,7 +193,16 @@ def test_wrong_seeds_are_refused(text, allowed):
         ({"fit_windows": [0.1, 1.0]}, "fit_windows[0]: must be two times [t0, t1], not 0.1"),
         ({"rings": {"dr": 0.04}}, "rings.count: missing; must be given"),
         ({"rings": {"dr": 0, "count": 3}}, "rings.dr: must be a finite number > 0, not 0"),
-        ({"observables": ["msd"]}, "unknown key 'observables'"),
+        ({"observable": ["displacement"]}, "unknown key 'observable'; did you mean observables?"),
+        ({"observables": ["kinetic"]}, "observables[0]: 'kinetic' is unknown; did you mean kinetic_energy? must be"),
+        ({"observables": ["displacement"] * 2}, "observables: harrison2020, N = 50: must differ"),
+        ({"average": "runes"}, "average: 'runes' is unknown; did you mean runs? must be runs or origins or disks"),
+        (
+            {"observables": "displacement", "average": "origins"},
+            "average: harrison2020, N = 50: origins needs runs that are stationary from t = 0, but velocities",
+        ),
+        ({"record": "all"}, "record: 'all' is unknown; must be tracer or none"),
+        ({"record": "none", "figures": "msd"}, "figures: msd needs record: tracer, or displacement among the obs"),
         ({"scenes": []}, "scenes: must be a list that is not empty"),
         ({"scenes": [3]}, "scenes[0]: must be the path of a scene file, relative to the study file, not 3"),
         ({"scenes": ["scenes/harrison2020.yaml"] * 2}, "scenes[1]: must be a scene with a name (file stem) of its own"),

@@ -26,6 +26,56 @@ def assert_mean(samples, expected):
 # --- diffusion
 
 
+def square_walkers(rng, tau, runs=200_000):
+    """Distances from the centre of runs that diffuse from there in the square of half-width 1, reflected exactly."""
+    x = np.sqrt(2 * tau) * rng.standard_normal((runs, 2))
+    return np.hypot(*(np.abs((x + 1) % 4 - 2) - 1).T)  # the method of images: fold the plane into the square
+
+
+@pytest.mark.parametrize("tau", [0.0067, 0.0069, 0.05, 0.3, 2.0])
+def test_radial_law_of_the_reflecting_square(tau):
+    """Against 200,000 walkers; at 0.0068 the free law takes over."""
+    r = np.array([0.05, 0.2, 0.5, 0.9, 1.0, 1.1, 1.35])
+    share = (square_walkers(np.random.default_rng(12), tau)[:, None] < r).mean(axis=0)
+    law = theory.reflecting_square_within(r * 2.7, tau * 2.7**2 / 0.25, 0.25, 2.7)
+    assert (np.abs(share - law) <= SIGMAS * np.sqrt(law * (1 - law) / 200_000) + 1e-5).all()
+
+
+def test_radial_law_has_its_limits():
+    r = np.linspace(0, 1.5, 31)
+    free, first = (theory.reflecting_square_within(r, tau, 1.0, 1.0) for tau in (0.0068 - 1e-12, 0.0068 + 1e-12))
+    assert np.abs(free - first).max() < 1e-9  # the law itself moves by 1e-10 between the two times
+    last = theory.reflecting_square_within(r, 50.0, 1.0, 1.0)
+    assert last[r <= 1] == pytest.approx(np.pi * r[r <= 1] ** 2 / 4, abs=1e-13)
+    assert (last[r >= 1.4143] == 1).all()
+    assert theory.reflecting_square_within(np.sqrt(2) - 1e-9, 50.0, 1.0, 1.0) == pytest.approx(1, abs=1e-12)
+
+
+def test_radial_law_has_the_msd_of_the_square():
+    r = np.linspace(0, np.sqrt(2), 20001)
+    for tau in (0.003, 0.02, 0.4):
+        beyond = 1 - theory.reflecting_square_within(r, tau, 1.0, 1.0)
+        assert np.trapezoid(2 * r * beyond, r) == pytest.approx(theory.reflecting_square_msd(tau, 1.0, 1.0), rel=1e-7)
+
+
+def test_diffusion_from_the_msd_in_the_square():
+    for diffusion in (1e-3, 0.3, 2.0):
+        msd = theory.reflecting_square_msd(1.3, diffusion, 2.7)
+        assert theory.reflecting_square_diffusion(msd, 1.3, 2.7) == pytest.approx(diffusion, rel=1e-9)
+    assert np.isnan(theory.reflecting_square_diffusion(2 * 2.7**2 / 3, 1.3, 2.7))
+    assert np.isnan(theory.reflecting_square_diffusion(0.0, 1.3, 2.7))
+
+
+def test_power_is_the_share_of_tests_that_refuse():
+    """Pearson's test of 4,000 multinomial samples with shares 0.3, 0.3, 0.4 where a third each is expected."""
+    counts = np.random.default_rng(13).multinomial(400, [0.3, 0.3, 0.4], 4000)
+    statistic = ((counts - 400 / 3) ** 2 / (400 / 3)).sum(axis=1)
+    refused = (statistic > 5.991464547107979).mean()  # the 95 % point of chi-square with 2 degrees
+    expected = theory.chi_square_power(400 * 3 * ((np.array([0.3, 0.3, 0.4]) - 1 / 3) ** 2).sum(), 2)
+    assert abs(refused - expected) < SIGMAS * np.sqrt(0.25 / 4000)
+    assert theory.chi_square_power(0.0, 7) == pytest.approx(0.05, abs=1e-12)
+
+
 def test_propagator_is_normalised_and_has_the_diffusive_msd():
     t, diffusion = 0.7, 0.31
     assert integral(lambda r: theory.propagator(r, t, diffusion) * 2 * np.pi * r, 0, 12) == pytest.approx(1, abs=1e-6)

@@ -209,6 +209,15 @@ def test_the_answer_is_printed_by_what_makes_it(study):
     assert "figures and tables" not in snakemake(study, "--cores", "1", "--until", "aggregate")
 
 
+def test_what_is_measured_in_the_runs_is_passed_on(study):
+    measured = ["--config", "observables=[displacement,kinetic_energy]", "record=none"]
+    assert planned(study, "--until", "simulate", *measured) == {"simulate": 8, "aggregate": 0, "figures": 0}
+    snakemake(study, "--cores", "1", "--until", "simulate", *measured, "scenes=scenes/hot.yaml", "particles=8")
+    with h5py.File(study / "results/study/simulate/hot/N8/exact/0-9.h5") as file:
+        assert file["observables/run/species_energy"].shape == (10, 11, 2)
+        assert "observables/run/square_displacement" in file and "particles/tracer" not in file
+
+
 def test_a_list_of_disks_in_a_folder_with_spaces(tmp_path):
     folder = tmp_path / "study"
     (folder / "my scenes; false").mkdir(parents=True)

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe import observables
 from brownpipe.scene import Scene
 from brownpipe.state import Ensemble, Events, Track
 
@@ -17,29 +18,59 @@ class Run(NamedTuple):
     observables: dict[str, float | int]
 
 
-def room_for(scene: Scene, seeds: np.ndarray) -> Ensemble:
+class Request(NamedTuple):
+    """What is to be kept of every run, and what is to be measured in it."""
+
+    scene: Scene
+    record: frozenset[str]  # "tracer", "all", "events"
+    observables: tuple[str, ...]  # names out of observables.OBSERVABLES
+    average: str  # one of observables.AVERAGES
+
+    @property
+    def needed(self) -> frozenset[str]:
+        """What the engine has to record of a run: every disk, too, if something is measured that needs them."""
+        every = observables.needs_every_disk(self.scene, self.observables, self.average)
+        return self.record | {"all"} if every else self.record
+
+
+def request(scene: Scene, record, names=(), average: str = "runs") -> Request:
+    """Return a request. Raises SceneError for observables that the scene does not have."""
+    observables.refuse_unfit(scene, tuple(names), average)
+    ordered = tuple(name for name in observables.OBSERVABLES if name in names)
+    return Request(scene, frozenset(record), ordered, average)
+
+
+def room_for(asked: Request, seeds) -> Ensemble:
     """Return an ensemble to be filled."""
-    shape = (len(scene.times), len(seeds), 2)
-    image = np.empty(shape, np.int32) if scene.box.periodic else None
-    return Ensemble(seeds, scene.times, Track(np.empty(shape), None, image), {}, {}, {})
+    scene, seeds, tracer = asked.scene, np.asarray(seeds, dtype=np.int64), None
+    if scene.particles and "tracer" in asked.record:
+        shape = (len(scene.times), len(seeds), 2)
+        image = np.empty(shape, np.int32) if scene.box.periodic else None
+        tracer = Track(np.empty(shape), None, image)
+    return Ensemble(seeds, scene.times, tracer, {}, {}, {}, asked.average)
 
 
-def enter(batch: Ensemble, column: int, one: Run) -> None:
-    """Enter a run that is finished."""
-    seed = int(batch.seeds[column])
-    batch.tracer.position[:, column] = one.tracer.position[:, 0]
-    if one.tracer.image is not None:
-        batch.tracer.image[:, column] = one.tracer.image[:, 0]
-    for name, value in one.observables.items():
+def enter(batch: Ensemble, column: int, one: Run, asked: Request) -> None:
+    """Measure a run that is finished, and keep of it what was asked for."""
+    seed, track = int(batch.seeds[column]), batch.tracer
+    if track is not None:
+        track.position[:, column] = one.tracer.position[:, 0]
+        if track.image is not None:
+            track.image[:, column] = one.tracer.image[:, 0]
+    for name, value in _measured(one, asked).items():
         value = np.asarray(value)
-        values = batch.observables.setdefault(name, np.empty((len(batch.seeds), *value.shape), value.dtype))
-        values[column] = value
-    if one.whole is not None:
+        if name not in batch.observables:
+            batch.observables[name] = np.empty((len(batch.seeds), *value.shape), value.dtype)
+        batch.observables[name][column] = value
+    if one.whole is not None and "all" in asked.record:
         batch.whole[seed] = one.whole
     if one.events is not None:
         batch.events[seed] = one.events
 
 
-def filled(scene: Scene, batch: Ensemble, record) -> Ensemble:
-    """Return the ensemble with what `record` asks for."""
-    return batch if scene.particles and "tracer" in record else batch._replace(tracer=None)
+def _measured(one: Run, asked: Request) -> dict[str, np.ndarray | float | int]:
+    """Return what the engine reports of a run, and what follows from its tracks."""
+    found = dict(one.observables)
+    if asked.scene.particles and one.tracer.velocity is not None:
+        found["initial_square_speed"] = float(np.sum(one.tracer.velocity[0, 0] ** 2))
+    return found | observables.observe(asked.scene, one, asked.observables, asked.average)

@@ -77,7 +77,8 @@ def _engine(scene: Scene) -> str:
 
 def _study(study: Study) -> list[str]:
     runs, batches = len(study.seeds), len(study.batches)
-    costs = [cost.of_run(case) for case in study.cases]
+    kept = {study.record}, study.observables, study.average
+    costs = [cost.of_run(case, *kept) for case in study.cases]
     names = max(len(case.name) for case in study.cases)
     lines = [f"{'scene':<{names}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  of a run"]
     for case, one in zip(study.cases, costs, strict=True):

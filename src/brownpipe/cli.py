@@ -66,6 +66,8 @@ def simulate(arguments) -> int:
 
     The tracer is recorded in any case, except with `--record none`. Runs that fail their health check are marked in
     the file, named, and never averaged in; if none is left, the exit status is 1.
+    With `--observables`, what needs all disks is measured in each run, and only the result is kept: displacement,
+    velocity_autocorrelation, kinetic_energy, velocity_distribution, pair_distribution.
     With `--checkpoint-every`, what is done so far is kept in FILE.h5.checkpoint, at the first end of a block of time
     (some 128 collisions of each disk) after so many seconds. The same command goes on from there if it was killed, to
     the same file, byte for byte.
@@ -81,14 +83,16 @@ def simulate(arguments) -> int:
     record, seeds = _record(arguments.record), parse_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
     refuse_repetition([scene], seeds)
-    cost.refuse_too_large(scene, len(seeds), record)
+    measures = _measures(arguments, scene)
+    cost.refuse_too_large(scene, len(seeds), record, **measures)
     output = _writable(arguments.output or f"{scene.name}.h5", arguments.scene)
 
     from brownpipe import exact
     from brownpipe.storage import remove_checkpoint, seed_text, write_trajectories
 
     checkpoint = f"{output}.checkpoint"
-    ensemble = exact.simulate(scene, seeds, record, *_checkpoints(arguments, checkpoint, scene, seeds, record))
+    kept = _checkpoints(arguments, checkpoint, scene, seeds, record)
+    ensemble = exact.simulate(scene, seeds, record, *kept, **measures)
     write_trajectories(output, scene, arguments.engine, {}, ensemble)
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
@@ -104,9 +108,8 @@ def aggregate(arguments) -> int:
     from brownpipe.storage import write_dataset
 
     output = _writable(arguments.output, *arguments.files)
-    write_dataset(
-        output, analysis.aggregate(arguments.files, arguments.fit_windows, arguments.ring_width, arguments.rings)
-    )
+    asked = (arguments.fit_windows, arguments.ring_width, arguments.rings, arguments.displacement_times)
+    write_dataset(output, analysis.aggregate(arguments.files, *asked))
     return DONE
 
 
@@ -164,6 +167,7 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
     from brownpipe.storage import read_checkpoint, seed_text, write_checkpoint
 
     asked = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
+    asked |= {"observables": arguments.observables or "none", "average": arguments.average}
     made_by = asked | {"engine": arguments.engine, "scene": scene.digest} | made_with("simulate")
     written = time.monotonic()
 
@@ -176,6 +180,19 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
         return time.monotonic() - written >= arguments.checkpoint_every
 
     return Watch(due, keep), read_checkpoint(path, made_by)
+
+
+def _measures(arguments, scene) -> dict:
+    """What to measure in each run, and the averages to be made there."""
+    from brownpipe.observables import problem
+    from brownpipe.reading import SceneError
+
+    names = tuple(arguments.observables.split(",")) if arguments.observables else ()
+    found = problem(scene, names, arguments.average)
+    if found is not None:
+        key, why = found
+        raise SceneError(f"{arguments.scene}: --{key} {getattr(arguments, key)}: {why}")
+    return {"observables": names, "average": arguments.average}
 
 
 def _record(text: str) -> frozenset[str]:
@@ -249,6 +266,12 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument(
         "--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events"
     )
+    one.add_argument(
+        "--observables", metavar="NAMES", help="what to measure in each run, like displacement,kinetic_energy"
+    )
+    one.add_argument(
+        "--average", default="runs", metavar="OVER", help="runs (default), or all time origins or equal disks of a run"
+    )
     one.add_argument("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
     one.add_argument(
         "--checkpoint-every", type=_positive, metavar="SECONDS", help="keep what is done, to go on if killed"
@@ -262,6 +285,8 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument(
         "--ring-width", type=_positive, default=0.04, metavar="DR", help="of the distribution (default: 0.04)"
     )
+    times = {"nargs": "+", "type": _positive, "metavar": "T"}
+    one.add_argument("--displacement-times", **times, help="of the distribution (default: the end of each run)")
     one.add_argument("--rings", type=_rings, default=24, metavar="COUNT", help="of the distribution (default: 24)")
 
     one = _verb(verbs, figures, "brownpipe figures small.nc --output figures")

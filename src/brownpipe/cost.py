@@ -9,7 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe import observables as measures
 from brownpipe import theory
+from brownpipe.observables import pairs
+from brownpipe.observables.kinds import bath_disks
 from brownpipe.scene import Scene, SceneError
 
 START_UP = 0.7  # CPU seconds that a process takes to start with its kernels compiled
@@ -22,6 +25,10 @@ DENSEST = 0.7  # packing fraction up to which the theory is used
 BYTES_PER_DISK = 250  # the engine's working memory
 BYTES_PER_EVENT = 32
 COMPRESSED = 0.95  # of the bytes of random coordinates
+BYTES_PER_NUMBER = 8
+BYTES_PER_SAMPLE = 120  # of a disk, of which a run is measured: recorded, put in order, and what is computed from it
+SECONDS_PER_PAIR = 1e-7  # of disks that are near enough to be counted, in one sample
+SECONDS_PER_ORIGIN = 2e-8  # of a disk for one lag
 COPIES = 4  # of what is recorded, while it is written and verified
 
 
@@ -32,7 +39,7 @@ class Cost(NamedTuple):
     wall_collisions: float
     seconds: float  # of CPU
     recorded: float  # bytes, also those of the file
-    working: float  # bytes of memory, the record aside
+    working: float  # bytes of memory, what is kept of the runs aside: of one run at a time
 
 
 class Kinds(NamedTuple):
@@ -44,21 +51,41 @@ class Kinds(NamedTuple):
     speed: np.ndarray  # [length/time]
 
 
-def of_run(scene: Scene, record=frozenset({"tracer"})) -> Cost:
-    """Return what one run of the scene is expected to cost if `record` is kept of it."""
+def of_run(scene: Scene, record=frozenset({"tracer"}), observables=(), average: str = "runs") -> Cost:
+    """Return what one run of the scene is expected to cost if `record` is kept of it and `observables` are measured."""
     time = scene.duration + scene.equilibrate
     kinds = kinds_of(scene)
     pairs, walls = time * pair_rate(scene, kinds), time * wall_rate(scene, kinds)
     speed = np.interp(np.log(max(scene.particles, 1)), np.log(DISKS), COLLISIONS_PER_SECOND)
     samples = len(scene.times) * (("tracer" in record) * 16 + ("all" in record) * 32 * scene.particles)
     recorded = COMPRESSED * samples + ("events" in record) * BYTES_PER_EVENT * (pairs + walls)
-    seconds = EACH_RUN + (pairs + walls) / float(speed) + SECONDS_PER_BLOCK * scene.particles * blocks(time, kinds)
-    return Cost(pairs, walls, seconds, recorded, BYTES_PER_DISK * scene.particles)
+    recorded += BYTES_PER_NUMBER * measures.numbers_in(scene, observables)
+    working = BYTES_PER_DISK * scene.particles
+    if measures.needs_every_disk(scene, observables, average):
+        working += BYTES_PER_SAMPLE * len(scene.times) * scene.particles
+    seconds = _measuring(scene, observables, average)
+    seconds += EACH_RUN + (pairs + walls) / float(speed) + SECONDS_PER_BLOCK * scene.particles * blocks(time, kinds)
+    return Cost(pairs, walls, seconds, recorded, working)
 
 
-def refuse_too_large(scene: Scene, runs: int, record=frozenset({"tracer"})) -> None:
-    """Raise SceneError if one process cannot hold the records of so many runs."""
-    cost = of_run(scene, record)
+def _measuring(scene: Scene, names, average: str) -> float:
+    """Return the CPU seconds that it takes to look at all pairs in reach and at all time origins of a run."""
+    seconds, samples = 0.0, len(scene.times)
+    if "pair_distribution" in names:
+        bins, width = pairs.bins(scene)
+        near = min(1.0, np.pi * (bins * width) ** 2 / scene.box.area) * scene.particles**2 / 2
+        seconds += SECONDS_PER_PAIR * near * (samples if measures.is_stationary(scene) else 1)
+    if average == "origins":
+        each = {"displacement": 1, "velocity_autocorrelation": 1 + len(bath_disks(scene)) / 25}
+        seconds += SECONDS_PER_ORIGIN * samples**2 / 2 * sum(each.get(name, 0) for name in names)
+    return seconds
+
+
+def refuse_too_large(
+    scene: Scene, runs: int, record=frozenset({"tracer"}), observables=(), average: str = "runs"
+) -> None:
+    """Raise SceneError if one process cannot hold what is kept of so many runs, and one of them whole to measure it."""
+    cost = of_run(scene, record, observables, average)
     needed, there = (
         COPIES * runs * cost.recorded + cost.working,
         os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"),

@@ -8,7 +8,20 @@ from typing import NamedTuple
 
 PACKAGE = Path(__file__).parent
 # The modules and packages that decide trajectories.
-SOURCES = ("reading", "packing", "scene", "placement", "state", "theory", "collisions", "kernels", "batch", "exact")
+SOURCES = (
+    "reading",
+    "packing",
+    "sampling",
+    "scene",
+    "placement",
+    "state",
+    "theory",
+    "collisions",
+    "kernels",
+    "observables",
+    "batch",
+    "exact",
+)
 
 
 class Step(NamedTuple):

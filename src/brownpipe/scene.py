@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe import reading
+from brownpipe import reading, sampling
 from brownpipe.packing import ROUND_OFF, most_disks, overlap
 from brownpipe.reading import Entry, SceneError, must_be, refuse
+from brownpipe.sampling import Samples
 
-__all__ = ["Box", "Disk", "Scene", "SceneError", "Species", "Velocities", "parse_scene", "read_scene"]
+__all__ = ["Box", "Disk", "Samples", "Scene", "SceneError", "Species", "Velocities", "parse_scene", "read_scene"]
 
 MOST_BYTES = 64 * 2**20  # of a scene file: some 500,000 explicit disks
 MOST_DISKS = 10_000_000
-MOST_SAMPLES = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,7 @@ class Scene:
     sample_interval: float
     equilibrate: float = 0.0  # time before t = 0
     tracer_while_equilibrating: str = "free"  # or "pinned"
+    samples: Samples | None = None  # logarithmic sample times, in the place of the sample interval
 
     @property
     def particles(self) -> int:
@@ -120,12 +121,13 @@ class Scene:
 
     @property
     def times(self) -> np.ndarray:
-        """(T,) sample times: 0, the multiples of the sample interval, and the duration exactly."""
-        times = np.arange(math.floor(self.duration / self.sample_interval) + 1) * self.sample_interval
-        if self.duration - times[-1] > 1e-6 * self.sample_interval:
-            return np.append(times, self.duration)
-        times[-1] = self.duration  # a multiple, to round-off
-        return times
+        """(T,) sample times: 0, the multiples of the sample interval, and the duration exactly.
+
+        Logarithmic ones: 0, first * 10**(k / per_decade) for k = 0, 1, ... below the duration, and the duration.
+        """
+        if self.samples is not None:
+            return sampling.logarithmic_times(self.samples, self.duration)
+        return sampling.linear_times(self.sample_interval, self.duration)
 
     @property
     def text(self) -> str:
@@ -145,7 +147,11 @@ class Scene:
 
 def _as_mapping(scene: Scene) -> dict:
     """Return what a scene file that leaves nothing to defaults would hold."""
-    common = {"box": asdict(scene.box), "duration": scene.duration, "sample_interval": scene.sample_interval}
+    common = {"box": asdict(scene.box), "duration": scene.duration}
+    if scene.samples is None:
+        common["sample_interval"] = scene.sample_interval
+    else:  # not even named in other scenes, so that their digests are what they were
+        common["samples"] = asdict(scene.samples)
     if scene.velocities is None:
         return common | {"disks": [asdict(disk) for disk in scene.disks]}
     disks = {"tracer": None, "species": [], "placement": scene.placement}
@@ -181,7 +187,7 @@ def parse_scene(mapping: object, where: str, particles: int | None = None) -> Sc
     """
     if isinstance(mapping, dict) and "scenes" in mapping and "box" not in mapping:
         raise SceneError(f"{where}: is a study, not a scene; run snakemake --configfile {where}")
-    optional = {"particles": None, "velocities": None, "sample_interval": None, "equilibrate": None}
+    optional = dict.fromkeys(("particles", "velocities", "sample_interval", "samples", "equilibrate"))
     given = reading.fields(Entry(mapping, where), ("box", "disks", "duration"), optional)
     explicit = isinstance(given["disks"].value, list | tuple)
     if particles is not None:
@@ -194,7 +200,8 @@ def parse_scene(mapping: object, where: str, particles: int | None = None) -> Sc
         "name": reading.name(Entry(Path(where).stem, where, ("name of the file",))),
         "box": _box(given["box"]),
         "duration": duration,
-        "sample_interval": _sample_interval(given["sample_interval"], duration),
+        "sample_interval": sampling.read_interval(given["sample_interval"], duration),
+        "samples": sampling.read_samples(given["samples"], given["sample_interval"], duration),
     }
     return _explicit(given, common) if explicit else _of_species(given, common)
 
@@ -207,17 +214,6 @@ def _box(entry: Entry) -> Box:
 def _side(entry: Entry) -> tuple[float, float]:
     low, high = (reading.number(end) for end in reading.items(entry, 2, "two numbers [low, high]"))
     return (low, high) if 0 < high - low < math.inf else must_be(entry, "two numbers [low, high] with low < high")
-
-
-def _sample_interval(entry: Entry, duration: float) -> float:
-    if entry.value is None:
-        return duration
-    interval = reading.number(entry, above=0)
-    if interval > duration:
-        must_be(entry, f"at most the duration, {duration!r}")
-    if duration / interval > MOST_SAMPLES:
-        must_be(entry, f"at least {duration / MOST_SAMPLES:g}, for at most {MOST_SAMPLES} samples")
-    return interval
 
 
 # -- explicit disks -------------------------------------------------------------------------------------------------

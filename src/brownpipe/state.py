@@ -44,9 +44,10 @@ class Ensemble(NamedTuple):
     seeds: np.ndarray  # (S,) int64
     times: np.ndarray  # (T,) sample times
     tracer: Track | None  # disk 0 of every run, M = S
-    observables: dict[str, np.ndarray]  # name -> (S,)
+    observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
     whole: dict[int, Track]  # seed -> all disks of that run, M = N, where asked for
     events: dict[int, Events]  # seed -> its collisions, where asked for
+    average: str = "runs"  # what displacements and autocorrelations among the observables are averages over
 
 
 def draw(scene: Scene, seed: int) -> State:

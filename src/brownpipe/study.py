@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe import observables as measures
 from brownpipe import reading
 from brownpipe.reading import Entry, must_be, refuse
 from brownpipe.scene import MOST_BYTES, MOST_DISKS, Scene, parse_scene
@@ -21,23 +22,29 @@ LARGEST_SEED = 2**63 - 1
 
 ENGINES = {"exact": {}}  # name: {setting: how an Entry of it is read}
 FOLLOWED, COUNTS = "a disk to follow", "two particle counts or more"
-FIGURES = {  # name: what it needs, if anything: a disk, particle counts, or an observable
-    "msd": FOLLOWED,
-    "displacement_distribution": FOLLOWED,
-    "diffusion": FOLLOWED,
-    "velocity_autocorrelation": "velocity_autocorrelation",
-    "velocity_distribution": "velocity_distribution",
-    "pair_distribution": "pair_distribution",
-    "energy": "kinetic_energy",
-    "thermodynamics": FOLLOWED,
-    "particle_counts": COUNTS,
-    "health": None,
+TRACKED, SPREADING = "record: tracer", "record: tracer, or displacement among the observables"
+FIGURES = {  # name: what it needs
+    "msd": (FOLLOWED, SPREADING),
+    "displacement_distribution": (FOLLOWED, TRACKED),
+    "diffusion": (FOLLOWED, SPREADING),
+    "velocity_autocorrelation": ("the observable velocity_autocorrelation",),
+    "velocity_distribution": ("the observable velocity_distribution",),
+    "pair_distribution": ("the observable pair_distribution",),
+    "energy": ("the observable kinetic_energy",),
+    "thermodynamics": (FOLLOWED,),
+    "particle_counts": (COUNTS, SPREADING),
+    "health": (),
 }
+RECORDS = ("tracer", "none")
 DEFAULTS = {
     "particles": None,  # of each scene file
     "engines": ["exact"],
     "batch": 2400,
+    "record": "tracer",
+    "observables": [],
+    "average": "runs",
     "figures": None,  # all that there is something to show in
+    "displacement_times": [],  # the end of each run
     "fit_windows": None,  # from a tenth and from a half of the shortest duration to its end
     "rings": {"dr": 0.04, "count": 24},
 }
@@ -76,14 +83,25 @@ class Study:
     seeds: Sequence[int]  # ascending; a range where there is no gap
     batch: int  # seeds per job
     figures: tuple[str, ...]
+    displacement_times: tuple[float, ...]  # of the displacement distribution [time]; empty for the end of each run
     fit_windows: tuple[tuple[float, float], ...]  # [time]
     ring_width: float  # dr [length]
     rings: int
+    record: str = "tracer"  # or "none": no trajectories, only what is measured in the runs
+    observables: tuple[str, ...] = ()  # measured in each run
+    average: str = "runs"  # what displacements and autocorrelations among them are averages over
 
     @property
     def batches(self) -> list[tuple[int, int]]:
         """First and last seed of each batch, cut at multiples of `batch`: more seeds leave whole batches alone."""
         return [cut for first, last in _runs(self.seeds) for cut in _cuts(first, last, self.batch)]
+
+    @property
+    def measuring(self) -> str:
+        """What to keep of each run and to measure in it, as options of `brownpipe simulate`; nothing if as usual."""
+        words = {"record": self.record, "observables": ",".join(self.observables), "average": self.average}
+        usual = {"record": "tracer", "observables": "", "average": "runs"}
+        return " ".join(f"--{key} {value}" for key, value in words.items() if value != usual[key])
 
     @property
     def ring_edges(self) -> np.ndarray:
@@ -122,6 +140,8 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     scenes = _scenes(given["scenes"], Path(path).parent)
     cases = _cases(scenes, given["particles"])
     ring_width, rings = _rings(given["rings"])
+    record = reading.choice(given["record"], RECORDS)
+    observables, average = _measures(given["observables"], given["average"], cases)
     study = Study(
         name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
         scenes=scenes,
@@ -129,10 +149,14 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         engines=_engines(given["engines"]),
         seeds=_seeds(given["seeds"]),
         batch=reading.integer(given["batch"], 1, MOST_SEEDS),
-        figures=_figures(given["figures"], cases),
+        figures=_figures(given["figures"], cases, record, observables),
+        displacement_times=_displacement_times(given["displacement_times"], cases),
         fit_windows=_windows(given["fit_windows"], cases),
         ring_width=ring_width,
         rings=rings,
+        record=record,
+        observables=observables,
+        average=average,
     )
     refuse_repetition(cases, study.seeds, given["seeds"])
     jobs = len(cases) * len(study.engines) * len(study.batches)
@@ -239,16 +263,33 @@ def _engine(entry: Entry) -> Engine:
     return Engine(which.value, tuple((key, read(given[key])) for key, read in settings.items()))
 
 
-def _figures(entry: Entry, cases: tuple[Scene, ...], observables: tuple[str, ...] = ()) -> tuple[str, ...]:
+def _measures(observables: Entry, average: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[str, ...], str]:
+    """Return what is measured in each run, and the averages made there; every scene must have it."""
+    listed = observables.value not in (None, []) and _one_or_more(observables)
+    names = tuple(reading.choice(one, tuple(measures.OBSERVABLES)) for one in listed or ())
+    over = reading.choice(average, measures.AVERAGES)
+    for case in cases:
+        found = measures.problem(case, names, over)
+        if found is not None:
+            key, why = found
+            refuse({"observables": observables, "average": average}[key], f"{case.name}, N = {case.particles}: {why}")
+    return names, over
+
+
+def _figures(entry: Entry, cases: tuple[Scene, ...], record: str, observables: tuple[str, ...]) -> tuple[str, ...]:
     """Return the figures; the default is all that there is something to show in."""
     moving = {case.particles for case in cases} - {0}
-    there = {None, *observables, *([FOLLOWED] if moving else []), *([COUNTS] if len(moving) > 1 else [])}
+    there = {f"the observable {name}" for name in observables}
+    there |= {FOLLOWED} if moving else set()
+    there |= {COUNTS} if len(moving) > 1 else set()
+    there |= {TRACKED} if record == "tracer" else set()
+    there |= {SPREADING} if record == "tracer" or "displacement" in observables else set()
+    lacking = {name: [one for one in needs if one not in there] for name, needs in FIGURES.items()}
     if entry.value is None:
-        return tuple(figure for figure, needed in FIGURES.items() if needed in there)
+        return tuple(name for name in FIGURES if not lacking[name])
     names = tuple(reading.choice(one, tuple(FIGURES)) for one in _one_or_more(entry))
-    for name in (name for name in names if FIGURES[name] not in there):
-        kind = "" if FIGURES[name] in (FOLLOWED, COUNTS) else "the observable "
-        reading.refuse(entry, f"{name} needs {kind}{FIGURES[name]}")
+    for name in (name for name in names if lacking[name]):
+        reading.refuse(entry, f"{name} needs {lacking[name][0]}")
     return names if len(set(names)) == len(names) else must_be(entry, "figures that differ")
 
 
@@ -268,6 +309,19 @@ def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float
     if len({f"{t0:g} {t1:g}" for t0, t1 in windows}) < len(windows):
         must_be(entry, "windows that differ in their first six digits")
     return tuple(windows)
+
+
+def _displacement_times(entry: Entry, cases: tuple[Scene, ...]) -> tuple[float, ...]:
+    """Return the times of the displacement distribution; each is a sample time of some scene."""
+    times = []
+    for one in reading.items(entry):
+        time = reading.number(one, above=0)
+        if not any(np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in cases):
+            must_be(one, "a sample time of some scene")
+        if np.isclose(times, time, rtol=1e-9, atol=0.0).any():
+            must_be(one, "given once")
+        times.append(time)
+    return tuple(times)
 
 
 def _rings(entry: Entry) -> tuple[float, int]:

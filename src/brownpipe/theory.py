@@ -11,6 +11,7 @@ import numpy as np
 # erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
 _WALLS_UNSEEN = 0.0068
 _SERIES_TERMS = 24
+_NODES = 64  # of the quadrature over a quarter of a circle: 1e-15 for the narrowest density of the series
 
 
 # --- diffusion
@@ -54,6 +55,54 @@ def reflecting_square_msd(t, diffusion, half_width):
     series = (sign / k**2 * np.exp(-(np.pi**2) * k**2 * tau[..., None])).sum(axis=-1)
     component = np.where(tau < _WALLS_UNSEEN, 2.0 * tau, 1.0 / 3.0 + 4.0 / np.pi**2 * series)
     return 2.0 * np.square(half_width) * component
+
+
+def reflecting_square_within(r, t, diffusion, half_width):
+    """Probability to be within `r` (K,) of the centre of a reflecting square after time `t > 0`, from the centre.
+
+    `half_width` a is that of the accessible square. Both components have the density (1 + 2 sum_k cos(k pi x/a)
+    exp(-D k^2 pi^2 t/a^2)) / 2a on [-a, a], which integrated over [-h, h] is C(h); so with s^2 = r^2 - a^2, or 0,
+    the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx, here by Gauss and Legendre over the angle. Before
+    the walls are seen it is that of free diffusion; 1 from the corners on.
+    """
+    a, r = half_width, np.atleast_1d(np.asarray(r, float))
+    tau = diffusion * t / a**2
+    if not tau >= _WALLS_UNSEEN:
+        return ring_probability(0.0, r, t, diffusion)
+    s = np.sqrt(np.maximum(r**2 - a**2, 0.0))
+    first, last = np.arcsin(s / np.maximum(r, a)), np.arcsin(np.minimum(a / np.maximum(r, a), 1.0))
+    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    angle = first + (last - first) * (node[:, None] + 1) / 2
+    inner = _component_density(r * np.sin(angle), tau, a) * _component_within(r * np.cos(angle), tau, a)
+    arc = (weight[:, None] * inner * r * np.cos(angle)).sum(axis=0) * (last - first)
+    return np.where(r >= np.sqrt(2.0) * a, 1.0, np.minimum(_component_within(s, tau, a) + arc, 1.0))
+
+
+def _component_density(x, tau, a):
+    k = np.arange(1, _SERIES_TERMS + 1)
+    decay = np.exp(-(np.pi**2) * k**2 * tau)
+    return (1.0 + 2.0 * (decay * np.cos(k * np.pi * x[..., None] / a)).sum(axis=-1)) / (2.0 * a)
+
+
+def _component_within(h, tau, a):
+    k = np.arange(1, _SERIES_TERMS + 1)
+    decay = np.exp(-(np.pi**2) * k**2 * tau) / (k * np.pi)
+    return h / a + 2.0 * (decay * np.sin(k * np.pi * h[..., None] / a)).sum(axis=-1)
+
+
+def reflecting_square_diffusion(msd, t, half_width):
+    """The D [length^2/time] for which `reflecting_square_msd` at time `t > 0` is `msd`, a number.
+
+    NaN where there is none: `msd` is not positive, or not below 2 a^2/3 by more than round-off, where it ends.
+    """
+    low, high = 0.0, 4.0 * np.square(half_width) / t
+    if not 0.0 < msd < reflecting_square_msd(t, high, half_width):
+        return np.nan
+    while True:
+        middle = (low + high) / 2
+        if middle in (low, high):
+            return middle
+        low, high = (middle, high) if reflecting_square_msd(t, middle, half_width) < msd else (low, middle)
 
 
 # --- from ballistic flight to diffusion
@@ -180,3 +229,17 @@ def pair_distance_density(r, width, height):
 
     ring = 4.0 * d / (width * height) ** 2 * (antiderivative(last) - antiderivative(first))
     return np.where(inside, ring, 0.0)
+
+
+# --- tests
+
+
+def chi_square_power(noncentrality, degrees_of_freedom, level=0.05):
+    """Chance that a chi-square test at `level` refuses an expectation whose counts are off by `noncentrality`.
+
+    The statistic is then noncentral chi-square, with noncentrality sum (true - expected)^2/expected over the bins
+    (to first order in the deviations; W. G. Cochran, Ann. Math. Statist. 23, 315 (1952)).
+    """
+    from scipy.special import chdtri, chndtr
+
+    return 1.0 - chndtr(chdtri(degrees_of_freedom, level), degrees_of_freedom, noncentrality)

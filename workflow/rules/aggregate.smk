@@ -15,7 +15,8 @@ rule aggregate:
         windows=[f"{start}:{end}" for start, end in study.fit_windows],
         width=study.ring_width,
         rings=study.rings,
+        times=" ".join(["--displacement-times", *map(str, study.displacement_times)]) if study.displacement_times else "",
         made_with=made_with("aggregate"),
     shell:
         "brownpipe aggregate {input} --output {output} --fit-windows {params.windows}"
-        " --ring-width {params.width} --rings {params.rings} 2> {log}"
+        " --ring-width {params.width} --rings {params.rings} {params.times} 2> {log}"

@@ -9,7 +9,8 @@ rule simulate:
     params:
         scene=lookup(dpath="{scene}/{particles}/file", within=cases),
         physics=lookup(dpath="{scene}/{particles}/digest", within=cases),
+        measuring=study.measuring,
         made_with=made_with("simulate"),
     shell:
         "brownpipe simulate {params.scene:q} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
-        " --engine {wildcards.engine} --output {output} 2> {log}"
+        " --engine {wildcards.engine} {params.measuring} --output {output} 2> {log}"

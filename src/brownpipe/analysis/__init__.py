@@ -1,21 +1,15 @@
 """From trajectories to numbers with uncertainties.
 
-`displacement` has the measures, pure functions on arrays; `resampling` the one place where an error is estimated;
-`dataset` reads the trajectory files of a study and puts the results into one labelled dataset.
+`runs` reads the trajectory files of a study block by block; the measures (`displacement`, `distribution`, ...) take
+columns of numbers from each block, one row per run; `resampling` adds them up and is the one place where an error is
+estimated; `dataset` puts the results into one labelled dataset.
 """
 
-from brownpipe.analysis.dataset import AnalysisError, aggregate
-from brownpipe.analysis.displacement import (
-    ChiSquare,
-    Line,
-    chi_square,
-    fit_line,
-    line_weights,
-    ring_counts,
-    ring_edges,
-    squared_displacement,
-)
-from brownpipe.analysis.resampling import Estimate, resample, resample_each, wilson_interval
+from brownpipe.analysis.dataset import aggregate
+from brownpipe.analysis.displacement import Line, fit_line, line_weights, squared_displacement
+from brownpipe.analysis.distribution import ChiSquare, chi_square, ring_counts, ring_edges
+from brownpipe.analysis.resampling import Estimate, resample, wilson_interval
+from brownpipe.analysis.runs import AnalysisError
 
 __all__ = [
     "AnalysisError",
@@ -27,7 +21,6 @@ __all__ = [
     "fit_line",
     "line_weights",
     "resample",
-    "resample_each",
     "ring_counts",
     "ring_edges",
     "squared_displacement",

@@ -1,15 +1,16 @@
-"""Measures of the tracer's displacement: pure functions on arrays.
+"""Mean squared displacement of the tracer: its curve, its lines, its slope from time to time.
 
-S runs, T sample times, K rings. Lengths and times in the scene's own units.
+S runs, T sample times, W windows. Lengths and times in the scene's own units.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe import theory
+from brownpipe.analysis.measure import Columns, Measure, scaled, with_error, with_interval
+from brownpipe.analysis.variables import AREA, EACH, RATE, Variable, error_of, estimate_of, kept_always
 
-FEWEST_EXPECTED = 5.0  # bins with fewer expected counts are pooled before a chi-square
+SAME_TIME = 1e-9  # relative difference of sample times that are one: k dt depends on dt by round-off
 
 
 class Line(NamedTuple):
@@ -18,12 +19,6 @@ class Line(NamedTuple):
     slope: float
     intercept: float
     naive_slope_error: float  # what least squares claims for independent points; wrong for an MSD, see `fit_line`
-
-
-class ChiSquare(NamedTuple):
-    statistic: float
-    degrees_of_freedom: int
-    p: float  # chance of a larger statistic if the expectation is right; NaN without degrees of freedom
 
 
 def squared_displacement(position, image=None, size=(0.0, 0.0)):
@@ -81,45 +76,92 @@ def per_run_lines(squared, times, windows):
     return np.stack(lines, axis=-1)
 
 
-def ring_edges(width, rings):
-    """Edges (K + 1,) of `rings` rings of equal `width` around the start."""
-    return width * np.arange(rings + 1)
+def labels(windows):
+    """Names of windows, from their first six digits."""
+    return [f"[{start:g}, {end:g}]" for start, end in windows]
 
 
-def ring_counts(distance, edges):
-    """Runs (K + 1,) that ended in each ring [edges[k], edges[k + 1]), and last those beyond the outermost edge."""
-    ring = np.searchsorted(edges, distance, side="right") - 1
-    return np.bincount(ring, minlength=len(edges))
+# --- the measure
 
 
-def expected_ring_counts(runs, edges, t, diffusion):
-    """Expected `ring_counts` (K + 1,) of `runs` free diffusers after time t, eq. (18) integrated over each ring."""
-    outer = np.append(edges[1:], np.inf)
-    return runs * theory.ring_probability(edges, outer, t, diffusion)
+def squared_of(case, runs):
+    """Squared displacement (n, T) of every run, None if there is none: as observed, else of the tracer's track."""
+    if "square_displacement" in runs.observables:
+        return runs.observables["square_displacement"]
+    return from_start(case, runs)
 
 
-def chi_square(observed, expected, fitted=1):
-    """Pearson's test of counts (K,) against expected counts of the same total.
-
-    Neighbouring bins are pooled until each expects FEWEST_EXPECTED; one degree of freedom is lost to the total and one
-    to each parameter `fitted` to the same runs.
-    """
-    observed, expected = _pool(np.asarray(observed, float), np.asarray(expected, float))
-    freedom = len(expected) - 1 - fitted
-    if freedom < 1 or not np.all(np.isfinite(expected)):
-        return ChiSquare(np.nan, max(freedom, 0), np.nan)
-    from scipy.special import gammaincc
-
-    statistic = ((observed - expected) ** 2 / expected).sum()
-    return ChiSquare(statistic, freedom, float(gammaincc(freedom / 2, statistic / 2)))
+def from_start(case, runs):
+    """Squared distance (n, T) of the tracer from where it started, None if it was not recorded."""
+    if runs.tracer is None:
+        return runs.observables.get("square_displacement") if case.average == "runs" else None
+    return squared_displacement(runs.tracer.position, runs.tracer.image, (case.scene.box.width, case.scene.box.height))
 
 
-def _pool(observed, expected):
-    """Sum neighbouring bins from the first to the last until each expects enough; the rest joins the last pool."""
-    starts, waiting = [0], 0.0
-    for k, count in enumerate(expected):
-        waiting += count
-        if waiting >= FEWEST_EXPECTED and expected[k + 1 :].sum() >= FEWEST_EXPECTED:
-            starts.append(k + 1)
-            waiting = 0.0
-    return np.add.reduceat(observed, starts), np.add.reduceat(expected, starts)
+def _sample(case, runs):
+    squared = squared_of(case, runs)
+    if squared is None:
+        return Columns()
+    means = {"msd": squared, "lines": per_run_lines(squared, case.times, case.asked.windows)}
+    if len(case.times) > 1:
+        means["diffusion_running"] = np.gradient(squared, case.times, axis=1) / 4
+    return Columns(means)
+
+
+def _estimate(case, found):
+    if "msd" not in found:
+        return {}
+    msd, lines, times = found.estimate("msd"), found.estimate("lines"), case.times
+    slope, intercept = (type(lines)(*(values[k] for values in lines)) for k in range(2))
+    over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
+    values = {
+        **with_interval("msd", msd),
+        **with_interval("msd_over_4t", scaled(msd, over_4t)),
+        **with_interval("slope", slope),
+        **with_error("intercept", intercept),
+        "naive_slope_error": [fit_line(times, msd.mean, window).naive_slope_error for window in case.asked.windows],
+        **with_interval("diffusion_coefficient", scaled(slope, 0.25)),
+    }
+    if "diffusion_running" in found:
+        values |= with_interval("diffusion_running", found.estimate("diffusion_running"))
+    return values
+
+
+def _axes(case):
+    windows = case.asked.windows
+    return {
+        "window": ("window", labels(windows)),
+        "window_start": ("window", [start for start, _ in windows]),
+        "window_end": ("window", [end for _, end in windows]),
+    }
+
+
+TIME, WINDOW = (*EACH, "time"), (*EACH, "window")
+
+MEASURE = Measure(
+    _sample,
+    _estimate,
+    kept_always(
+        {
+            **estimate_of("msd", TIME, AREA, "mean squared displacement of the tracer"),
+            **estimate_of("msd_over_4t", TIME, RATE, "mean squared displacement over 4 t"),
+            **estimate_of(
+                "slope", WINDOW, RATE, "least-squares slope of the mean squared displacement over the window"
+            ),
+            **error_of("intercept", WINDOW, AREA, "intercept of the least-squares line over the window"),
+            "naive_slope_error": Variable(
+                WINDOW, RATE, "what least squares alone claims as error of the slope; far too small"
+            ),
+            **estimate_of("diffusion_coefficient", WINDOW, RATE, "diffusion coefficient, slope/4, over the window"),
+        }
+    )
+    | estimate_of(
+        "diffusion_running", TIME, RATE, "a quarter of the slope of the mean squared displacement between neighbours"
+    ),
+    _axes,
+    {
+        "window": {"long_name": "window of time of the straight-line fit"},
+        "window_start": {"units": "time", "long_name": "start of the window"},
+        "window_end": {"units": "time", "long_name": "end of the window"},
+    },
+)

@@ -1,8 +1,14 @@
 """Errors of averages over independent runs. Runs are resampled, never the time points of a run.
 
-Everything brownpipe reports at this level is a mean over runs: the MSD at one time is the mean of the squared
-displacements, and a least-squares slope of the MSD is the mean of the slopes of the single runs, because least squares
-is linear. So the standard error is exact (the jackknife's, s / sqrt(n)) and only the interval needs resampling.
+Everything brownpipe reports at this level is a mean over runs or a function of such means: the MSD at one time is the
+mean of the squared displacements, and a least-squares slope of the MSD is the mean of the slopes of the single runs,
+because least squares is linear. So the standard error is exact (the jackknife's, s / sqrt(n)) and only the interval
+needs resampling.
+
+Resampling is a Poisson bootstrap: in each of REPLICATES replicates every run counts w times, w from the Poisson law of
+mean 1. Given the sum of the weights that is the ordinary bootstrap, drawing that many runs with replacement; but the
+weights of a run depend on its seed alone. So runs may come in blocks of BLOCK seeds, in bounded memory; more runs leave
+the weights of the others alone; and what shares seeds (scenes, engines) shares weights.
 """
 
 import math
@@ -11,11 +17,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+BLOCK = 1024  # seeds with one stream of weights, and of runs added up at a time
 REPLICATES = 1999  # 2.5 % and 97.5 % are then the 50th value from either end
 FEWEST_RUNS = 10  # below this an interval of a skewed quantity means nothing
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
-_CHUNK = 1 << 22  # weights computed at a time, 32 MiB
+_LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
 _NORMAL_975 = 1.959963984540054
+
+# A weight is how many of these bounds 16 random bits reach: P(w <= k) of the Poisson law of mean 1, to 2^-17.
+_BOUNDS = [round(2**16 * math.exp(-1) * sum(1 / math.factorial(j) for j in range(k + 1))) for k in range(8)]
 
 
 class Estimate(NamedTuple):
@@ -27,72 +37,155 @@ class Estimate(NamedTuple):
     high: np.ndarray
 
 
-def resample(samples):
-    """Mean over runs with standard error and 95 % interval, by the bootstrap-t over runs.
+class Sums(NamedTuple):
+    """Sums over runs of d = x - pivot for C quantities x, and of d^2 for the first Q of them; B replicates."""
 
-    `samples` has shape (runs, ...): one entry per run. Bootstrap-t, because r^2 is as skewed as an exponential: each
-    replicate is studentized by its own standard error, which makes the interval lean to the right side and cover the
-    truth in 95 % of the ensembles even for 50 runs. The result depends on the samples and their order alone, to the
-    bit: the weights come from a fixed stream and no sum over runs has round-off.
+    runs: int
+    pivot: np.ndarray  # (C,) near the mean, so that no digits are lost
+    first: np.ndarray  # (C,) sum of d
+    second: np.ndarray  # (Q,) sum of d^2
+    weight: np.ndarray  # (B,) sum of the weights w
+    drawn_first: np.ndarray  # (B, C) sum of w d
+    drawn_second: np.ndarray  # (B, Q) sum of w d^2
+
+
+ALL = slice(None)
+
+
+def mean_of(sums, columns=ALL):
+    """(C,) means over runs."""
+    return sums.pivot[columns] + sums.first[columns] / sums.runs
+
+
+def drawn_mean(sums, columns=ALL):
+    """(B, C) means over the runs of each replicate; NaN for a replicate without runs."""
+    return sums.pivot[columns] + _per_run(sums.drawn_first[:, columns], sums.weight)
+
+
+def drawn_variance(sums, columns=ALL):
+    """(B, Q) variances over the runs of each replicate, divided by its number of runs."""
+    first, second = (_per_run(drawn[:, columns], sums.weight) for drawn in (sums.drawn_first, sums.drawn_second))
+    return second - np.square(first)
+
+
+def variance_of(sums, columns=ALL):
+    """(Q,) variances over runs, divided by their number."""
+    return np.maximum(sums.second[columns] / sums.runs - np.square(sums.first[columns] / sums.runs), 0.0)
+
+
+def add_block(sums, seeds, columns, squares):
+    """`sums` (or None) and the runs `seeds` (n,) of one block, ascending, whose entries are `columns` (n, C), n > 0.
+
+    Sums of squares are kept for the first `squares` columns. The arrays of `sums` are added to in place; blocks are to
+    be added in ascending order. The bits do not depend on the number of threads.
     """
-    samples = np.asarray(samples, float)
-    runs, shape = len(samples), samples.shape[1:]
-    columns = samples.reshape(runs, int(np.prod(shape)))
-    mean = np.array([math.fsum(column.tolist()) for column in columns.T]) / (runs or np.nan)
-    deviation = columns - mean
-    error = np.full_like(mean, np.nan)
-    if runs > 1:
-        error = np.sqrt(_on_a_grid(deviation**2).sum(axis=0) / runs / (runs - 1))
-    interval = _interval(deviation) if runs >= FEWEST_RUNS else np.full((2, 1), np.nan)
-    return Estimate(*(values.reshape(shape) for values in (mean, error, *(mean + interval * error))))
+    block, columns = int(seeds[0]) // BLOCK, np.asarray(columns, float)
+    if sums is None:
+        pivot = columns[0] + np.cumsum(columns - columns[0], axis=0)[-1] / len(
+            seeds
+        )  # one after the other: as if alone
+        sums = Sums(0, pivot, *(np.zeros(size) for size in _sizes(columns.shape[1], squares)))
+    deviation, c = columns - sums.pivot, columns.shape[1]
+    terms = np.concatenate([deviation, deviation[:, :squares] ** 2, np.ones((len(seeds), 1))], axis=1)
+    total, drawn = terms.sum(axis=0), _drawn(block, np.asarray(seeds) - block * BLOCK, terms)
+    parts = (total[:c], total[c:-1], drawn[:, -1], drawn[:, :c], drawn[:, c:-1])
+    for whole, part in zip(sums[2:], parts, strict=True):
+        whole += part
+    return sums._replace(runs=sums.runs + len(seeds))
 
 
-def resample_each(samples):
-    """`resample` of several quantities of the same runs, name -> (runs, ...), in one pass: name -> Estimate."""
-    columns = [np.reshape(values, (len(values), -1)) for values in samples.values()]
-    together = resample(np.concatenate(columns, axis=1))
-    ends = np.cumsum([block.shape[1] for block in columns])[:-1]
-    parts = zip(*(np.split(values, ends) for values in together), strict=True)
-    shapes = [np.shape(values)[1:] for values in samples.values()]
-    estimates = [
-        Estimate(*(values.reshape(shape) for values in part)) for shape, part in zip(shapes, parts, strict=True)
-    ]
-    return dict(zip(samples, estimates, strict=True))
+def _drawn(block, rows, terms):
+    """Weighted sums (B, K) of `terms` (n, K), which belong to the given rows of a block; gaps count as 0."""
+    steps, unit = _on_a_grid(terms)
+    full = np.zeros((rows[-1] + 1 - rows[0], terms.shape[1]), np.float32)
+    full[rows - rows[0]] = steps
+    return (_weights(block)[:, rows[0] : rows[-1] + 1] @ full) * unit
 
 
-def _interval(deviation):
-    """Both ends of the 95 % interval in standard errors from the mean, (2, columns); 0 for columns without scatter."""
-    runs = len(deviation)
-    moments = np.concatenate([_on_a_grid(deviation), _on_a_grid(deviation**2)], axis=1)
-    chunk = max(1, _CHUNK // runs)
-    sums = [_weights(runs, first, min(chunk, REPLICATES - first)) @ moments for first in range(0, REPLICATES, chunk)]
-    first, second = np.split(np.concatenate(sums) / runs, 2, axis=1)
-    variance = (second - first**2) / (runs - 1)
-    scatter = variance > 0.0
-    t = np.where(scatter, first / np.sqrt(np.where(scatter, variance, 1.0)), 0.0)
-    t.sort(axis=0)
-    tail = (REPLICATES + 1) // 40
-    return np.stack([-t[-tail], -t[tail - 1]])
+def _sizes(columns, squares):
+    return columns, squares, REPLICATES, (REPLICATES, columns), (REPLICATES, squares)
 
 
-@lru_cache(maxsize=2)
-def _weights(runs, first, replicates):
-    """How often each run is drawn, (replicates, runs), in the replicates numbered from `first`."""
-    draw = np.random.Generator(np.random.Philox(key=_KEY, counter=[0, 0, 0, first]))
-    drawn = draw.integers(0, runs, (replicates, runs)) + runs * np.arange(replicates)[:, None]
-    return np.bincount(drawn.ravel(), minlength=replicates * runs).reshape(replicates, runs).astype(float)
+@lru_cache(maxsize=4)
+def _weights(block):
+    """How often each seed of a block counts, (REPLICATES, BLOCK): whole numbers from 0 to 8."""
+    stream = np.random.Philox(key=_KEY, counter=[0, 0, 0, block])
+    bits = stream.random_raw(REPLICATES * BLOCK // 4).astype("<u8").view("<u2").reshape(REPLICATES, BLOCK)
+    weights = np.zeros(bits.shape, np.uint8)
+    for bound in _BOUNDS:
+        weights += bits >= bound
+    return weights.astype(np.float32)
 
 
 def _on_a_grid(columns):
-    """Round each column to multiples of a power of two so coarse that sums over resampled runs have no round-off.
+    """Round each column x to whole numbers of a unit so coarse that weighted sums over a block have no round-off.
 
-    The weights are whole numbers that add up to the number of runs, so every product and partial sum fits into the 53
-    bits of a double: the matrix product gives the same bits in whatever order, on however many threads, it is done.
-    Costs 1e-12 of the largest value for 2,400 runs.
+    Sums of w x over any of the runs are below |w| |x| (Cauchy and Schwarz), and _LONGEST bounds |w| in any replicate.
+    The unit makes that 2^24, up to which single precision is exact: the matrix product gives the same bits in whatever
+    order, on however many threads, it is done. A unit is 2e-4 standard deviations or so: nothing to a resampled mean.
     """
-    largest = np.abs(columns).max(axis=0)
-    step = np.ldexp(1.0, np.frexp(largest)[1] - 52 + int(np.ceil(np.log2(len(columns)))))
-    return np.rint(columns / step) * step
+    length = np.sqrt(np.square(columns / _or_nan(np.abs(columns).max(axis=0))).sum(axis=0)) * np.abs(columns).max(
+        axis=0
+    )
+    unit = np.ldexp(1.0, np.frexp(np.nan_to_num(length) * _LONGEST)[1] - 24)
+    return np.rint(columns / unit).astype(np.float32), unit
+
+
+def estimate(sums):
+    """The Estimate, arrays (Q,), of the columns whose squares were summed, with its interval by the bootstrap-t.
+
+    Bootstrap-t, because r^2 is as skewed as an exponential: each replicate is studentized by its own standard error,
+    which makes the interval lean to the right side and cover the truth in 95 % of the ensembles even for 50 runs.
+    """
+    runs, squared = sums.runs, slice(0, len(sums.second))
+    error = np.sqrt(variance_of(sums, squared) / (runs - 1)) if runs > 1 else np.full(len(sums.second), np.nan)
+    shift = _per_run(sums.drawn_first[:, squared], sums.weight) - sums.first[squared] / runs
+    variance = drawn_variance(sums, squared) / degrees(sums)
+    return studentized(runs, mean_of(sums, squared), error, shift, variance)
+
+
+def degrees(sums):
+    """(B, 1) runs of each replicate less one, NaN if there are none left: a variance over it is that of a mean."""
+    return _or_nan(sums.weight - 1)[:, None]
+
+
+def studentized(runs, value, error, shift, variance):
+    """Estimate of `value` (...) with standard error `error`, from its replicates.
+
+    `shift` (B, ...) is a replicate's value less `value`, `variance` (B, ...) the square of the replicate's own standard
+    error. A replicate without scatter counts as being in the middle.
+    """
+    if runs < FEWEST_RUNS:
+        return Estimate(value, error, *np.full((2, *np.shape(value)), np.nan))
+    scatter = variance > 0.0
+    t = np.where(scatter, shift / np.sqrt(np.where(scatter, variance, 1.0)), 0.0)
+    t.sort(axis=0)
+    tail = (REPLICATES + 1) // 40
+    return Estimate(value, error, value - t[-tail] * error, value - t[tail - 1] * error)
+
+
+def _per_run(drawn, weight):
+    return drawn / _or_nan(weight)[:, None]
+
+
+def _or_nan(count):
+    """`count`, NaN where it is not positive."""
+    return np.where(count > 0, count, np.nan)
+
+
+def resample(samples, seeds=None):
+    """Mean over runs with standard error and 95 % interval of `samples` (runs, ...), one entry per run: an Estimate.
+
+    `seeds` (runs,), 0, 1, ... by default, are ascending; the result depends on seeds and samples alone, to the bit.
+    """
+    samples = np.asarray(samples, float)
+    runs, shape = len(samples), samples.shape[1:]
+    if not runs:
+        return Estimate(*np.full((4, *shape), np.nan))
+    seeds, columns, sums = np.arange(runs) if seeds is None else np.asarray(seeds), samples.reshape(runs, -1), None
+    for rows in np.split(np.arange(runs), np.flatnonzero(np.diff(seeds // BLOCK)) + 1):
+        sums = add_block(sums, seeds[rows], columns[rows], columns.shape[1])
+    return Estimate(*(values.reshape(shape) for values in estimate(sums)))
 
 
 def wilson_interval(count, total):

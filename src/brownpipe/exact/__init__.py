@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.batch import Run, enter, filled, room_for
+from brownpipe.batch import Run, enter, request, room_for
 from brownpipe.exact import workspace as ws
 from brownpipe.exact.checkpoint import NEVER, Midway, Watch, midway_of, pack, restore, unpack
 from brownpipe.exact.events import advance
@@ -29,27 +29,39 @@ class Engine(NamedTuple):
     pinned: bool
 
 
-def simulate(scene: Scene, seeds, record=frozenset({"tracer"}), watch: Watch = NEVER, kept=None) -> Ensemble:
+def simulate(
+    scene: Scene,
+    seeds,
+    record=frozenset({"tracer"}),
+    watch: Watch = NEVER,
+    kept=None,
+    *,
+    observables=(),
+    average: str = "runs",
+) -> Ensemble:
     """Run the scene once for every seed.
 
     `record` holds words: "tracer" (disk 0 of all runs), "all" (every disk of every run), "events" (every collision).
+    `observables` are measured in each run, whose tracks are then dropped if they are not to be kept; `average` says
+    what displacements and autocorrelations among them are averages over (brownpipe.observables).
     Whenever the next checkpoint is due, `watch.keep` is given named arrays, and a call with these as `kept`, all else
     being the same, goes on from there and returns the same to the last bit.
-    Raises RunError if a run makes no progress, SceneError if its disks cannot be placed.
+    Raises RunError if a run makes no progress, SceneError if its disks cannot be placed or have no such observables.
     """
-    batch, engines = room_for(scene, np.asarray(seeds, dtype=np.int64)), _engines(scene)
+    asked = request(scene, record, observables, average)
+    batch, engines = room_for(asked, seeds), _engines(scene)
     done, midway = (0, None) if kept is None else unpack(kept, batch)
     for column in range(done, len(batch.seeds)):
         seed = int(batch.seeds[column])
         inside = watch._replace(keep=partial(_keep, watch, batch, column))
         try:
-            enter(batch, column, _one(engines, seed, record, inside, midway))
+            enter(batch, column, _one(engines, seed, asked.needed, inside, midway), asked)
         except (RunError, SceneError) as error:
             raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
         midway = None
         if column + 1 < len(batch.seeds) and watch.due():
             _keep(watch, batch, column + 1, None)
-    return filled(scene, batch, record)
+    return batch
 
 
 def run(

@@ -66,9 +66,11 @@ def restore(kept: Midway, w: ws.Workspace, r: ws.Recorder) -> list[Events]:
 
 def pack(batch: Ensemble, done: int, kept: Midway | None) -> dict[str, np.ndarray]:
     """Return named arrays with the first `done` runs of a batch, and one run in mid-flight. They are not copied."""
-    arrays = {"done": np.array(done)} | _named("tracer", Track(*(_columns(value, done) for value in batch.tracer)))
+    arrays = {"done": np.array(done)}
+    if batch.tracer is not None:
+        arrays |= _named("tracer", Track(*(_columns(value, done) for value in batch.tracer)))
     if done:
-        kinds = [(name, value.dtype) for name, value in batch.observables.items()]
+        kinds = [(name, value.dtype, value.shape[1:]) for name, value in batch.observables.items()]
         arrays["observables"] = np.empty(done, kinds)  # one table, as the order of its columns counts, too
         for name, value in batch.observables.items():
             arrays["observables"][name] = value[:done]
@@ -85,12 +87,12 @@ def pack(batch: Ensemble, done: int, kept: Midway | None) -> dict[str, np.ndarra
 def unpack(arrays: dict[str, np.ndarray], batch: Ensemble) -> tuple[int, Midway | None]:
     """Enter the runs that are finished into a batch; return how many there are, and the one in mid-flight."""
     done = int(arrays["done"])
-    for whole, part in zip(batch.tracer, _record(Track, arrays, "tracer"), strict=True):
+    for whole, part in zip(batch.tracer or (), _record(Track, arrays, "tracer"), strict=batch.tracer is not None):
         if whole is not None:
             whole[:, :done] = part
     for name in arrays["observables"].dtype.names if done else ():
         column = arrays["observables"][name]
-        batch.observables[name] = np.empty(len(batch.seeds), column.dtype)
+        batch.observables[name] = np.empty((len(batch.seeds), *column.shape[1:]), column.dtype)
         batch.observables[name][:done] = column
     for seed in batch.seeds[:done].tolist():
         if f"whole.{seed}.position" in arrays:

@@ -3,7 +3,6 @@
 import numpy as np
 
 NOTE_PARTICLES = 150  # of the 2020 note
-TIME = "displacement_time"  # dimension of distributions at several times
 
 
 class FigureError(ValueError):
@@ -72,11 +71,13 @@ def defined(case, name, dim):
 
 
 def distributions_of(case):
-    """The case at each time that it has a distribution of displacements of; itself if there is but one, at the end."""
-    if TIME not in case.dims:
-        return [case]
-    each = [case.isel({TIME: k}) for k in range(case.sizes[TIME])]
-    return [one for one in each if np.isfinite(one.displacement_counts).any()]
+    """The case at each time that its displacement distribution is taken at."""
+    return [case.isel(displacement_time=k) for k in np.flatnonzero(np.isfinite(case.displacement_overflow))]
+
+
+def at_last_distribution(case):
+    """The case at the last of these times; where there is none, at the last of the dataset."""
+    return (distributions_of(case) or [case.isel(displacement_time=-1)])[-1]
 
 
 def fits_of(case):

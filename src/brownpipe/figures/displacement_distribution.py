@@ -5,11 +5,13 @@ from itertools import chain
 
 import numpy as np
 
-from brownpipe.figures.cases import TIME, distributions_of, title_of
+from brownpipe.figures.cases import distributions_of, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, FREE, INK, START, head, tall_and_low
 from brownpipe.figures.tables import Table
 
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (FREE, DASHED, "s"), "square": (INK, DOTTED, "^")}  # by where D comes from
+SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "square, D"}
+LINE, HEIGHT = 72, 6.3  # characters of a line below a column; height of a row [inch]
 LIKELY = 2.0  # deviations of up to so many standard errors lie in the grey band
 OVERFLOW = 2.6  # where the runs beyond the last ring are shown, in widths of a ring after it
 NEEDS = ("displacement_counts",)
@@ -24,7 +26,7 @@ def draw(cases):
     table = [distributions_of(case) for case in cases]
     if all(len(row) == 1 for row in table):
         table = [[row[0] for row in table]]
-    figure, axes = tall_and_low(max(map(len, table)), rows=len(table))
+    figure, axes = tall_and_low(max(map(len, table)), rows=len(table), ratio=2.2, height=HEIGHT)
     for k, row in enumerate(table):
         _row(axes[2 * k : 2 * k + 2], row)
     return figure
@@ -35,25 +37,28 @@ def _row(axes, cases):
         _counts(main, case)
         _deviations(low, case)
         head(main, f"{title_of(case)}, $t$ = {_time(case):g}")
-        words = "\n".join(textwrap.wrap(_words(case), 66))
         low.tick_params(labelbottom=True)
-        low.set_xlabel(f"distance $r$ from the start (reduced units)\n{words}".strip())
+        low.set_xlabel("distance $r$ from the start (reduced units)")
+        below = {"xycoords": ("axes fraction", low.xaxis.label), "fontsize": 8.8, "va": "top"}
+        low.annotate(_words(case), (0, 0), (0, -5), textcoords="offset points", **below)
     for main, low in axes.T[len(cases) :]:
         main.set_axis_off()
         low.set_axis_off()
     axes[0, 0].set_ylim(0, 1.05 * max(float(case.displacement_counts_high.max()) for case in cases))
     axes[0, 0].set_ylabel(f"runs between $r$ and $r$ + {_width(cases[0]):g}")
-    axes[1, 0].set_yticks([-LIKELY, 0, LIKELY])
+    axes[1, 0].locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
     axes[1, 0].set_ylabel("(found - expected)\n/ standard error")
 
 
 def _time(case):
-    return float(case[TIME]) if TIME in case.coords else case.duration.item()
+    return case.displacement_time.item()
 
 
 def _words(case):
-    """What the dataset says about the tests."""
-    return " ".join(dict.fromkeys(map(str, case.verdict.values.ravel()))).strip() if "verdict" in case else ""
+    """What the dataset says about the test of every model that is shown, and what such a test can see."""
+    said = [(SOURCES[_source(model)], *model.verdict.item().partition("; ")) for model, _ in _models(case)]
+    lines = [f"{source}: {verdict}" for source, verdict, _, _ in said] + [seen for *_, seen in said[:1]]
+    return "\n".join(line for words in lines for line in textwrap.wrap(words, LINE))
 
 
 def _counts(axes, case):
@@ -79,10 +84,9 @@ def _overflow_strip(axes, case):
 
 def _verdict(model):
     """Where D comes from, its chi-square, and how many runs it expects beyond the rings."""
-    source = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "walls, D"}[_source(model)]
     diffusion, beyond = float(model.model_diffusion_coefficient), float(model.expected_overflow)
-    test = f"$\\chi^2$ = {float(model.chi_square):.1f} / {int(model.degrees_of_freedom)}, p = {p_text(model.p_value)}"
-    return f"{source} = {diffusion:.3f}: {test}; {beyond:.0f} beyond"
+    test = f"$\\chi^2$ = {float(model.chi_square):.1f} / {int(model.degrees_of_freedom)}"
+    return f"{SOURCES[_source(model)]} = {diffusion:.3f}: {test}; {beyond:.0f} beyond"
 
 
 def _source(model):
@@ -118,13 +122,21 @@ def _standardised(case, model):
 
 
 def _models(case):
-    """The first defined model of each source of D, with its looks."""
+    """The first defined model of each source of D, with its looks; the square only where its walls can be seen."""
     models = [case.isel(model=k) for k in range(case.sizes["model"])]
     first = {}
     for model in models:
         if np.isfinite(model.model_diffusion_coefficient):
             first.setdefault(_source(model), model)
+    if {"msd", "square"} <= first.keys() and not _differ(first["msd"], first["square"]):
+        del first["square"]
     return [(model, LOOKS[source]) for source, model in first.items()]
+
+
+def _differ(one, other):
+    """Do two models expect counts that differ by a tenth of a standard error or more?"""
+    expected = [np.append(model.expected_counts, model.expected_overflow) for model in (one, other)]
+    return bool((np.abs(expected[0] - expected[1]) > 0.1 * np.sqrt(np.maximum(expected[0], 1))).any())
 
 
 def _width(case):

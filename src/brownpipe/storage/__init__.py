@@ -14,10 +14,13 @@ A trajectory file holds one batch of seeds and follows H5MD 1.1 in true 2D. T sa
             position/, velocity/     value (T, N, 2), its scales time (T,), disk (N,), component (2,); step (T,)
             image/                   the same, in a periodic box
     observables/
-        run/                         seed (S,); pair_collisions (S,), energy_drift (S,), ...: one value per run
+        run/                         seed (S,); pair_collisions (S,), energy_drift (S,), ...: one value per run;
+                                     arrays of every run, if measured: square_displacement (S, T), ... and their scales
+                                     time (T,), species, species_pair, velocity, speed, distance (brownpipe.observables)
         events/seed_00017/           every collision of one run, if recorded: time (E,), a (E,), b (E,), impulse (E, 2)
     parameters/                      scene, settings (JSON); attributes: format, scene_name, particles, engine, seeds,
-                                     rerun (the command), versions, source_digest, contents_digest, seal
+                                     average (over runs, origins or disks), rerun (the command), versions,
+                                     source_digest, contents_digest, seal
 
 Every dataset says its `units` (reduced units of the scene) and its meaning (`long_name`). Arrays of numbers are stored
 with gzip 4, shuffle and fletcher32; the seal, a SHA-256 of all other bytes of the file, covers the rest. Nothing in a
@@ -29,15 +32,24 @@ from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, wr
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import StorageError, WrongFileError, write_file
 from brownpipe.storage.inspection import describe, verify
-from brownpipe.storage.trajectories import Trajectories, read_trajectories, seed_text, write_trajectories
+from brownpipe.storage.trajectories import (
+    Outline,
+    Trajectories,
+    read_outline,
+    read_trajectories,
+    seed_text,
+    write_trajectories,
+)
 
 __all__ = [
+    "Outline",
     "StorageError",
     "Trajectories",
     "WrongFileError",
     "describe",
     "read_checkpoint",
     "read_dataset",
+    "read_outline",
     "read_trajectories",
     "remove_checkpoint",
     "seed_text",

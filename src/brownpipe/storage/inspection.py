@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from brownpipe.observables import VARIABLES
 from brownpipe.provenance import source_digest
+from brownpipe.storage import measured
 from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.files import StorageError, WrongFileError
 from brownpipe.storage.trajectories import Trajectories, read_header, read_trajectories, seed_text
@@ -59,6 +61,7 @@ def _trajectories(path, contents):
         f"recorded     {_recorded(ensemble)}",
         *_health(ensemble.observables),
         *_statistics(ensemble.observables),
+        *measured.described(ensemble),
         *_origin(read_header(path)),
     ]
 
@@ -84,7 +87,8 @@ _HEALTH = {
 def _statistics(observables):
     """A table of the runs that did not fail."""
     yield f"{'observables':<22} {'mean':>12} {'min':>12} {'max':>12}"
-    for name, value in observables.items():
+    numbers = {name: value for name, value in observables.items() if name not in VARIABLES}
+    for name, value in numbers.items():
         value = value[observables["failed"] == 0]
         if value.size and name != "failed":
             yield f"  {name:<20} {np.mean(value):12.6g} {np.min(value):12.6g} {np.max(value):12.6g}"

@@ -9,13 +9,24 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
+from brownpipe.observables import AXES, VARIABLES
 from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene, SceneError, parse_scene
 from brownpipe.state import Ensemble, Events, Track
+from brownpipe.storage import measured
 from brownpipe.storage.files import BLANK_SEAL, StorageError, WrongFileError, read_sealed, seal, write_file
-from brownpipe.storage.tree import Link, Node, digest, from_bytes, to_bytes
+from brownpipe.storage.tree import Link, Node, digest, from_bytes, some_from_bytes, to_bytes
 
 FORMAT = 1
+OUTLINE = (  # what an outline is made of
+    "parameters",
+    "parameters/scene",
+    "parameters/settings",
+    "observables/run/seed",
+    "particles/tracer",
+    "particles/tracer/position/time",
+    "observables/run/time",
+)
 TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
 
 MEANING = {
@@ -43,6 +54,7 @@ MEANING = {
     "kinetic_energy": ("energy", "kinetic energy at t = 0, conserved"),
     "virial": ("energy", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
     "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
+    "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
     "failed": ("1", "1 if overlap or energy drift passed its bound: not to be averaged in"),
     "scene": ("1", "the scene as canonical JSON"),
     "settings": ("1", "settings of the engine as JSON"),
@@ -57,6 +69,19 @@ class Trajectories(NamedTuple):
     settings: dict
     ensemble: Ensemble
     source: str = ""  # digest of the source that made the runs
+
+
+class Outline(NamedTuple):
+    """What a trajectory file is about: all but the runs themselves."""
+
+    scene: Scene
+    engine: str
+    settings: dict
+    seeds: np.ndarray  # (S,)
+    times: np.ndarray  # (T,)
+    tracer: bool  # whether it has the tracks of the tracer
+    source: str
+    average: str = "runs"  # as in Ensemble
 
 
 def write_trajectories(path: str | Path, scene: Scene, engine: str, settings: dict, ensemble: Ensemble) -> None:
@@ -80,6 +105,28 @@ def read_trajectories(path: str | Path) -> Trajectories:
     """
     with _naming(path):
         return _trajectories(_contents(path))
+
+
+def read_outline(path: str | Path) -> Outline:
+    """The Outline of the file at `path`. Every byte is verified, but no track unpacked.
+
+    Raises StorageError like `read_trajectories`.
+    """
+    with _naming(path):
+        nodes = some_from_bytes(read_sealed(path), OUTLINE)
+        parameters = _parameters_of(nodes)
+        scene = _scene(nodes)
+        times = nodes.get("particles/tracer/position/time", nodes.get("observables/run/time"))
+        return Outline(
+            scene,
+            parameters["engine"],
+            json.loads(nodes["parameters/settings"].value),
+            nodes["observables/run/seed"].value,
+            scene.times if times is None else times.value,
+            "particles/tracer" in nodes,
+            parameters["source_digest"],
+            parameters.get("average", "runs"),
+        )
 
 
 def read_header(path: str | Path) -> dict:
@@ -108,7 +155,7 @@ def _layout(trajectories):
         nodes |= _particles(group, scene, ensemble.times, track, "disk", np.arange(scene.particles))
         nodes[f"{group}/radius"] = _dataset("radius", scene.radius, ("id",))
         nodes[f"{group}/mass"] = _dataset("mass", scene.mass, ("id",))
-    nodes |= _observables(ensemble)
+    nodes |= _observables(scene, ensemble)
     for seed, events in ensemble.events.items():
         nodes |= _events(f"observables/events/seed_{seed:05d}", events)
     return nodes | _parameters(trajectories)
@@ -160,7 +207,7 @@ def _components():
     return _dataset("component", np.array(["x", "y"], h5py.string_dtype()), ("component",))
 
 
-def _observables(ensemble):
+def _observables(scene, ensemble):
     group = "observables/run"
     nodes = {
         "observables": Node(None, {}),
@@ -168,7 +215,9 @@ def _observables(ensemble):
         f"{group}/seed": _dataset("seed", ensemble.seeds, ("seed",)),
     }
     for name, value in ensemble.observables.items():
-        nodes[f"{group}/{name}"] = _dataset(name, value, ("seed",))
+        if name not in VARIABLES:
+            nodes[f"{group}/{name}"] = _dataset(name, value, ("seed",))
+    nodes |= measured.layout(group, scene, ensemble)
     if ensemble.events:
         nodes["observables/events"] = Node(None, {})
     return nodes
@@ -189,6 +238,7 @@ def _parameters(trajectories):
         "particles": scene.particles,
         "engine": engine,
         "seeds": seed_text(ensemble.seeds),
+        "average": ensemble.average,
         "rerun": _command(scene, engine, ensemble),
         "source_digest": source_digest(),
     }
@@ -206,7 +256,8 @@ def _command(scene, engine, ensemble):
     nothing = ["none"] * (ensemble.tracer is None and scene.particles > 0)
     record = f" --record {','.join(words or nothing)}" if words or nothing else ""
     seeds = f" --seeds {seed_text(ensemble.seeds)}"
-    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine}{record}`"
+    observables = measured.options(ensemble)
+    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine}{record}{observables}`"
 
 
 # Reading
@@ -215,34 +266,45 @@ def _command(scene, engine, ensemble):
 def _contents(path):
     """The verified nodes of a trajectory file."""
     nodes = from_bytes(read_sealed(path))
+    if _parameters_of(nodes)["contents_digest"] != digest(nodes):
+        raise StorageError("HDF5 gives back other numbers than were written; check memory and the HDF5 library")
+    return nodes
+
+
+def _parameters_of(nodes):
+    """The attributes of /parameters, if the nodes are of a trajectory file that this brownpipe reads."""
     if "parameters" not in nodes:
         raise WrongFileError("is a file of brownpipe, but not a trajectory file (of `brownpipe simulate`)")
     attributes = nodes["parameters"].attributes
     if attributes["format"] > FORMAT:
         raise StorageError(f"has format {attributes['format']}; this brownpipe reads up to {FORMAT}: upgrade it")
-    if attributes["contents_digest"] != digest(nodes):
-        raise StorageError("HDF5 gives back other numbers than were written; check memory and the HDF5 library")
-    return nodes
+    return attributes
+
+
+def _scene(nodes):
+    parameters = nodes["parameters"].attributes
+    try:
+        return parse_scene(json.loads(nodes["parameters/scene"].value), f"{parameters['scene_name']}.yaml")
+    except SceneError as error:
+        raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
 
 
 def _trajectories(nodes):
-    parameters = nodes["parameters"].attributes
-    try:
-        scene = parse_scene(json.loads(nodes["parameters/scene"].value), f"{parameters['scene_name']}.yaml")
-    except SceneError as error:
-        raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
+    parameters, scene = nodes["parameters"].attributes, _scene(nodes)
     settings = json.loads(nodes["parameters/settings"].value)
-    return Trajectories(scene, parameters["engine"], settings, _ensemble(nodes, scene), parameters["source_digest"])
+    ensemble = _ensemble(nodes, scene)._replace(average=parameters.get("average", "runs"))
+    return Trajectories(scene, parameters["engine"], settings, ensemble, parameters["source_digest"])
 
 
 def _ensemble(nodes, scene):
-    run = _children(nodes, "observables/run")
+    run = {name: value for name, value in _children(nodes, "observables/run").items() if name not in AXES}
     seeds = run.pop("seed")
     whole = {_seed(name): _track(nodes, f"particles/{name}") for name in _runs(nodes, "particles")}
     events = _runs(nodes, "observables/events")
     events = {_seed(name): _read_events(nodes, f"observables/events/{name}") for name in events}
     tracer = _track(nodes, "particles/tracer") if "particles/tracer" in nodes else None
-    times = next((node.value for path, node in nodes.items() if path.endswith("/position/time")), scene.times)
+    places = ("/position/time", "observables/run/time")
+    times = next((node.value for path, node in nodes.items() if path.endswith(places)), scene.times)
     return Ensemble(seeds=seeds, times=times, tracer=tracer, observables=run, whole=whole, events=events)
 
 

@@ -115,6 +115,12 @@ def from_bytes(image: bytes) -> dict:
     return nodes
 
 
+def some_from_bytes(image: bytes, paths) -> dict:
+    """The nodes of an HDF5 file at `paths`, those that are there; nothing else is unpacked."""
+    with h5py.File.in_memory(image) as file:
+        return {path: Node(_value(file[path]), _attributes(file[path])) for path in paths if path in file}
+
+
 def _walk(group, prefix, nodes):
     for name, item in group.items():
         nodes[prefix + name] = Node(_value(item), _attributes(item))

@@ -1,0 +1,70 @@
+"""How the disks stand to each other: distances of pairs, from which g(r) is made."""
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from brownpipe.observables.kinds import Kinds, kinds_of
+from brownpipe.observables.origins import is_stationary
+from brownpipe.scene import Scene
+
+BINS_PER_CONTACT = 40  # of the smallest contact distance
+FARTHEST = 5.0  # of the largest contact distance
+
+
+def pairs_of(kinds: Kinds) -> list[tuple[int, int]]:
+    """The P = K (K + 1)/2 pairs of kinds, a <= b."""
+    return list(combinations_with_replacement(range(len(kinds.name)), 2))
+
+
+def bins(scene: Scene) -> tuple[int, float]:
+    """The number R of bins of distances and their width [length]; none if there are no two disks or no room for a bin.
+
+    The smallest contact distance is 40 bins wide. They end at five times the largest, or before, at half the shorter
+    side of a periodic box (beyond it a pair has more than one distance) or at how far the centres can get along the
+    shorter side between walls.
+    """
+    kinds, box = kinds_of(scene), scene.box
+    contacts = [kinds.radius[a] + kinds.radius[b] for a, b in pairs_of(kinds) if a != b or kinds.number[a] > 1]
+    if not contacts:
+        return 0, 0.0
+    side, width = min(box.width, box.height), min(contacts) / BINS_PER_CONTACT
+    reach = min(side / 2 if box.periodic else side - 2 * kinds.radius.max(), FARTHEST * max(contacts))
+    return max(0, int(reach / width * (1 + 1e-12))), width
+
+
+def distribution(scene: Scene, run, _) -> dict[str, np.ndarray | int]:
+    """Counts (P, R) of pairs by kinds and distance, and the number of samples they are summed over.
+
+    All samples if the run is stationary, the last one otherwise.
+    """
+    kinds, (number, width) = kinds_of(scene), bins(scene)
+    which = np.zeros((len(kinds.name),) * 2, np.int64)
+    for place, (a, b) in enumerate(pairs_of(kinds)):
+        which[a, b] = which[b, a] = place
+    position = run.whole.position[slice(None) if is_stationary(scene) else slice(-1, None)]
+    counts = np.zeros(len(pairs_of(kinds)) * number, np.int64)
+    for one in position:
+        pair, distance = near_pairs(scene, one, number * width)
+        place = (distance / width).astype(np.int64)
+        inside = place < number
+        a, b = kinds.label[pair[inside]].T
+        counts += np.bincount(which[a, b] * number + place[inside], minlength=len(counts))
+    return {"pair_counts": counts.reshape(-1, number), "pair_snapshots": len(position)}
+
+
+def near_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs (Q, 2) of disks that are nearer than `reach`, and their distances (Q,); some may be just beyond it."""
+    from scipy.spatial import cKDTree
+
+    size = np.array([scene.box.width, scene.box.height])
+    inside = position - scene.box.origin
+    if scene.box.periodic:
+        inside = np.mod(inside, size)
+        inside[inside >= size] = 0.0  # as the remainder of -1e-17 is
+    tree = cKDTree(inside, boxsize=size if scene.box.periodic else None)
+    pair = tree.query_pairs(reach * (1 + 1e-9), output_type="ndarray")
+    apart = inside[pair[:, 0]] - inside[pair[:, 1]]
+    if scene.box.periodic:
+        apart -= size * np.rint(apart / size)
+    return pair, np.sqrt(np.sum(apart**2, axis=1))

@@ -1,0 +1,473 @@
+"""What is measured in the runs: as by plain loops, as theory has it, and the same however runs are batched."""
+
+import tracemalloc
+from itertools import product
+
+import numpy as np
+import pytest
+import xarray
+from scipy import stats
+
+from brownpipe import cost, observables, storage
+from brownpipe.analysis.displacement import squared_displacement
+from brownpipe.batch import Run
+from brownpipe.cli import DONE, WRONG, main
+from brownpipe.exact import simulate
+from brownpipe.observables import OBSERVABLES, VARIABLES, observe
+from brownpipe.scene import SceneError, parse_scene
+from brownpipe.state import Track
+
+W, P = "reflecting", "periodic"
+ALL = tuple(OBSERVABLES)
+UNLIKELY = 1e-7  # chance that a test against a distribution fails though all is right
+SIGMAS = stats.norm.isf(UNLIKELY / 2)  # 5.3
+TRACER = {"radius": 0.3, "mass": 2.0}
+BATH = (
+    {"name": "bath", "count": 12, "radius": 0.2, "mass": 0.5},
+    {"name": "rare", "count": 3, "radius": 0.1, "mass": 4},
+)
+FREE = {"time": 1.0, "tracer": "free"}
+
+
+def make(boundary=P, kinds=BATH, tracer=TRACER, **more):
+    """A stationary scene of three kinds of disks in an oblong box away from the origin."""
+    mapping = {
+        "box": {"x": [-1.0, 4.0], "y": [2.0, 6.0], "boundary": boundary},
+        "disks": {"species": list(kinds)} | ({"tracer": tracer} if tracer else {}),
+        "velocities": {"temperature": 1.5},
+        "duration": 2.05,
+        "sample_interval": 0.1,
+        "equilibrate": FREE,
+    }
+    mapping = {key: value for key, value in (mapping | more).items() if value is not None}
+    return parse_scene(mapping, "made.yaml")
+
+
+def made_up(scene, seed=1):
+    """A run of random positions, some outside the box by round-off, images and velocities."""
+    rng, shape = np.random.default_rng(seed), (len(scene.times), scene.particles, 2)
+    size = np.array([scene.box.width, scene.box.height])
+    position = scene.box.origin + rng.random(shape) * size
+    if scene.box.periodic:
+        position[:, 1], position[:, 2] = scene.box.origin - np.array([1e-16, 1e-17]), scene.box.origin + size
+    velocity = rng.normal(size=shape) * np.sqrt(1.5 / scene.mass)[:, None]
+    image = rng.integers(-3, 4, shape).astype(np.int32) if scene.box.periodic else None
+    whole = Track(position, velocity, image)
+    return Run(Track(*(None if one is None else one[:, :1] for one in whole)), whole, None, {})
+
+
+# -- against plain loops --------------------------------------------------------------------------------------------
+
+
+def plain_pair_counts(scene, positions):
+    """All pairs, all images, one by one."""
+    kinds, place = list(dict.fromkeys(zip(scene.radius, scene.mass, strict=True))), {}
+    label = [kinds.index(one) for one in zip(scene.radius, scene.mass, strict=True)]
+    for a in range(len(kinds)):
+        for b in range(a, len(kinds)):
+            place[a, b] = len(place)
+    middles = observables.axes(scene, "pair_counts")["distance"]
+    width = middles[1] - middles[0]
+    counts = np.zeros((len(place), len(middles)), int)
+    images = list(product((0, -1, 1, -2, 2), repeat=2)) if scene.box.periodic else [(0, 0)]
+    images = np.array(images) * [scene.box.width, scene.box.height]
+    for position in positions:
+        for i in range(len(position)):
+            for j in range(i):
+                r = np.sqrt(((position[i] - position[j] + images) ** 2).sum(axis=1)).min()
+                if r < width * len(middles):
+                    counts[place[tuple(sorted((label[i], label[j])))], int(r / width)] += 1
+    return counts
+
+
+@pytest.mark.parametrize("kinds", [BATH, BATH[:1], (BATH[1] | {"count": 15},)])
+@pytest.mark.parametrize("tracer", [TRACER, None])
+@pytest.mark.parametrize("boundary", [W, P])
+def test_pairs_are_counted_as_one_by_one(boundary, tracer, kinds):
+    scene = make(boundary, kinds, tracer)
+    run = made_up(scene)
+    found = observe(scene, run, ("pair_distribution",))
+    assert found["pair_snapshots"] == len(scene.times)
+    expected = plain_pair_counts(scene, run.whole.position)
+    assert expected.sum() > 200
+    assert np.array_equal(found["pair_counts"], expected)
+
+
+def test_reach_of_the_pair_distribution():
+    """The smallest contact distance is the 40th edge; the last edge is where a pair may have two distances."""
+    for scene, contact, reach in (
+        (make(P), 0.2, 2.0),  # half the shorter side, below 5 * 0.5
+        (make(W), 0.2, 2.5),  # 5 * 0.5, below the accessible 4 - 0.6
+        (make(W, BATH[:1], box={"x": [0, 3.0], "y": [0, 2.0]}), 0.4, 1.4),  # accessible to the largest
+        (make(P, BATH[:1], None, box={"x": [0, 30], "y": [0, 30], "boundary": P}), 0.4, 2.0),  # 5 * 0.4
+    ):
+        middles = observables.axes(scene, "pair_counts")["distance"]
+        width = contact / 40
+        assert middles[:2] == pytest.approx([width / 2, 3 * width / 2], rel=1e-14)
+        assert middles[-1] + width / 2 == pytest.approx(reach, rel=1e-14)
+
+
+def plain_mean_over(scene, average, product_of):
+    """For each sample time the mean of a product of two samples, by the definition of the average."""
+    last = len(scene.times) - 1
+    if average == "origins":
+        pairs = {lag: [(i, i + lag) for i in range(last - lag)] for lag in range(last)} | {last: [(0, last)]}
+    else:
+        pairs = {lag: [(0, lag)] for lag in range(last + 1)}
+    return [np.mean([product_of(i, k) for i, k in pairs[lag]]) for lag in range(last + 1)]
+
+
+@pytest.mark.parametrize("average", observables.AVERAGES)
+@pytest.mark.parametrize("boundary", [W, P])
+def test_averages_are_those_of_plain_loops(boundary, average):
+    scene = make(boundary, (*BATH, {"name": "same", "count": 4, **TRACER}))  # 2.05 is no multiple of 0.1
+    run = made_up(scene)
+    found = observe(scene, run, ("displacement", "velocity_autocorrelation"), average)
+    unwrapped = run.whole.position
+    if boundary == P:
+        unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
+    followed = [0, 16, 17, 18, 19] if average == "disks" else [0]
+    for name, disks, values, what in (
+        ("square_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2)),
+        ("velocity_autocorrelation", followed, run.whole.velocity, np.vdot),
+        ("bath_velocity_autocorrelation", range(1, 13), run.whole.velocity, np.vdot),
+    ):
+        by_disk = [
+            plain_mean_over(scene, average, lambda i, k, one=values[:, disk], what=what: what(one[i], one[k]))
+            for disk in disks
+        ]
+        # sums of some 100 products of size 100: round-off below 1e-12
+        np.testing.assert_allclose(found[name], np.mean(by_disk, axis=0), rtol=0, atol=1e-12 * 100)
+
+
+def test_energies_and_the_temperature_of_a_scene_without_one():
+    scene = make(velocities={"standard_deviation": 2.0}, equilibrate=None)
+    run = made_up(scene)
+    found = observe(scene, run, ("kinetic_energy", "velocity_distribution"))
+    energy = 0.5 * scene.mass * np.sum(run.whole.velocity**2, axis=-1)
+    plain = [energy[:, 0], energy[:, 1:13].mean(axis=1), energy[:, 13:].mean(axis=1)]
+    np.testing.assert_allclose(found["species_energy"].T, plain, rtol=1e-14)
+    counts, middles = np.zeros((3, 120), int), observables.axes(scene, "velocity_counts")["velocity"]
+    for label, mass, velocity in zip([0, *[1] * 12, *[2] * 3], scene.mass, run.whole.velocity[-1], strict=True):
+        for component in velocity / np.sqrt(energy[-1].mean() / mass):
+            counts[label, np.argmin(abs(middles - component))] += 1
+    assert np.array_equal(found["velocity_counts"], counts)  # of the last sample, as the scene is not stationary
+    assert found["speed_counts"].sum(axis=1).tolist() == [1, 12, 3]
+
+
+def test_what_lies_beyond_the_bins_is_in_the_outermost():
+    scene = make()
+    run = made_up(scene)
+    run.whole.velocity[:, :2] = [[1e3, -1e3], [1e300, 0.0]]
+    found = observe(scene, run, ("velocity_distribution",))
+    samples = len(scene.times)
+    assert found["velocity_counts"][0, [0, -1]].tolist() == [samples, samples]
+    assert found["speed_counts"][0, -1] == samples
+    assert found["velocity_counts"].sum(axis=1).tolist() == [2 * samples, 24 * samples, 6 * samples]
+
+
+def test_kinds_in_a_list_of_disks():
+    kinds = [(0.1, 1.0), (0.2, 1.0), (0.1, 1.0), (0.1, 3.0)]
+    disks = [
+        {"position": [i, 3.0], "velocity": [i, 0.0], "radius": radius, "mass": mass}
+        for i, (radius, mass) in enumerate(kinds)
+    ]
+    scene = make(W, disks=disks, velocities=None, equilibrate=None, duration=1e-3, sample_interval=None)
+    found = simulate(scene, [0], {"none"}, observables=("kinetic_energy", "pair_distribution")).observables
+    axes = observables.axes(scene, "species_energy") | observables.axes(scene, "pair_counts")
+    assert axes["species"] == ["kind-1", "kind-2", "kind-3"]
+    assert found["species_energy"][0, 0].tolist() == [1.0, 0.5, 13.5]
+    pairs = dict(zip(axes["species_pair"], found["pair_counts"][0].sum(axis=1).tolist(), strict=True))
+    expected = {"1:1": 0, "1:2": 2, "1:3": 1, "2:2": 0, "2:3": 0, "3:3": 0}  # nearer than 5 * 0.3 = 1.5
+    assert pairs == {f"kind-{name[0]}:kind-{name[2]}": count for name, count in expected.items()}
+
+
+def test_disks_at_rest_are_all_in_one_bin():
+    scene = make(velocities={"temperature": 0.0})
+    run = made_up(scene)
+    run.whole.velocity[:] = 0.0
+    found = observe(scene, run, ("velocity_distribution",))
+    assert np.count_nonzero(found["velocity_counts"]) == np.count_nonzero(found["speed_counts"]) == 3
+
+
+# -- against nature -------------------------------------------------------------------------------------------------
+
+
+def chi_square_p(counts, expected):
+    """The chance of a larger chi-square; what is left over is one more bin."""
+    return stats.chi2.sf(np.sum((counts - expected) ** 2 / expected), len(counts))
+
+
+def test_pairs_of_an_ideal_gas():
+    """Two points on a torus are as likely at any distance vector, and pairs are independent two by two."""
+    scene = make(kinds=[{"name": "gas", "count": 400, "radius": 0.02, "mass": 1.0}], tracer=None, duration=4.0)
+    rng = np.random.default_rng(5)
+    position = scene.box.origin + rng.random((len(scene.times), 400, 2)) * [5.0, 4.0]
+    run = Run(None, Track(position, position, None), None, {})
+    counts = observe(scene, run, ("pair_distribution",))["pair_counts"][0]
+    middles = observables.axes(scene, "pair_counts")["distance"]
+    rings = 2 * np.pi * middles * (middles[1] - middles[0])
+    expected = len(scene.times) * 400 * 399 / 2 * rings / 20.0
+    assert chi_square_p(counts[10:], expected[10:]) > UNLIKELY  # where 10 and more are expected
+
+
+def test_velocities_of_maxwell_and_boltzmann():
+    scene = make(kinds=[{"name": "gas", "count": 400, "radius": 0.02, "mass": 3.0}], duration=10.0)
+    found = observe(scene, made_up(scene), ("velocity_distribution",))
+    edges = np.arange(-60, 61) / 10
+    normal = np.diff(stats.norm.cdf([-np.inf, *edges[1:-1], np.inf]))
+    speed = np.diff(stats.rayleigh.cdf([*np.arange(80) / 10, np.inf]))
+    for name, chance in (("velocity_counts", normal), ("speed_counts", speed)):
+        counts = found[name][1]
+        enough = counts.sum() * chance > 5
+        assert chi_square_p(counts[enough], counts.sum() * chance[enough]) > UNLIKELY
+
+
+def test_ballistic_flight():
+    """Disks that do not meet: <r^2> = v0^2 t^2, and the autocorrelation stays v0^2, but for round-off."""
+    lone = [{"name": "bath", "count": 1, "radius": 1e-4, "mass": 1.0}]
+    scene = make(kinds=lone, tracer={"radius": 1e-4, "mass": 2.0})
+    found = simulate(scene, range(20), {"none"}, observables=("displacement", "velocity_autocorrelation")).observables
+    assert not found["pair_collisions"].any()
+    v2 = found["initial_square_speed"][:, None]
+    np.testing.assert_allclose(found["velocity_autocorrelation"], np.tile(v2, len(scene.times)), rtol=1e-14)
+    np.testing.assert_allclose(found["square_displacement"], v2 * scene.times**2, rtol=1e-12, atol=1e-14)
+
+
+def test_logarithmic_samples_see_the_same_run():
+    """From ballistic flight on: the run does not know when it is looked at."""
+    log = make(sample_interval=None, samples={"per_decade": 4, "first": 1e-6}, equilibrate=None, duration=2.0)
+    lin = make(sample_interval=None, equilibrate=None, duration=2.0)
+    seen, once = (simulate(scene, range(4), {"tracer"}, observables=("displacement",)) for scene in (log, lin))
+    assert seen.times.tolist() == log.times.tolist() and len(log.times) > 25
+    assert seen.tracer.position[-1].tobytes() == once.tracer.position[-1].tobytes()
+    early = seen.observables["square_displacement"][:, 1]
+    # positions of size 6 have round-off 1e-15, so that of a path of 1e-6 is 1e-9
+    np.testing.assert_allclose(early, seen.observables["initial_square_speed"] * 1e-12, rtol=1e-7)
+
+
+@pytest.mark.parametrize("boundary", [W, P])
+def test_equipartition(boundary):
+    """kT per disk of any mass. Errors over 200 runs, which are independent; chance of a false alarm below 1e-6."""
+    scene = make(boundary)
+    found = simulate(scene, range(200), {"none"}, observables=("kinetic_energy",)).observables
+    energy = found["species_energy"].mean(axis=1)
+    error = energy.std(axis=0, ddof=1) / np.sqrt(len(energy))
+    assert np.all(np.abs(energy.mean(axis=0) - 1.5) < SIGMAS * error)
+    total = found["species_energy"] @ [1, 12, 3]
+    np.testing.assert_allclose(total, np.tile(found["kinetic_energy"][:, None], total.shape[1]), rtol=1e-12)
+
+
+def test_disks_keep_their_distance():
+    scene = make()
+    counts = simulate(scene, range(3), {"none"}, observables=("pair_distribution",)).observables["pair_counts"]
+    middles = observables.axes(scene, "pair_counts")["distance"]
+    for pair, contact in zip(counts.sum(axis=0), [0.6, 0.5, 0.4, 0.4, 0.3, 0.2], strict=True):
+        assert not pair[middles < contact - 0.005].any()
+    assert counts.sum() > 0
+
+
+# -- the same however runs are batched and recorded -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("average", ["runs", "origins"])
+@pytest.mark.parametrize("boundary", [W, P])
+def test_the_same_to_the_bit(boundary, average):
+    scene, asked = make(boundary), {"observables": ALL, "average": average}
+    once = simulate(scene, range(5), {"none"}, **asked)
+    assert (once.tracer, once.whole, once.average) == (None, {}, average)
+    parts = [simulate(scene, seeds, {"tracer"}, **asked) for seeds in ([0, 1], [2, 3, 4])]
+    kept = simulate(scene, range(5), {"tracer", "all"}, **asked)
+    assert list(kept.whole) == list(range(5))
+    for name, values in once.observables.items():
+        assert values.tobytes() == kept.observables[name].tobytes()
+        assert values.tobytes() == np.concatenate([part.observables[name] for part in parts]).tobytes()
+    if average == "runs":
+        from_track = squared_displacement(kept.tracer.position, kept.tracer.image, (5.0, 4.0))
+        assert from_track.tobytes() == once.observables["square_displacement"].tobytes()
+    speed = [np.sum(kept.whole[seed].velocity[0, 0] ** 2) for seed in range(5)]
+    assert speed == once.observables["initial_square_speed"].tolist()
+
+
+def test_the_order_of_the_names_does_not_matter():
+    scene = make()
+    files = [
+        list(simulate(scene, [0], {"none"}, observables=names).observables)
+        for names in (("kinetic_energy", "displacement"), ("displacement", "kinetic_energy"))
+    ]
+    assert files[0] == files[1]
+
+
+def test_one_whole_run_is_held_at_a_time():
+    scene = make(duration=200.0)  # 2,001 samples of 16 disks: 1.3 MB of tracks
+    names = ("displacement", "kinetic_energy", "velocity_distribution", "pair_distribution")
+    tracks, peaks = 40 * len(scene.times) * scene.particles, []
+    for runs in (1, 3):
+        tracemalloc.start()
+        simulate(scene, range(runs), {"none"}, observables=names)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] - peaks[0] < tracks
+    assert peaks[0] < cost.BYTES_PER_SAMPLE * len(scene.times) * scene.particles + 2**21
+
+
+def test_what_needs_every_disk():
+    alone = make(kinds=[{"name": "same", "count": 4, **TRACER}], tracer=None)
+    for scene, names, average, expected in (
+        (make(), (), "runs", False),
+        (make(), ("displacement",), "origins", False),
+        (make(), ("velocity_autocorrelation",), "runs", True),  # that of the bath
+        (alone, ("displacement", "velocity_autocorrelation"), "runs", False),
+        (alone, ("displacement",), "disks", True),
+        (alone, ("kinetic_energy",), "runs", True),
+    ):
+        assert observables.needs_every_disk(scene, names, average) == expected
+        found = simulate(scene, [0, 1], {"none"}, observables=names, average=average)
+        assert observables.variables_of(scene, names) == tuple(name for name in VARIABLES if name in found.observables)
+
+
+def test_cost_knows_the_arrays_and_the_run_that_is_held():
+    scene = make()
+    usual, measured = cost.of_run(scene), cost.of_run(scene, {"none"}, ALL)
+    seed = simulate(scene, [0], {"none"}, observables=ALL).observables
+    size = sum(seed[name].size for name in VARIABLES)
+    assert measured.recorded == 8 * size
+    assert measured.working - usual.working == cost.BYTES_PER_SAMPLE * len(scene.times) * 16
+    assert cost.of_run(scene, {"none"}, ("displacement",)).working == usual.working  # of the tracer alone
+    longer = make(duration=200.0)
+    seconds = [cost.of_run(longer, {"none"}, names, "origins").seconds for names in ((), ("displacement",), ALL)]
+    assert seconds[0] < seconds[1] < seconds[2]
+
+
+# -- in files -------------------------------------------------------------------------------------------------------
+
+
+def test_arrays_in_a_file(tmp_path):
+    scene = make()
+    ensemble = simulate(scene, [3, 4, 9], {"none"}, observables=ALL, average="origins")
+    storage.write_trajectories(tmp_path / "x.h5", scene, "exact", {}, ensemble)
+    again = storage.read_trajectories(tmp_path / "x.h5").ensemble
+    assert again.average == "origins"
+    assert again.times.tobytes() == scene.times.tobytes()
+    assert again.observables.keys() == ensemble.observables.keys()
+    for name, values in ensemble.observables.items():
+        assert np.array_equal(again.observables[name], values)
+    with xarray.open_dataset(tmp_path / "x.h5", group="observables/run") as run:
+        for name, variable in VARIABLES.items():
+            assert run[name].dims == ("seed", *variable.dims)
+            assert run[name].attrs == {"units": variable.units, "long_name": variable.long_name}
+            for dim, values in observables.axes(scene, name).items():
+                assert np.array_equal(run[dim], values)
+        tracer = run.species_energy.sel(seed=9, species="tracer").sel(time=0.5, method="nearest")
+        assert tracer == ensemble.observables["species_energy"][2, 5, 0]
+        assert run.species_pair.values.tolist()[:3] == ["tracer:tracer", "tracer:bath", "tracer:rare"]
+
+
+def test_arrays_in_words(tmp_path):
+    scene = make()
+    ensemble = simulate(scene, [3, 4], {"none"}, observables=ALL, average="origins")
+    storage.write_trajectories(tmp_path / "x.h5", scene, "exact", {}, ensemble)
+    text = storage.describe(tmp_path / "x.h5")
+    assert "average over origins" in text
+    for name in VARIABLES:
+        assert sum(line.startswith(f"  {name} ") for line in text.splitlines()) == 1
+    assert "kinetic energy per disk (seed 2, time 22, species 3)" in text
+
+
+TEXT = """
+box: {x: [-1.0, 4.0], y: [2.0, 6.0], boundary: BOUNDARY}
+disks: {tracer: {radius: 0.3, mass: 2.0}, species: [{name: bath, count: 12, radius: 0.2, mass: 0.5}]}
+velocities: {temperature: 1.5}
+duration: 2.0
+sample_interval: 0.1
+equilibrate: {time: 1.0, tracer: free}
+"""
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--record", "none", "--observables", ",".join(reversed(ALL)), "--average", "origins"],
+        ["--record", "all,events", "--observables", "kinetic_energy"],
+        ["--observables", "displacement,pair_distribution"],
+    ],
+)
+def test_the_command_in_a_file_makes_the_file_again(options, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
+    assert main(["simulate", "some.yaml", "--seeds", "3-4", *options, "--output", "x.h5"]) == DONE
+    first = (tmp_path / "x.h5").read_bytes()
+    rerun = storage.trajectories.read_header("x.h5")["rerun"].strip("`").split()
+    assert ("--record none" in " ".join(rerun)) == ("none" in options)
+    assert main([*rerun[1:], "--output", "y.h5"]) == DONE
+    assert (tmp_path / "y.h5").read_bytes() == first
+
+
+# -- what is refused ------------------------------------------------------------------------------------------------
+
+LISTED = [{"position": [0.0, 3.0], "velocity": [1.0, 0.0], "radius": 0.1, "mass": 1.0}]
+EXPLICIT = {"disks": LISTED, "velocities": None, "equilibrate": None}
+
+
+@pytest.mark.parametrize(
+    ("more", "names", "average", "message"),
+    [
+        ({}, ("msd",), "runs", "observables: 'msd' is unknown; must be of displacement, velocity_autocorrelation, kin"),
+        ({}, ("displacement",) * 2, "runs", "observables: must differ"),
+        ({"kinds": (), "tracer": None, "disks": []} | EXPLICIT | {"disks": []}, ("displacement",), "runs", "no disk"),
+        (EXPLICIT, ("pair_distribution",), "runs", "observables: pair_distribution needs two disks"),
+        ({}, ("displacement",), "all", "average: 'all' is unknown; must be runs or origins or disks"),
+        ({}, ("kinetic_energy",), "origins", "average: origins needs displacement or velocity_autocorrelation among"),
+        (EXPLICIT, ("displacement",), "origins", "stationary from t = 0, but its disks are listed one by one"),
+        (
+            {"velocities": {"standard_deviation": 1}},
+            ("displacement",),
+            "origins",
+            "velocities.temperature is not given",
+        ),
+        ({"equilibrate": None}, ("displacement",), "origins", "stationary from t = 0, but equilibrate.time is 0"),
+        ({"equilibrate": 3.0}, ("displacement",), "disks", "but its tracer is pinned while it equilibrates"),
+        ({}, ("displacement",), "disks", "average: disks needs disks of the tracer's radius and mass, and there is no"),
+        (
+            {"sample_interval": None, "samples": {"per_decade": 5}},
+            ("displacement",),
+            "origins",
+            "average: origins needs sample_interval, not samples",
+        ),
+        ({"duration": 2000.1}, ("displacement",), "origins", "average: origins needs at most 20000 samples; there are"),
+    ],
+)
+def test_what_a_scene_does_not_have_is_refused(more, names, average, message):
+    scene = make(**more)
+    with pytest.raises(SceneError) as refusal:
+        simulate(scene, [0], {"none"}, observables=names, average=average)
+    assert str(refusal.value).startswith("made: ")
+    assert message in str(refusal.value)
+
+
+def test_more_bins_than_can_be_kept_are_refused():
+    kinds = [{"name": "dust", "count": 2, "radius": 1e-7, "mass": 1.0}, BATH[0]]
+    with pytest.raises(SceneError, match="more than 1000000 bins"):
+        simulate(make(kinds=kinds), [0], {"none"}, observables=("pair_distribution",))
+
+
+def test_stationary_is_what_has_one_temperature_and_had_time():
+    assert observables.is_stationary(make())
+    assert observables.is_stationary(make(tracer=None, equilibrate=1.0))
+    assert not observables.is_stationary(make(equilibrate=1.0))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--observables", "msd"], "some.yaml: --observables msd: 'msd' is unknown; must be of displacement,"),
+        (["--average", "disks"], "some.yaml: --average disks: disks needs displacement or velocity_autocorrelation"),
+    ],
+)
+def test_wrong_options(options, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
+    assert main(["simulate", "some.yaml", *options]) == WRONG
+    err = capsys.readouterr().err
+    assert err.startswith(f"brownpipe: {message}") and err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["some.yaml"]

@@ -1,0 +1,108 @@
+"""Runs come in blocks of seeds: the same to the bit whatever the files, in bounded memory."""
+
+import numpy as np
+import pytest
+
+from brownpipe.analysis import AnalysisError, aggregate, runs
+from brownpipe.state import Ensemble, Track
+from brownpipe.storage import Trajectories, read_outline, read_trajectories, write_dataset, write_trajectories
+from ensembles import make_scene, walk
+
+SEEDS = np.r_[100:2300, 5000:5010]  # four blocks of 1,024, the last two of them with gaps before
+SCENE = make_scene(sample_interval=0.25)
+
+
+@pytest.fixture(scope="module")
+def everything():
+    """All runs of a study, as one record."""
+    rng, n = np.random.default_rng(1), len(SEEDS)
+    counts = {name: rng.poisson(30, n) for name in ("pair_collisions", "wall_collisions", "tracer_collisions")}
+    health = {name: rng.normal(0, 1e-15, n) for name in ("energy_drift", "worst_overlap", "momentum_residual")}
+    observables = counts | health | {"failed": (rng.random(n) < 0.01).astype(np.uint8)}
+    return Ensemble(SEEDS, SCENE.times, Track(walk(rng, SCENE.times, n), None, None), observables, {}, {})
+
+
+def part(ensemble, rows):
+    """Some of the runs."""
+    observables = {name: values[rows] for name, values in ensemble.observables.items()}
+    tracer = Track(ensemble.tracer.position[:, rows], None, None)
+    return ensemble._replace(seeds=ensemble.seeds[rows], tracer=tracer, observables=observables)
+
+
+def written(folder, ensemble, batches):
+    """Files of the runs in the given rows."""
+    folder.mkdir()
+    paths = [folder / f"{k}.h5" for k in range(len(batches))]
+    for path, rows in zip(paths, batches, strict=True):
+        write_trajectories(path, SCENE, "exact", {}, part(ensemble, rows))
+    return paths
+
+
+def layouts():
+    """Rows of the runs in each file: one file, batches, batches backwards, and two kinds of interleaved files."""
+    rows = np.arange(len(SEEDS))
+    batches = np.split(rows, [300, 600, 900, 924, 2205])
+    shuffled = np.random.default_rng(2).permutation(rows)
+    return {
+        "one": [rows],
+        "batches": batches,
+        "backwards": batches[::-1],
+        "interleaved": [rows[k::3] for k in range(3)],
+        "shuffled": np.split(shuffled, [500, 510]),
+    }
+
+
+def test_the_layout_of_files_does_not_matter(everything, tmp_path):
+    images = set()
+    for name, batches in layouts().items():
+        write_dataset(tmp_path / f"{name}.nc", aggregate(written(tmp_path / name, everything, batches)))
+        images.add((tmp_path / f"{name}.nc").read_bytes())
+    assert len(images) == 1
+
+
+def test_blocks_are_those_of_the_seeds(everything, tmp_path):
+    (group,) = runs.groups_of(written(tmp_path / "shuffled", everything, layouts()["shuffled"]))
+    blocks = list(runs.blocks_of(group))
+    ends = [(block.seeds[0], block.seeds[-1]) for block in blocks]
+    assert ends == [(100, 1023), (1024, 2047), (2048, 2299), (5000, 5009)]
+    assert np.array_equal(np.concatenate([block.seeds for block in blocks]), SEEDS)
+    positions = np.concatenate([block.tracer.position for block in blocks], axis=1)
+    assert np.array_equal(positions, everything.tracer.position)
+
+
+@pytest.mark.parametrize(("layout", "reads"), [("one", 1), ("batches", 6), ("backwards", 6), ("interleaved", 12)])
+def test_files_in_the_usual_layout_are_read_once(everything, tmp_path, monkeypatch, layout, reads):
+    """Besides the header pass. Interleaved files, more than are kept in memory, are read for every block."""
+    (group,) = runs.groups_of(written(tmp_path / layout, everything, layouts()[layout]))
+    read, load = [], runs._load
+    monkeypatch.setattr(runs, "_load", lambda path: read.append(path) or load(path))
+    list(runs.blocks_of(group))
+    assert len(read) <= reads + (layout == "interleaved")
+
+
+def test_a_file_that_is_replaced_meanwhile_is_refused(everything, tmp_path):
+    paths = written(tmp_path / "batches", everything, layouts()["batches"])
+    (group,) = runs.groups_of(paths)
+    paths[1].write_bytes(paths[2].read_bytes())
+    with pytest.raises(AnalysisError, match=r"1\.h5: was replaced while it was read"):
+        list(runs.blocks_of(group))
+
+
+def test_files_with_other_observables_are_refused(everything, tmp_path):
+    paths = written(tmp_path / "batches", everything, layouts()["batches"])
+    more = part(everything, np.arange(2205, 2210))
+    more = more._replace(observables=more.observables | {"virial": more.seeds * 1.0})
+    write_trajectories(paths[-1], SCENE, "exact", {}, more)
+    with pytest.raises(AnalysisError, match=r"5\.h5: has other observables than .*0\.h5 \(virial\)"):
+        aggregate(paths)
+
+
+def test_outline_is_that_of_the_trajectories(everything, tmp_path):
+    (path,) = written(tmp_path / "one", everything, [np.arange(40)])
+    outline, trajectories = read_outline(path), read_trajectories(path)
+    assert isinstance(trajectories, Trajectories)
+    for name in ("scene", "engine", "settings", "source"):
+        assert getattr(outline, name) == getattr(trajectories, name)
+    for name in ("seeds", "times"):
+        assert np.array_equal(getattr(outline, name), getattr(trajectories.ensemble, name))
+    assert outline.tracer
