@@ -159,7 +159,7 @@ def slope_variances(times, window):
 
 
 def test_least_squares_alone_claims_far_too_little():
-    """300 ensembles of 40 runs: both mean squared errors are as they must be, and 11.6 and 8.6 times apart in length."""
+    """300 ensembles of 40 runs: both mean squared errors are right, and 11.6 and 8.6 times apart in length."""
     rng = np.random.default_rng(5)
     claims = {window: [] for window in WINDOWS}
     for _ in range(300):

@@ -208,6 +208,29 @@ def enskog_diffusion(number_density, distance, contact, mass, temperature):
     return temperature / enskog_friction(number_density, distance, contact, mass, temperature)
 
 
+def mixture_contact_values(number_densities, diameters):
+    """Contact values (K, K) of all pairs of K species: `contact_value` for one, `contact_value_mixture` for several."""
+    number_densities, diameters = np.asarray(number_densities, float), np.asarray(diameters, float)
+    if np.unique(diameters).size == 1:
+        chi = contact_value(np.pi / 4.0 * np.sum(number_densities * diameters**2))
+        return np.full((len(diameters), len(diameters)), chi)
+    return contact_value_mixture(diameters[:, None], diameters, number_densities, diameters)
+
+
+def mixture_collision_rates(number_densities, diameters, masses, temperature):
+    """Collisions per time (K, K) [1/time] of one disk of species i with all disks of species j; densities (K,)."""
+    chi = mixture_contact_values(number_densities, diameters)
+    distance = np.add.outer(diameters, diameters) / 2.0
+    mu = reduced_mass(np.asarray(masses, float)[:, None], np.asarray(masses, float))
+    return collision_rate(np.asarray(number_densities, float), distance, chi, mu, temperature)
+
+
+def mixture_compressibility(number_densities, diameters):
+    """Z = P/(n kT) of a mixture, 1 + (pi/2n) sum_ij n_i n_j sigma_ij^2 chi_ij: the virial theorem in the plane."""
+    n, distance = np.asarray(number_densities, float), np.add.outer(diameters, diameters) / 2.0
+    return 1.0 + np.pi / 2.0 * n @ (distance**2 * mixture_contact_values(n, diameters)) @ n / n.sum()
+
+
 # --- two uniform points in a box
 
 
@@ -229,6 +252,42 @@ def pair_distance_density(r, width, height):
 
     ring = 4.0 * d / (width * height) ** 2 * (antiderivative(last) - antiderivative(first))
     return np.where(inside, ring, 0.0)
+
+
+def pair_distance_density_between(r, first, second):
+    """The same of one uniform point in a rectangle `first` (width, height) and one in `second`, of the same centre.
+
+    Disks of two sizes between walls have accessible rectangles of two sizes. p(r) = 4 r times the integral over a
+    quarter of the directions q of f_x(r cos q) f_y(r sin q), where f is the density of the difference of two uniform
+    numbers: flat up to half the difference of the sides, then falling to 0 at half their sum. Integrated from kink to
+    kink by Gauss and Legendre, to round-off.
+    """
+    r = np.asarray(r, float)
+    d = np.where(r > 0.0, r, 1.0)[..., None]
+    along_x, along_y = (np.array([abs(a - b), a + b]) / 2 for a, b in zip(first, second, strict=True))
+    kinks = [np.arccos(np.minimum(along_x / d, 1.0)), np.arcsin(np.minimum(along_y / d, 1.0))]
+    ends = np.zeros_like(d), np.full_like(d, np.pi / 2)
+    cuts = np.sort(np.concatenate([ends[0], *kinks, ends[1]], axis=-1))[..., None]
+    node, weight = np.polynomial.legendre.leggauss(16)
+    wide = np.diff(cuts, axis=-2) / 2
+    q = cuts[..., :-1, :] + wide * (node + 1)
+    x = _difference_density(d[..., None] * np.cos(q), first[0], second[0])
+    y = _difference_density(d[..., None] * np.sin(q), first[1], second[1])
+    return np.where(r > 0.0, 4.0 * r * (weight * wide * x * y).sum(axis=(-2, -1)), 0.0)
+
+
+def _difference_density(x, a, b):
+    """Density at x >= 0 of the difference of uniform numbers on intervals of lengths a and b with the same middle."""
+    return np.clip((a + b) / 2 - x, 0.0, min(a, b)) / (a * b)
+
+
+def pair_distance_probability(edges, first, second):
+    """Probability (K,) that two such points are at a distance between edges[k] and edges[k + 1]."""
+    edges = np.asarray(edges, float)
+    node, weight = np.polynomial.legendre.leggauss(8)
+    half = np.diff(edges)[:, None] / 2
+    r = edges[:-1, None] + half * (node + 1)
+    return (weight * half * pair_distance_density_between(r, first, second)).sum(axis=-1)
 
 
 # --- tests

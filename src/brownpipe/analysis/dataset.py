@@ -5,14 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis import conditions, displacement, distribution, thermodynamics
+from brownpipe.analysis import conditions, displacement, distribution, pairs, thermodynamics, velocity
 from brownpipe.analysis.displacement import SAME_TIME, labels
 from brownpipe.analysis.distribution import chosen_times, ring_edges
 from brownpipe.analysis.measure import NOTHING, Asked, Case, Columns, add_runs, estimated
 from brownpipe.analysis.runs import AnalysisError, blocks_of, chosen, groups_of
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, VARIABLES
 
-MEASURES = tuple(module.MEASURE for module in (conditions, displacement, distribution, thermodynamics))
+MODULES = (conditions, displacement, distribution, velocity, pairs, thermodynamics)
+MEASURES = tuple(module.MEASURE for module in MODULES)
 HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")
 WINDOWS = ((0.1, 1.0), (0.5, 1.0))  # of the fits, where none are asked for
 WIDEST = 1000.0  # ring, in units of the longer side of the box
@@ -102,7 +103,7 @@ def _measured(case, group):
     for measure in MEASURES:
         mine = measure.estimate(case, found)
         if mine or any(variable.always for variable in measure.variables.values()):
-            values, axes = values | mine, axes | measure.axes(case)
+            values, axes = values | mine, axes | measure.axes(case, found)
     return Measured(case, values, axes)
 
 

@@ -189,7 +189,7 @@ def _log_kurtosis(m2, m4, m6, variance2, variance4):
         return np.log(m4 / m2**2 / 2), np.maximum(variance, 0.0)
 
 
-def _axes(case):
+def _axes(case, found):
     edges = case.asked.edges
     square = ["square"] if np.isfinite(accessible_half_width(case.scene)) else []
     return {

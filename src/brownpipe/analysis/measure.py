@@ -53,7 +53,7 @@ class Measure(NamedTuple):
     sample: Callable  # (Case, Runs) -> Columns
     estimate: Callable  # (Case, Found) -> values by name of variable; {} if the columns are not there
     variables: dict  # name -> variables.Variable
-    axes: Callable = lambda case: {}  # Case -> name of a coordinate: (dimension, values), of dimensions of its own
+    axes: Callable = lambda case, found: {}  # (Case, Found) -> name of a coordinate: (its dimension, values)
     coordinates: Mapping = NONE  # name of such a coordinate -> attributes
 
 

@@ -1,18 +1,107 @@
-"""Collision counts."""
+"""Collisions and what they say: rates, temperature, compressibility, pressure, against Enskog's theory.
 
-from brownpipe.analysis.measure import Columns, Measure, with_error
-from brownpipe.analysis.variables import EACH, error_of
+Every run has its own temperature, from its own energy: rates and the virial of a run scale with it exactly.
+"""
+
+import numpy as np
+
+from brownpipe import theory
+from brownpipe.analysis.measure import Columns, Measure, with_error, with_interval
+from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
 
 COLLISIONS = ("pair_collisions", "wall_collisions", "tracer_collisions")
+DENSEST = 0.7  # packing fraction up to which the contact values are known
+
+
+def temperature(scene, energy):
+    """kT [energy] of runs with kinetic energies (n,): energy per disk.
+
+    In a periodic box without total momentum two degrees of freedom are missing: per disk but one.
+    """
+    missing = scene.box.periodic and scene.velocities is not None and scene.velocities.zero_momentum
+    return energy / ((scene.particles - missing) or np.nan)
+
+
+def compressibility(scene, virial, kt, duration):
+    """Z = 1 + sum of abs(momentum transfer) * contact distance / (2 N kT T), from pair collisions; virial theorem."""
+    return 1.0 + virial / (2.0 * scene.particles * kt * duration)
+
+
+def compressibility_from_rate(scene, rate, kt):
+    """Z = 1 + 2 phi chi of equal disks, whose collision rate is 2 n s chi sqrt(pi kT/m): 1 + rate s sqrt(pi m/kT)/4."""
+    return 1.0 + rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
+
+
+def is_alike(scene):
+    """Are all disks equal, and two or more?"""
+    return scene.particles > 1 and np.ptp(scene.radius) == 0 and np.ptp(scene.mass) == 0
+
+
+def enskog(scene):
+    """Collision rate per disk, compressibility, and diffusion coefficient of the tracer: Enskog's theory in the bulk.
+
+    Of the whole box, walls or not; {} without a temperature or beyond DENSEST. Of the tracer's own species the others
+    alone count as its bath.
+    """
+    kt = scene.velocities and scene.velocities.temperature
+    if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
+        return {}
+    kinds = [one for one in scene.species if one.count]
+    radius, mass, number = (np.array([getattr(one, of) for one in kinds]) for of in ("radius", "mass", "count"))
+    n, bath = number / scene.box.area, (number - (np.arange(len(kinds)) == 0)) / scene.box.area
+    rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt)
+    rates = rates * np.where(np.eye(len(kinds)) > 0, (1 - 1 / number), 1.0)  # no disk meets itself
+    chi = theory.mixture_contact_values(n, 2 * radius)[0]
+    mu = theory.reduced_mass(mass[0], mass)
+    friction = theory.enskog_friction(bath, radius[0] + radius, chi, mu, kt).sum()
+    return {
+        "enskog_collision_rate": number @ rates.sum(axis=1) / number.sum(),
+        "enskog_compressibility": theory.mixture_compressibility(n, 2 * radius),
+        "enskog_diffusion": kt / friction,
+    }
 
 
 def _sample(case, runs):
-    return Columns({name: runs.observables[name] for name in COLLISIONS if name in runs.observables})
+    scene, seen, duration = case.scene, runs.observables, case.times[-1]
+    means = {name: seen[name] for name in COLLISIONS if name in seen}
+    if "pair_collisions" in seen and scene.particles:
+        means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
+    if "tracer_collisions" in seen and scene.particles:
+        means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
+    if "wall_impulse" in seen:
+        means["wall_pressure"] = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
+    if "kinetic_energy" in seen and scene.particles:
+        means |= _of_temperature(case, seen, temperature(scene, seen["kinetic_energy"]), means)
+    return Columns(means)
+
+
+def _of_temperature(case, seen, kt, means):
+    """What needs the temperature of the runs (n,); NaN where nothing moves."""
+    found, hot = {"kinetic_temperature": kt}, np.where(kt > 0, kt, np.nan)
+    if "virial" in seen:
+        found["compressibility"] = compressibility(case.scene, seen["virial"], hot, case.times[-1])
+    if "collision_rate" in means and is_alike(case.scene):
+        found["compressibility_rate"] = compressibility_from_rate(case.scene, means["collision_rate"], hot)
+    return found
+
+
+MEASURED = {
+    "collision_rate": ("1/time", "collisions of a disk with others per time"),
+    "tracer_collision_rate": ("1/time", "collisions of the tracer with others per time"),
+    "kinetic_temperature": ("energy", "temperature kT from the kinetic energy"),
+    "compressibility": ("1", "compressibility factor P/(n kT) from the virial of the pair collisions"),
+    "compressibility_rate": ("1", "compressibility factor of equal disks from their collision rate"),
+    "wall_pressure": ("energy/length^2", "momentum given to the walls per length and time"),
+}
 
 
 def _estimate(case, found):
-    counted = [with_error(name, found.estimate(name)) for name in COLLISIONS if name in found]
-    return {name: value for values in counted for name, value in values.items()}
+    values = {}
+    for name in (name for name in COLLISIONS if name in found):
+        values |= with_error(name, found.estimate(name))
+    for name in (name for name in MEASURED if name in found):
+        values |= with_interval(name, found.estimate(name))
+    return values | enskog(case.scene)
 
 
 MEASURE = Measure(
@@ -22,5 +111,13 @@ MEASURE = Measure(
         **error_of("pair_collisions", EACH, "1", "mean number of collisions between disks in a run"),
         **error_of("wall_collisions", EACH, "1", "mean number of collisions with walls in a run"),
         **error_of("tracer_collisions", EACH, "1", "mean number of collisions of the tracer with other disks in a run"),
+        **{
+            key: one
+            for name, (unit, text) in MEASURED.items()
+            for key, one in estimate_of(name, EACH, unit, text).items()
+        },
+        "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
+        "enskog_compressibility": Variable(EACH, "1", "compressibility factor P/(n kT), from the contact values"),
+        "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient of the tracer, Enskog's theory"),
     },
 )
