@@ -11,6 +11,7 @@ ROUTES = {
     "msd_over_4t": ("$\\langle r^2 \\rangle$ / 4$t$", FIT, DASHED),
     "green_kubo": ("Green and Kubo: half the integral of $\\langle v(0) v(t) \\rangle$", FREE, DASH_DOT),
 }
+SPREADING = ("diffusion_running", "msd_over_4t")  # these decide the axis: the integral has the errors of all times
 ROOM = 1.25  # above the largest mean
 NEEDS = ("msd",)
 LACKING = "no run with a tracer was kept"
@@ -53,7 +54,7 @@ def _enskog(case):
 
 
 def _extreme(cases, which):
-    values = [case[name].values for case in cases for name in ROUTES if has(case, name)]
+    values = [case[name].values for case in cases for name in SPREADING if has(case, name)]
     return which(float(which(np.nanmin(each), np.nanmax(each))) for each in values)
 
 

@@ -11,7 +11,7 @@ from brownpipe.figures.tables import Table
 
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (FREE, DASHED, "s"), "square": (INK, DOTTED, "^")}  # by where D comes from
 SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "square, D"}
-LINE, HEIGHT = 72, 6.3  # characters of a line below a column; height of a row [inch]
+LINE, HEIGHT = 58, 6.4  # characters of a line below a column; height of a row [inch]
 LIKELY = 2.0  # deviations of up to so many standard errors lie in the grey band
 OVERFLOW = 2.6  # where the runs beyond the last ring are shown, in widths of a ring after it
 NEEDS = ("displacement_counts",)

@@ -2,6 +2,8 @@
 
 from itertools import cycle
 
+import numpy as np
+
 from brownpipe.figures.cases import has, over_time, plus_minus, title_of
 from brownpipe.figures.style import DOTTED, INK, KINDS, band, grid, head, time_axis
 from brownpipe.figures.tables import long_table
@@ -22,9 +24,15 @@ def draw(cases):
             panel.axhline(mean, color=INK, linestyle=DOTTED, label=f"equipartition, $kT$ = {mean:.4g}")
         time_axis(panel, case.time.values)
         head(panel, title_of(case))
-    axes[0, 0].set_ylim(0, 1.1 * max(float(case[NAME].max()) for case in cases) or 1.0)
+    axes[0, 0].set_ylim(0, max(_top(case) for case in cases) or 1.0)
     axes[0, 0].set_ylabel("kinetic energy per disk (reduced units)")
     return figure
+
+
+def _top(case):
+    """Upper end of the axis: above the band, unless this is very wide."""
+    mean = float(case[NAME].max())
+    return float(np.fmin(1.05 * np.fmax(case[f"{NAME}_high"].max(), mean), 1.5 * mean))
 
 
 def _curves(axes, case):

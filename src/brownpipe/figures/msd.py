@@ -60,8 +60,15 @@ def _line(axes, fit, end):
 def _diffusing(case):
     """The diffusion coefficient that is drawn, with its words: that of the last window, which forgets the start most.
 
-    Empty if no line could be fitted, or if it does not rise.
+    Where walls have stopped the tracer that window says nothing of D: then the D whose curve meets the data when they
+    last were below half of what the walls allow. Empty if no line could be fitted, or if it does not rise.
     """
+    stopped = np.flatnonzero(case.msd > float(case.accessible_half_width) ** 2 / 3) if _walled(case) else ()
+    if len(stopped) and stopped[0] > 1:
+        t, msd = case.time.values[stopped[0] - 1], float(case.msd[stopped[0] - 1])
+        diffusion = theory.reflecting_square_diffusion(msd, t, float(case.accessible_half_width))
+        yield diffusion, f"diffusion between walls, met at $t$ = {t:.3g}: D = {diffusion:.3g}"
+        return
     for fit in fits_of(case)[-1:]:
         diffusion = plus_minus(fit.diffusion_coefficient, fit.diffusion_coefficient_standard_error)
         what = "diffusion between walls" if _walled(case) else "free diffusion, $4Dt$"

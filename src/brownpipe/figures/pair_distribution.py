@@ -1,6 +1,5 @@
 """Figure `pair_distribution`: g(r) of every pair of species, and its value at contact by two routes."""
 
-import numpy as np
 
 from brownpipe.figures.cases import defined, has, plus_minus, title_of
 from brownpipe.figures.style import DATA, DOTTED, FIT, FREE, START, band, bars, grid, head
@@ -36,7 +35,7 @@ def _of(case, pair):
 
 
 def _panel(axes, case, title):
-    contact = _contact(case)
+    contact = float(case.contact_distance)
     case = case.isel(distance=case.distance.values > contact)
     r = case.distance.values
     axes.axvline(contact, color=START, linestyle=DOTTED, linewidth=1)
@@ -45,19 +44,12 @@ def _panel(axes, case, title):
     for name in (name for name in CONTACTS if has(case, name)):
         label, colour, marker, side = CONTACTS[name]
         value = plus_minus(case[name], case[f"{name}_standard_error"])
-        at = contact + side * 0.006 * r[-1]
+        at = contact + side * 0.01 * (r[-1] - contact)
         axes.errorbar(
             at, case[name], bars([case], name), fmt=marker, color=colour, markersize=5, label=f"{label}: {value}"
         )
-    axes.set_xlim(0.9 * contact, r[-1])
+    axes.set_xlim(contact - 0.04 * (r[-1] - contact), r[-1])
     head(axes, title)
-
-
-def _contact(case):
-    """The distance at contact: the dataset's, or where g(r) begins."""
-    if has(case, "contact_distance"):
-        return float(case.contact_distance)
-    return float(case.distance[np.argmax(case[NAME].values > 0)])
 
 
 def table(cases):

@@ -33,14 +33,17 @@ def draw(cases):
             _equations_of_state(main, low, mine)
         main.set_ylabel(PANELS[name][0])
         main.set_ylim(bottom=0)
-        low.set_xlabel("packing fraction $\\phi$")
         head(main, PANELS[name][1])
-    axes[1, 0].set_ylabel("from Enskog's\ntheory, %")
+        below = low if np.isfinite([_expected(case, name) for case in mine]).any() else main
+        below.set_xlabel("packing fraction $\\phi$")
+        below.tick_params(labelbottom=True)
+        low.set_visible(below is low)
+        low.set_ylabel("difference\nfrom theory, %")
     return figure
 
 
 def _points(main, low, cases, name):
-    """The cases of each scene with their 95 % intervals, and how far they are from Enskog's theory."""
+    """The cases of each scene with their 95 % intervals, and how far they are from theory."""
     widest = max(float(case.packing_fraction) for case in cases)
     for k, (scene, mine) in enumerate(by_series(cases).items()):
         colour, _, marker = KINDS[k % len(KINDS)]
@@ -48,12 +51,20 @@ def _points(main, low, cases, name):
         phi = [float(case.packing_fraction) + aside for case in mine]
         looks = {"fmt": marker, "color": colour, "markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
         main.errorbar(phi, [float(case[name]) for case in mine], bars(mine, name), label=scene, **looks)
-        compared = [case for case in mine if has(case, f"enskog_{name}")]
-        reference = np.array([float(case[f"enskog_{name}"]) for case in compared])
+        compared = [case for case in mine if np.isfinite(_expected(case, name))]
+        reference = np.array([_expected(case, name) for case in compared])
         residual = 100 * (np.array([float(case[name]) for case in compared]) / reference - 1)
         phi = [float(case.packing_fraction) + aside for case in compared]
         low.errorbar(phi, residual, 100 * bars(compared, name) / reference, **looks)
     low.axhline(0, color=START, linewidth=0.8)
+
+
+def _expected(case, name):
+    """What the case is compared with: Luding's Z for equal disks, else Enskog's theory if the dataset has it."""
+    if name == Z and has(case, "compressibility_rate"):
+        phi = float(case.packing_fraction)
+        return theory.compressibility(phi, theory.contact_value(phi))
+    return float(case[f"enskog_{name}"]) if has(case, f"enskog_{name}") else np.nan
 
 
 def _equations_of_state(main, low, cases):

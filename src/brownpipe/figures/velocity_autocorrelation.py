@@ -51,10 +51,11 @@ def _decay(axes, case, curves):
     begins = {TRACER: _measured_rate(case)}
     for name, curve in curves.items():
         label, colour, line = LOOKS[name]
+        label = label if BATH in curves else "disks"
         band(axes, curve.time.values, curve, name, colour, linestyle=line, label=label + begins.get(name, ""))
     if has(case, "vacf_initial_slope_expected"):
         rate = -float(case.vacf_initial_slope_expected) / float(case[TRACER][0])
-        label = f"1 - $\\gamma t$, $\\gamma$ = {rate:.3g} from the tracer's collision rate"
+        label = f"1 - $\\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
         x = np.geomspace(1e-4, 1, 200)
         axes.plot(x / rate, 1 - x, color=INK, linestyle=DOTTED, label=label)
     axes.set_ylim(min(-0.05, *(float(curve[name].min()) for name, curve in curves.items())), 1.05)

@@ -41,7 +41,7 @@ def draw(cases):
             head(main, f"{title_of(case)}: {SHOWN[name][2]}")
             low.set_xlabel(SHOWN[name][3])
         axes[2 * k, 0].set_ylabel("probability density")
-        axes[2 * k + 1, 0].set_yticks([-LIKELY, 0, LIKELY])
+        axes[2 * k + 1, 0].locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
         axes[2 * k + 1, 0].set_ylabel("(found - Maxwell)\n/ standard error")
     return figure
 
@@ -57,11 +57,13 @@ def _density(main, low, case, name):
         mine = case.sel(species=kind)
         found, error = mine[name].values, mine[f"{name}_standard_error"].values
         main.plot(case[dim], found, marker, color=colour, markersize=3, markerfacecolor="none", label=kind)
-        sure = error > 0
-        low.plot(case[dim][sure], ((found - expected)[sure] / error[sure]), marker, color=colour, markersize=2.5)
+        some = found > 0
+        scatter = (error * np.sqrt(expected / np.where(some, found, 1)))[some]  # of as many as are expected
+        low.plot(case[dim][some], (found - expected)[some] / scatter, marker, color=colour, markersize=2.5)
     seen = expected > FEWEST
     for axes in (main, low):
         axes.set_xlim(edges[:-1][seen][0], edges[1:][seen][-1])
+    main.set_ylim(0, 1.15 * expected.max())
     main.tick_params(labelbottom=False)
 
 
