@@ -17,7 +17,7 @@ from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, with_measures
 
 NAMES = tuple(figures.MODULES)
-OF_TRAJECTORIES = ("msd", "displacement_distribution", "diffusion", "health")
+OF_TRAJECTORIES = ("msd", "displacement_distribution", "diffusion", "thermodynamics", "health")
 OF_OBSERVABLES = {
     "velocity_autocorrelation": "velocity_autocorrelation",
     "velocity_distribution": "velocity_density",
@@ -290,7 +290,7 @@ def test_disk_at_rest_and_no_disk(tmp_path):
     trajectories = make_runs(make_scene(), range(12))
     rest = trajectories.ensemble._replace(tracer=state.Track(0 * trajectories.ensemble.tracer.position))
     nothing = trajectories.ensemble._replace(tracer=None)
-    for ensemble, files in ((rest, 1 + 3 * len(OF_TRAJECTORIES)), (nothing, 4)):
+    for ensemble, files in ((rest, 1 + 3 * len(OF_TRAJECTORIES)), (nothing, 7)):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             dataset = aggregate([write(tmp_path, trajectories._replace(ensemble=ensemble))])
