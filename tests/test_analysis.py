@@ -3,16 +3,11 @@
 Tolerances are in standard errors: 4.5 is a false alarm in 1 of 150,000 comparisons.
 """
 
-import math
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 from brownpipe import analysis, state, theory
-from brownpipe.analysis import aggregate, displacement, distribution, resampling
+from brownpipe.analysis import aggregate, displacement, distribution
 from brownpipe.analysis.conditions import initial_square_speed
 from brownpipe.scene import parse_scene
 from brownpipe.storage import read_dataset, trajectories, write_dataset
@@ -117,34 +112,6 @@ def test_chi_square_of_diffusers_has_its_degrees_of_freedom():
     assert 22 - SIGMAS * error < np.mean(statistics) < 23 + SIGMAS * error
 
 
-# --- resampling
-
-
-def ensembles_of_diffusers(runs, count, seed):
-    """r^2(1) and the slope over [0.1, 1] of every run: (runs, count, 2), in `count` ensembles."""
-    rng, times = np.random.default_rng(seed), np.arange(11) * 0.1
-    samples = []
-    for _ in range(0, count, 50):
-        squared = analysis.squared_displacement(walk(rng, times, runs * 50))
-        lines = displacement.per_run_lines(squared, times, ((0.1, 1.0),))
-        samples.append(np.stack([squared[:, -1], lines[:, 0, 0]], axis=-1).reshape(runs, 50, 2))
-    return np.concatenate(samples, axis=1)
-
-
-@pytest.mark.parametrize(("runs", "count"), [(50, 1000), (200, 600), (2400, 600)])
-def test_interval_covers_the_truth(runs, count):
-    """95 +- 4 % of the ensembles, for MSD(1) and for the slope: 4.5 standard errors of 600 ensembles, 5.8 of 1,000."""
-    estimate = analysis.resample(ensembles_of_diffusers(runs, count, seed=runs))
-    covered = (estimate.low < 4 * DIFFUSION) & (estimate.high > 4 * DIFFUSION)
-    assert covered.mean(axis=0) == pytest.approx([0.95, 0.95], abs=0.04)
-
-
-def test_standard_error_is_the_scatter_of_ensembles():
-    estimate = analysis.resample(ensembles_of_diffusers(200, 600, seed=4))
-    scatter, claimed = estimate.mean.std(axis=0, ddof=1), estimate.standard_error.mean(axis=0)
-    assert np.abs(claimed / scatter - 1).max() < SIGMAS / np.sqrt(2 * 600)
-
-
 def slope_variances(times, window):
     """Of the slope of one free diffuser's r^2(t): the true variance, and what least squares expects on average.
 
@@ -172,107 +139,6 @@ def test_least_squares_alone_claims_far_too_little():
         error = np.std(claimed, axis=0) / np.sqrt(300)
         assert (np.abs(np.mean(claimed, axis=0) - expected) < SIGMAS * error).all()
         assert np.sqrt(expected[0] / expected[1]) == pytest.approx(11.6 if window == WINDOWS[0] else 8.6, rel=0.01)
-
-
-def test_sums_over_resampled_runs_have_no_round_off():
-    """So no order of summation, number of threads or processor changes a bit of an interval."""
-    rng = np.random.default_rng(6)
-    columns = rng.exponential(1.0, (777, 5)) * [1.0, 1e-30, 1e20, np.pi, 0.0]
-    columns[3, 0] = 1e6
-    values, unit = resampling._on_a_grid(columns)
-    weights = resampling._weights(0)[:20, :777]
-    exact = np.array([[math.fsum(w * v) for v in values.T.astype(float)] for w in weights.astype(float)])
-    assert np.array_equal(weights @ values, exact)
-    assert np.array_equal(weights[:, ::-1] @ values[::-1], exact)
-    assert (np.abs(values * unit - columns) <= unit / 2).all()
-    assert (unit < 1e-3 * np.sqrt((columns**2).mean(axis=0)) + 1e-7).all()
-
-
-def test_weights_are_poisson_and_of_each_seed_alone():
-    """Mean, variance and correlation of 2e6 weights within 4.5 standard errors; no replicate is near the bound."""
-    one, other = resampling._weights(7), resampling._weights(8)
-    n = one.size
-    assert abs(one.mean() - 1) < SIGMAS / np.sqrt(n)
-    assert abs(np.square(one - 1).mean() - 1) < SIGMAS * np.sqrt(3 / n)  # the fourth central moment is 4
-    assert abs(((one - 1) * (other - 1)).mean()) < SIGMAS / np.sqrt(n)
-    assert np.square(one).sum(axis=1).max() < 0.75 * resampling._LONGEST**2
-
-
-def test_weights_do_not_depend_on_what_else_there_is():
-    """The replicates of a sum over some runs are those of the same runs among others that give nothing."""
-    few, many = np.array([3, 1030, 5000]), np.arange(6000)
-    x = np.random.default_rng(9).exponential(1.0, 3)
-    among = np.zeros(6000)
-    among[few] = x
-    drawn = []
-    for seeds, values in ((few, x), (many, among)):
-        parts = [resampling._drawn(b, seeds[rows] - 1024 * b, values[rows, None]) for b, rows in _blocks(seeds)]
-        drawn.append(np.sum(parts, axis=0))
-    assert np.array_equal(*drawn)
-
-
-def _blocks(seeds):
-    return [(b, np.flatnonzero(seeds // 1024 == b)) for b in np.unique(seeds // 1024)]
-
-
-def test_each_quantity_is_resampled_as_if_alone():
-    samples = np.random.default_rng(8).exponential(1.0, (1500, 7))
-    together = analysis.resample(samples)
-    for k in range(7):
-        for value, alone in zip(together, analysis.resample(samples[:, k]), strict=True):
-            assert np.array_equal(value[k], alone)
-
-
-def test_blocks_add_up():
-    """Mean and error of many blocks are those of all runs at once, to round-off."""
-    samples, seeds = np.random.default_rng(10).exponential(1.0, 5000) + 1e6, np.arange(5000) * 3 + 17
-    estimate = analysis.resample(samples, seeds)
-    assert estimate.mean == pytest.approx(samples.mean(), rel=1e-14)
-    assert estimate.standard_error == pytest.approx(samples.std(ddof=1) / np.sqrt(5000), rel=1e-9)
-    assert estimate.low < estimate.mean < estimate.high
-
-
-BITS = """
-import hashlib, numpy
-from brownpipe.analysis import resample
-x = numpy.random.Generator(numpy.random.Philox(key=1)).exponential(1.0, (3000, 40))
-print(hashlib.sha256(b"".join(values.tobytes() for values in resample(x))).hexdigest())
-"""
-
-
-def test_intervals_do_not_depend_on_the_number_of_threads():
-    """Threads of the linear algebra, which reads its number when it starts."""
-    said = {
-        subprocess.run([sys.executable, "-c", BITS], env=os.environ | {"OPENBLAS_NUM_THREADS": threads},
-                       capture_output=True, text=True, check=True).stdout
-        for threads in ("1", "2")
-    }  # fmt: skip
-    assert len(said) == 1
-    assert len(said.pop()) == 65
-
-
-def test_too_few_runs():
-    assert all(np.isnan(values).all() for values in analysis.resample(np.empty((0, 3))))
-    one, nine = analysis.resample(np.ones((1, 3))), analysis.resample(np.arange(9.0))
-    assert one.mean.tolist() == [1, 1, 1]
-    assert np.isnan(one.standard_error).all()
-    assert nine.standard_error == pytest.approx(np.arange(9).std(ddof=1) / 3)
-    assert np.isnan(nine.low)
-
-
-def test_no_scatter_no_error():
-    assert analysis.resample(np.full(12, 0.1 + 0.2)) == (0.1 + 0.2, 0.0, 0.1 + 0.2, 0.1 + 0.2)
-
-
-def test_wilson_interval_covers():
-    """Exact coverage, summed over the binomial law, for counts like those of a ring."""
-    from scipy.stats import binom
-
-    k, runs = np.arange(301), 2400
-    low, high = analysis.wilson_interval(k, runs)
-    for p in np.array([4.0, 10.0, 30.0, 85.0]) / runs:
-        covered = binom.pmf(k, runs, p)[(low <= runs * p) & (runs * p <= high)].sum()
-        assert covered == pytest.approx(0.95, abs=0.03)
 
 
 # --- the tracer's first steps

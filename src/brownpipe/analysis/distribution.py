@@ -166,27 +166,29 @@ def verdict(p, chance):
 def kurtosis(found):
     """<r^4> / (2 <r^2>^2) of the displacements at each time, (D,), an Estimate: 1 for a normal law in the plane.
 
-    Its logarithm is studentized by the delta method, in every replicate with that replicate's own moments.
+    Its inverse cube is studentized by the delta method, in every replicate with that replicate's own moments. Of the
+    powers tried it comes nearest to 95 % for a normal law: 95, 91, 93, 94 % of 600 ensembles of 20, 50, 100, 400 runs;
+    the kurtosis itself 90, 88, 91, 94 %, plain percentiles 83 to 92 %.
     """
-    logarithm, variance = _log_kurtosis(*(found.mean(name) for name in ("r2", "r4", "r6")),
-                                        *(found.variance(name) for name in ("r2", "r4")))  # fmt: skip
-    drawn, drawn_variance = _log_kurtosis(*(found.drawn(name) for name in ("r2", "r4", "r6")),
-                                          *(found.drawn_variance(name) for name in ("r2", "r4")))  # fmt: skip
-    error = np.sqrt(variance / (found.runs - 1)) if found.runs > 1 else np.full_like(logarithm, np.nan)
-    on_log = resampling.studentized(
-        found.runs, logarithm, error, drawn - logarithm, drawn_variance / resampling.degrees(found.sums)
-    )
-    mean = np.exp(logarithm)
-    return resampling.Estimate(mean, mean * error, np.exp(on_log.low), np.exp(on_log.high))
+    names, squared = ("r2", "r4", "r6"), ("r2", "r4")
+    cube, variance = _inverse_cube(*map(found.mean, names), *map(found.variance, squared))
+    drawn, drawn_variance = _inverse_cube(*map(found.drawn, names), *map(found.drawn_variance, squared))
+    error = np.sqrt(variance / (found.runs - 1)) if found.runs > 1 else np.full_like(cube, np.nan)
+    degrees = resampling.degrees(found.sums)
+    of_cube = resampling.studentized(found.runs, cube, error, drawn - cube, drawn_variance / degrees)
+    with np.errstate(divide="ignore"):  # an interval that reaches 0 has no upper end
+        low, high = (np.maximum(end, 0.0) ** (-1 / 3) for end in (of_cube.high, of_cube.low))
+    mean = cube ** (-1 / 3)
+    return resampling.Estimate(mean, mean * error / (3 * cube), low, high)
 
 
-def _log_kurtosis(m2, m4, m6, variance2, variance4):
-    """log(m4 / (2 m2^2)) and the variance, times the number of runs, of its error."""
-    with np.errstate(divide="ignore", invalid="ignore"):  # all at the start: no kurtosis
-        m2, m4 = np.where(m2 > 0.0, m2, np.nan), np.where(m4 > 0.0, m4, np.nan)
-        covariance = (m6 - m2 * m4) / (m2 * m4)
-        variance = 4 * variance2 / m2**2 + variance4 / m4**2 - 4 * covariance
-        return np.log(m4 / m2**2 / 2), np.maximum(variance, 0.0)
+def _inverse_cube(m2, m4, m6, variance2, variance4):
+    """(m4 / (2 m2^2))^-3 and the variance, times the number of runs, of its error; NaN at the start."""
+    m2, m4 = np.where(m2 > 0.0, m2, np.nan), np.where(m4 > 0.0, m4, np.nan)
+    covariance = (m6 - m2 * m4) / (m2 * m4)
+    of_logarithm = 4 * variance2 / m2**2 + variance4 / m4**2 - 4 * covariance
+    cube = (2 * m2**2 / m4) ** 3
+    return cube, 9 * cube**2 * np.maximum(of_logarithm, 0.0)
 
 
 def _axes(case, found):

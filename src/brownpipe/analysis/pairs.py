@@ -81,9 +81,11 @@ def contact_from_rate(scene, collisions, kt, duration):
 
 
 def _by_rate(case, runs):
-    """Columns of contact values from collisions; none if the scene gives no common temperature."""
+    """Columns of contact values from collisions; none if the runs are not in equilibrium from t = 0."""
+    from brownpipe.observables import is_stationary
+
     scene, seen = case.scene, runs.observables
-    if not (scene.velocities and scene.velocities.temperature) or not scene.particles:
+    if not is_stationary(scene) or not scene.particles:
         return {}
     collisions = collisions_by_pair(scene, seen)
     if collisions is None:

@@ -22,6 +22,7 @@ REPLICATES = 1999  # 2.5 % and 97.5 % are then the 50th value from either end
 FEWEST_RUNS = 10  # below this an interval of a skewed quantity means nothing
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
+_AT_ONCE = 512  # columns
 _NORMAL_975 = 1.959963984540054
 
 # A weight is how many of these bounds 16 random bits reach: P(w <= k) of the Poisson law of mean 1, to 2^-17.
@@ -81,17 +82,24 @@ def add_block(sums, seeds, columns, squares):
     """
     block, columns = int(seeds[0]) // BLOCK, np.asarray(columns, float)
     if sums is None:
-        pivot = columns[0] + np.cumsum(columns - columns[0], axis=0)[-1] / len(
-            seeds
-        )  # one after the other: as if alone
-        sums = Sums(0, pivot, *(np.zeros(size) for size in _sizes(columns.shape[1], squares)))
-    deviation, c = columns - sums.pivot, columns.shape[1]
-    terms = np.concatenate([deviation, deviation[:, :squares] ** 2, np.ones((len(seeds), 1))], axis=1)
-    total, drawn = terms.sum(axis=0), _drawn(block, np.asarray(seeds) - block * BLOCK, terms)
-    parts = (total[:c], total[c:-1], drawn[:, -1], drawn[:, :c], drawn[:, c:-1])
-    for whole, part in zip(sums[2:], parts, strict=True):
-        whole += part
+        in_turn = np.cumsum(columns - columns[0], axis=0)[-1]  # added up as each column would be alone
+        sums = Sums(0, columns[0] + in_turn / len(seeds), *map(np.zeros, _sizes(columns.shape[1], squares)))
+    deviation, rows = columns - sums.pivot, np.asarray(seeds) - block * BLOCK
+    once = np.ones((len(seeds), 1))
+    for terms, first, drawn in (
+        (deviation, sums.first, sums.drawn_first),
+        (deviation[:, :squares] ** 2, sums.second, sums.drawn_second),
+        (once, np.zeros(1), sums.weight[:, None]),
+    ):
+        first += np.cumsum(terms, axis=0)[-1] if terms.shape[1] == 1 else terms.sum(axis=0)
+        for some in _chunks(terms.shape[1]):
+            drawn[:, some] += _drawn(block, rows, terms[:, some])
     return sums._replace(runs=sums.runs + len(seeds))
+
+
+def _chunks(columns):
+    """Columns a few at a time: what is computed on the way then takes little memory."""
+    return [slice(start, min(start + _AT_ONCE, columns)) for start in range(0, columns, _AT_ONCE)]
 
 
 def _drawn(block, rows, terms):
@@ -137,11 +145,15 @@ def estimate(sums):
     Bootstrap-t, because r^2 is as skewed as an exponential: each replicate is studentized by its own standard error,
     which makes the interval lean to the right side and cover the truth in 95 % of the ensembles even for 50 runs.
     """
-    runs, squared = sums.runs, slice(0, len(sums.second))
-    error = np.sqrt(variance_of(sums, squared) / (runs - 1)) if runs > 1 else np.full(len(sums.second), np.nan)
-    shift = _per_run(sums.drawn_first[:, squared], sums.weight) - sums.first[squared] / runs
-    variance = drawn_variance(sums, squared) / degrees(sums)
-    return studentized(runs, mean_of(sums, squared), error, shift, variance)
+    parts = [_estimate(sums, some) for some in _chunks(len(sums.second))]
+    return Estimate(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+def _estimate(sums, some):
+    runs, variance = sums.runs, variance_of(sums, some)
+    error = np.sqrt(variance / (runs - 1)) if runs > 1 else np.full_like(variance, np.nan)
+    shift = _per_run(sums.drawn_first[:, some], sums.weight) - sums.first[some] / runs
+    return studentized(runs, mean_of(sums, some), error, shift, drawn_variance(sums, some) / degrees(sums))
 
 
 def degrees(sums):

@@ -1,0 +1,195 @@
+"""Velocities, pairs, thermodynamics and the control variate: what becomes of the arrays measured in the runs."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from brownpipe import analysis, exact, observables, theory
+from brownpipe.analysis import conditions, displacement, measure, pairs, runs, thermodynamics, velocity
+from brownpipe.scene import parse_scene
+from brownpipe.storage import write_trajectories
+from ensembles import make_scene
+
+SIGMAS = 4.5
+EVERYTHING = tuple(observables.OBSERVABLES)
+
+
+def gas(boundary="periodic", number=16, side=8.0, tracer=None, **more):
+    """Equal disks of radius 0.5 and mass 1 in equilibrium at kT = 1."""
+    disks = {"species": [{"name": "gas", "count": number, "radius": 0.5, "mass": 1.0}]}
+    mapping = {
+        "box": {"x": [0.0, side], "y": [0.0, side], "boundary": boundary},
+        "disks": disks | ({"tracer": tracer} if tracer else {}),
+        "velocities": {"temperature": 1.0, "zero_momentum": boundary == "periodic"},
+        "duration": 2.0,
+        "sample_interval": 0.1,
+        "equilibrate": {"time": 1.0, "tracer": "free"},
+    }
+    return parse_scene(mapping | more, f"{boundary}.yaml")
+
+
+def case_of(scene):
+    return measure.Case(scene, "exact", scene.times, measure.Asked(((0.0, 1.0),), np.arange(4.0), ()))
+
+
+def found_of(one, case, seen):
+    """What the arrays `seen`, (n, ...) each, add up to."""
+    seeds = np.arange(len(next(iter(seen.values()))))
+    columns = one.sample(case, runs.Runs(seeds, None, seen))
+    return measure.estimated(measure.add_runs(measure.NOTHING, seeds, columns))
+
+
+# --- real runs
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """Equal disks in a periodic box, and a heavy one among them between walls: 30 runs each."""
+    folder, scenes = tmp_path_factory.mktemp("gas"), (gas(), gas("reflecting", tracer={"radius": 1.0, "mass": 3.0}))
+    for scene in scenes:
+        ensemble = exact.simulate(scene, np.arange(30), frozenset({"tracer"}), observables=EVERYTHING)
+        write_trajectories(folder / f"{scene.name}.h5", scene, "exact", {}, ensemble)
+    return analysis.aggregate(sorted(folder.iterdir()), windows=((0.5, 2.0),))
+
+
+def test_every_measure_is_there(dataset):
+    """And says its unit; the bath's autocorrelation and the pressure on walls are in the second scene alone."""
+    assert set(dataset.data_vars) == set(analysis.dataset._table())
+    assert all({"units", "long_name"} <= set(dataset[name].attrs) for name in dataset.data_vars)
+    assert all("long_name" in dataset[name].attrs for name in dataset.coords)
+    assert dataset.species.values.tolist() == ["gas", "tracer"]
+    for name in ("bath_velocity_autocorrelation", "wall_pressure"):
+        assert np.isnan(dataset[name].sel(scene="periodic")).all()
+        assert np.isfinite(dataset[name].sel(scene="reflecting", particles=17)).any()
+
+
+def test_gas_is_as_theory_has_it(dataset):
+    """Virial, rate and contact values are views of one number, which Luding's form has within 1 % for 16 disks."""
+    one = dataset.sel(scene="periodic", particles=16).squeeze()
+    chi = (one.enskog_compressibility - 1) / (2 * one.packing_fraction)
+    pairs = {"compressibility": one.enskog_compressibility, "compressibility_rate": one.enskog_compressibility}
+    pairs |= {"kinetic_temperature": 1.0}
+    for name, expected in pairs.items():
+        assert abs(one[name] - expected) < SIGMAS * one[f"{name}_standard_error"] + 0.02
+    by_rate = one.contact_value_rate.sel(species_pair="gas:gas")
+    assert abs(by_rate - chi) < 0.1
+    assert float(one.contact_value.sel(species_pair="gas:gas") - by_rate) == pytest.approx(0, abs=0.15)
+
+
+def test_densities_and_energies(dataset):
+    for name, along, width in (("velocity_density", "velocity", 0.1), ("speed_density", "speed", 0.1)):
+        sums = (dataset[name].sum(along, min_count=1) * width).values
+        assert sums[np.isfinite(sums)] == pytest.approx(np.ones(3))
+    energy = dataset.species_energy.sel(scene="periodic", species="gas", particles=16).squeeze()
+    assert np.ptp(energy.values) < 1e-12  # conserved: one species has it all
+    zero = dataset.velocity_autocorrelation.sel(scene="periodic", particles=16).squeeze()[0]
+    assert abs(zero - 2 * 15 / 16) < SIGMAS * 2 / np.sqrt(30)
+
+
+# --- velocities
+
+
+def test_green_kubo_is_the_integral():
+    times = np.array([0.0, 0.1, 0.3, 0.7])
+    lines = np.array([[1.0], [2.0]]) * (3 - 2 * times)
+    assert velocity.integral(lines, times) == pytest.approx(np.array([[1.0], [2.0]]) * (3 * times - times**2))
+
+
+def test_slope_of_a_parabola():
+    times = np.array([0.0, 0.1, 0.4, 7.0])
+    assert velocity.slope_weights(times) @ (5 - 3 * times + 2 * times**2)[:3] == pytest.approx(-3)
+
+
+def test_expected_slope_is_enskogs_friction():
+    """-(2 mu/m) rate <v^2> with Enskog's rate is -(friction/m) <v^2>."""
+    case, n = case_of(gas(tracer={"radius": 1.0, "mass": 3.0})), 0.25
+    rate = theory.collision_rate(n, 1.5, 1.3, 0.75, 1.0)
+    correlation = np.full((12, len(case.times)), 2 / 3)
+    found = found_of(velocity.MEASURE, case, {"velocity_autocorrelation": correlation})
+    assert np.isnan(velocity.expected_slope(case, found))
+    both = {"tracer_collisions": np.full(12, rate * case.times[-1]), "velocity_autocorrelation": correlation}
+    found = measure.add_runs(measure.NOTHING, np.arange(12), measure.Columns(both))
+    friction = theory.enskog_friction(n, 1.5, 1.3, 0.75, 1.0)
+    assert velocity.expected_slope(case, found) == pytest.approx(-friction / 3.0 * 2 / 3)
+
+
+# --- pairs
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+def test_points_have_no_structure(boundary):
+    """g(r) = 1 in all bins for 300 snapshots of an ideal gas; between walls two sizes have two rooms."""
+    scene, rng = gas(boundary, tracer={"radius": 1.5, "mass": 1.0}), np.random.default_rng(1)
+    room = np.array([conditions.accessible(scene, radius) for radius in scene.radius])
+    counts = []
+    for _ in range(300):
+        position = 4.0 + (rng.random((17, 2)) - 0.5) * room
+        one = SimpleNamespace(whole=SimpleNamespace(position=position[None]))
+        counts.append(observables.OBSERVABLES["pair_distribution"].measure(scene, one, "runs")["pair_counts"])
+    seen = {"pair_counts": np.array(counts), "pair_snapshots": np.ones(300, int)}
+    found = found_of(pairs.MEASURE, case_of(scene), seen)
+    expected = 300 * pairs.ideal(scene, pairs._edges(case_of(scene)))
+    off = (found.mean("pair_distribution") - 1)[1:]
+    assert (np.abs(off) < SIGMAS * 1.3 / np.sqrt(expected[1:]) + 4 / expected[1:]).all()  # 1.3: pairs share disks
+    assert np.isnan(found.mean("pair_distribution")[0]).all()  # one tracer makes no pair
+
+
+def test_contact_value_of_a_parabola():
+    edges = np.arange(60) * 0.025
+    middle = (edges[1:] + edges[:-1]) / 2
+    assert pairs.contact_weights(edges, 1.0) @ (1.7 - 2 * (middle - 1) + 3 * (middle - 1) ** 2) == pytest.approx(1.7)
+    assert np.isnan(pairs.contact_weights(edges, 1.49)).all()
+
+
+def test_contact_value_from_the_rate_is_enskogs():
+    scene = gas(tracer={"radius": 1.0, "mass": 3.0})
+    rate = theory.collision_rate(16 / 64, 1.5, 1.3, 0.75, 0.8)
+    chi = pairs.contact_from_rate(scene, np.array([[np.nan, rate * 5.0, 0.0]]), np.array([0.8]), 5.0)
+    assert chi[0, 1] == pytest.approx(1.3)
+
+
+# --- thermodynamics
+
+
+def test_compressibility_from_the_rate_is_enskogs():
+    scene, kt = gas(), np.array([0.7])
+    rate = theory.collision_rate(16 / 64, 1.0, 1.3, 0.5, kt)
+    expected = theory.compressibility(scene.packing_fraction, 1.3)
+    assert thermodynamics.compressibility_from_rate(scene, rate, kt) == pytest.approx(expected)
+
+
+def test_temperature_counts_degrees_of_freedom():
+    energy = np.array([15.0])
+    assert thermodynamics.temperature(gas(), energy) == 1.0  # 16 disks, no total momentum
+    assert thermodynamics.temperature(gas("reflecting"), energy) == 15 / 16
+
+
+def test_enskog_needs_a_temperature():
+    assert thermodynamics.enskog(make_scene()) == {}
+    assert thermodynamics.enskog(gas(number=3, side=40.0))["enskog_compressibility"] == pytest.approx(1, abs=0.01)
+
+
+# --- control variate
+
+
+def test_control_variate_takes_away_what_v0_explains():
+    """r^2 = v0^2 + noise of the same variance: half of the variance stays, and the mean keeps its place."""
+    scene, rng = make_scene(), np.random.default_rng(4)  # <v0^2> = 8
+    covered, ratios = [], []
+    for _ in range(200):
+        v2 = rng.exponential(8.0, 50)
+        squared = np.repeat((v2 + rng.exponential(8.0, 50))[:, None], 21, axis=1)
+        seen = {"square_displacement": squared, "initial_square_speed": v2}
+        found = found_of(displacement.MEASURE, case_of(scene), seen)
+        values = displacement._controlled(case_of(scene), found)
+        covered.append(values["msd_controlled_low"][-1] < 16 < values["msd_controlled_high"][-1])
+        ratios.append(values["control_variance_ratio"][-1])
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.06)  # 4 standard errors of 200 ensembles
+    assert np.mean(ratios) == pytest.approx(0.5, abs=0.05)  # measured with 50 runs: biased by 1/50 or so
+
+
+def test_no_control_where_v0_is_always_the_same():
+    seen = {"square_displacement": np.ones((20, 21)), "initial_square_speed": np.full(20, 8.0)}
+    case = case_of(make_scene())
+    assert displacement._controlled(case, found_of(displacement.MEASURE, case, seen)) == {}
