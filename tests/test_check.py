@@ -51,7 +51,7 @@ def test_study():
     assert sum(line.startswith("harrison2020 ") for line in lines) == 4
     assert "19,200 runs in 8 jobs of up to 2,400 seeds" in lines[-2]
     assert "in results/harrison2020" in lines[-2]
-    assert lines[-1] == "figures   msd, displacement_distribution, particle_counts, health"
+    assert lines[-1] == "figures   msd, displacement_distribution, diffusion, thermodynamics, particle_counts, health"
 
 
 def test_study_of_several_engines(tmp_path):

@@ -6,19 +6,36 @@ import warnings
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from brownpipe import figures, state, storage
+from brownpipe import cli, figures, state, storage
 from brownpipe.analysis import aggregate
-from brownpipe.figures import cases, displacement_distribution, msd, style
+from brownpipe.figures import cases, style
 from brownpipe.figures.tables import Table, to_csv
+from brownpipe.study import FIGURES
 from ensembles import make_runs, make_scene, study, write
+from synthetic import CONTACT, PAIRS, SPECIES, at_times, with_measures
 
-NAMES = ("msd", "displacement_distribution", "particle_counts", "health")
+NAMES = tuple(figures.MODULES)
+OF_TRAJECTORIES = ("msd", "displacement_distribution", "diffusion", "thermodynamics", "health")
+OF_OBSERVABLES = {
+    "velocity_autocorrelation": "velocity_autocorrelation",
+    "velocity_distribution": "velocity_density",
+    "pair_distribution": "pair_distribution",
+    "energy": "species_energy",
+}
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
+def plain(tmp_path_factory):
+    """What trajectories alone give."""
     return aggregate(study(tmp_path_factory.mktemp("study"), failed=(7, 33)))
+
+
+@pytest.fixture(scope="module")
+def dataset(plain):
+    """The same with every other variable that a figure can show."""
+    return with_measures(plain)
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +60,8 @@ def test_every_figure_is_png_svg_and_csv(dataset, folder, tmp_path):
 
 def test_same_bytes_whatever_the_user_has_set(dataset, folder, tmp_path):
     with matplotlib.rc_context({"font.size": 30, "axes.grid": False, "svg.hashsalt": None, "savefig.dpi": 20}):
-        paths = figures.render(dataset, tmp_path)
-    assert {path.name for path in paths} == {path.name for path in folder.iterdir()}
+        paths = figures.render(dataset, tmp_path, ["msd", "velocity_distribution", "health"])
+    assert len(paths) == 10
     assert all(path.read_bytes() == (folder / path.name).read_bytes() for path in paths)
 
 
@@ -55,13 +72,24 @@ def test_no_date_in_the_files(folder):
 
 def test_style_is_put_back(dataset, tmp_path):
     before = dict(matplotlib.rcParams)
-    figures.render(dataset.sel(particles=[10]), tmp_path)
+    figures.render(dataset, tmp_path, ["health"])
     assert dict(matplotlib.rcParams) == before
 
 
-def test_one_particle_count_has_nothing_to_compare(dataset, tmp_path):
-    names = {path.stem for path in figures.render(dataset.sel(particles=[10]), tmp_path)}
-    assert names == {"msd", "displacement_distribution", "health", "summary"}
+def test_one_particle_count_has_nothing_to_compare(plain, tmp_path):
+    names = {path.stem for path in figures.render(plain.sel(particles=[10]), tmp_path)}
+    assert names == {*OF_TRAJECTORIES, "summary"}
+
+
+def test_figures_of_a_study_are_those_that_there_are():
+    assert NAMES == tuple(FIGURES) == cli.FIGURES
+
+
+@pytest.mark.parametrize("name", OF_OBSERVABLES)
+def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path):
+    without = dataset.drop_vars([var for var in dataset.data_vars if var.startswith(OF_OBSERVABLES[name])])
+    with pytest.raises(figures.FigureError, match=f"^{name}: there is nothing to show in this figure: the observable"):
+        figures.render(without, tmp_path, [name])
 
 
 def test_particle_count_that_is_shown(dataset):
@@ -74,7 +102,7 @@ def test_particle_count_that_is_shown(dataset):
     assert shown(dataset, 10) == [("hot", 10), ("thermal", 10)]
     assert shown(dataset.assign_coords(particles=[150, 200])) == [("hot", 150), ("thermal", 150)]
     with pytest.raises(ValueError, match=r"particles: 15 is not in the dataset; choose one of \[10, 20\]"):
-        shown(dataset, 15)
+        figures.render(dataset, "never made", particles=15)
 
 
 def test_each_scene_shows_a_count_of_its_own(dataset):
@@ -111,16 +139,22 @@ def test_figures_asked_for(dataset, tmp_path):
     assert not (tmp_path / "other").exists()
 
 
-@pytest.mark.parametrize("figure", [msd, displacement_distribution])
-def test_legends_cover_no_data(dataset, figure):
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("particle_counts", "health")])
+def test_words_cover_no_data_and_no_words(dataset, name):
+    """Titles and keys stand above their panels, inside the figure, and on nothing else."""
+    named = dataset.assign_coords(scene=["hot", "a-scene_with.a-name-of-42-characters-at-N20"])
     with style.drawing():
-        drawn = figure.draw([dataset.sel(scene=s, particles=20, engine="exact") for s in dataset.scene.values])
-        drawn.canvas.draw()
-    for axes in drawn.axes:
-        for legend in filter(None, [axes.get_legend()]):
-            box = legend.get_window_extent()
-            assert not any(box.overlaps(other.get_window_extent()) for other in drawn.axes)
-            assert box.x1 <= drawn.bbox.x1
+        drawn = figures.MODULES[name].draw(cases.one_count(cases.cases_of(at_times(named, (0.5, 1.0)))))
+        FigureCanvasAgg(drawn).draw()
+    panels = [axes.get_window_extent() for axes in drawn.axes]
+    words = [axes.title for axes in drawn.axes if axes.title.get_text()]
+    words += [axes.get_legend() for axes in drawn.axes if axes.get_legend() and axes.get_title()]
+    words += [axes.xaxis.label for axes in drawn.axes if axes.get_xlabel()]
+    boxes = [one.get_window_extent() for one in words]
+    assert boxes
+    for k, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in (*panels, *boxes[:k])), words[k]
+        assert box.x0 >= 0 and box.x1 <= drawn.bbox.x1 and box.y0 >= 0 and box.y1 <= drawn.bbox.y1, words[k]
 
 
 def test_msd_table_is_the_dataset(dataset, folder):
@@ -133,6 +167,63 @@ def test_msd_table_is_the_dataset(dataset, folder):
     assert np.isnan(fit[:2]).all()  # before its window
     fit = fit[2:]
     assert np.allclose(np.diff(fit) / 0.05, case.slope.values[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "variable", "along"),
+    [
+        ("diffusion", "diffusion_running", ["time"]),
+        ("diffusion", "green_kubo", ["time"]),
+        ("velocity_autocorrelation", "bath_velocity_autocorrelation", ["time"]),
+        ("energy", "species_energy", ["species", "time"]),
+        ("pair_distribution", "pair_distribution", ["species_pair", "distance"]),
+        ("thermodynamics", "tracer_collision_rate", []),
+    ],
+)
+def test_table_of_a_measure_is_the_dataset(dataset, folder, name, variable, along):
+    table = rows(folder / f"{name}.csv")
+    for row in (row for row in table[::7] if row[f"{variable}_low"]):
+        at = {dim: float(row[dim]) if dataset[dim].dtype.kind == "f" else row[dim] for dim in along}
+        case = dataset.sel(scene=row["scene"], particles=int(row["particles"]), engine=row["engine"], **at)
+        for part in ("", "_standard_error", "_low", "_high"):
+            assert float(row[variable + part]) == case[variable + part].item()
+    expected = dataset[variable] if name == "thermodynamics" else dataset[variable].sel(particles=20)
+    assert sum(bool(row[variable]) for row in table) == np.isfinite(expected).sum()
+
+
+def test_velocity_table_has_maxwell_beside_it(folder):
+    table = rows(folder / "velocity_distribution.csv")
+    for of, width, mean_square in (("velocity", 0.1, 1), ("speed", 0.1, 2)):
+        mine = [row for row in table if (row["scene"], row["species"], row["of"]) == ("hot", SPECIES[1], of)]
+        value, maxwell = (np.array([float(row[column]) for row in mine]) for column in ("value", "maxwell"))
+        assert maxwell.sum() * width == pytest.approx(1, abs=1e-12)
+        assert (maxwell * value**2).sum() * width == pytest.approx(mean_square, rel=2e-3)  # width^2/12 and the like
+
+
+def test_scenes_share_no_pair(dataset, tmp_path):
+    """Pairs, species and times that one scene lacks leave gaps, not errors."""
+    hot = dataset.scene == "hot"
+    gaps = {name: dataset[name].where(hot) for name in dataset.data_vars if "species" in dataset[name].dims}
+    gaps |= {name: dataset[name].where(hot | (dataset.time < 0.6)) for name in ("msd", "msd_low", "msd_high")}
+    pair = dataset.pair_distribution.where(dataset.species_pair != PAIRS[1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert figures.render(dataset.assign(gaps | {"pair_distribution": pair}), tmp_path, list(OF_OBSERVABLES))
+
+
+def test_contact_is_where_the_dataset_says(dataset, folder):
+    table = [row for row in rows(folder / "pair_distribution.csv") if row["species_pair"] == PAIRS[2]]
+    first = min(float(row["distance"]) for row in table if float(row["pair_distribution"]) > 0)
+    assert first == pytest.approx(CONTACT[2], abs=0.005)
+
+
+def test_several_displacement_times(dataset, tmp_path):
+    several = at_times(dataset, (0.5, 1.0))
+    figures.render(several, tmp_path, ["displacement_distribution"])
+    table = rows(tmp_path / "displacement_distribution.csv")
+    assert [{row["time"] for row in table}, len(table)] == [{"0.5", "1"}, 2 * 2 * 25]
+    line = next(line for line in figures.summary(several).splitlines() if line.split()[:2] == ["hot", "20"])
+    assert line == next(line for line in figures.summary(dataset).splitlines() if line.split()[:2] == ["hot", "20"])
 
 
 def test_distribution_table_counts_every_run(dataset, folder):
@@ -191,7 +282,7 @@ def test_few_runs_draw_without_a_warning(runs, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         dataset = aggregate([write(tmp_path, trajectories)])
-        assert len(figures.render(dataset, tmp_path)) == 10
+        assert len(figures.render(dataset, tmp_path)) == 1 + 3 * len(OF_TRAJECTORIES)
     assert "plain" in figures.summary(dataset)
 
 
@@ -199,7 +290,7 @@ def test_disk_at_rest_and_no_disk(tmp_path):
     trajectories = make_runs(make_scene(), range(12))
     rest = trajectories.ensemble._replace(tracer=state.Track(0 * trajectories.ensemble.tracer.position))
     nothing = trajectories.ensemble._replace(tracer=None)
-    for ensemble, files in ((rest, 10), (nothing, 4)):
+    for ensemble, files in ((rest, 1 + 3 * len(OF_TRAJECTORIES)), (nothing, 7)):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             dataset = aggregate([write(tmp_path, trajectories._replace(ensemble=ensemble))])

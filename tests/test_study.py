@@ -89,8 +89,8 @@ def test_what_is_measured_in_the_runs(tmp_path):
     assert (small().record, small().observables, small().average, small().measuring) == ("tracer", (), "runs", "")
     study = small(observables=["displacement", "kinetic_energy"], record="none")
     assert study.measuring == "--record none --observables displacement,kinetic_energy"
-    assert study.figures == ("msd", "particle_counts", "health")
-    assert small(observables="kinetic_energy", record="none").figures == ("health",)
+    assert study.figures == ("msd", "diffusion", "energy", "thermodynamics", "particle_counts", "health")
+    assert small(observables="kinetic_energy", record="none").figures == ("energy", "thermodynamics", "health")
     text = (CONFIG / "scenes" / "harrison2020_thermal.yaml").read_text() + "equilibrate: {time: 1, tracer: free}\n"
     (tmp_path / "mixed.yaml").write_text(text)
     study = small(scenes=str(tmp_path / "mixed.yaml"), observables="displacement", average="origins")

@@ -104,7 +104,7 @@ def study(finished, tmp_path):
 def test_everything_declared_is_there_and_printed(finished):
     folder, printed = finished
     names = {path.name for path in (folder / "results" / "study" / "figures").iterdir()}
-    figures = ("msd", "displacement_distribution", "particle_counts", "health")
+    figures = ("msd", "displacement_distribution", "diffusion", "thermodynamics", "particle_counts", "health")
     expected = {f"{name}.{kind}" for name in figures for kind in ("png", "svg", "csv")}
     assert names == expected | {"summary.txt", "summary.csv"}
     assert (folder / "results/study/figures/summary.txt").read_text() in printed

@@ -13,6 +13,8 @@ from typing import NoReturn
 
 DONE, FAILED, WRONG = 0, 1, 2  # exit status: done, the run failed, the request was wrong
 RECORDS = ("tracer", "all", "events", "none")
+FIGURES = ("msd", "displacement_distribution", "diffusion", "velocity_autocorrelation", "velocity_distribution")
+FIGURES += ("pair_distribution", "energy", "thermodynamics", "particle_counts", "health")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -118,6 +120,20 @@ def figures(arguments) -> int:
     dataset = read_dataset(arguments.dataset)
     drawing.render(dataset, arguments.output, arguments.figures, arguments.particles)
     write_file(Path(arguments.output) / "summary.txt", drawing.summary(dataset).encode())
+    return DONE
+
+
+def movie(arguments) -> int:
+    """Show one whole run of a trajectory file: a picture, an animation (GIF), or a video (MP4, by ffmpeg).
+
+    The file must have been recorded with `--record all`. The picture shows the end of the run.
+    """
+    from brownpipe.figures.movie import movie as moving
+    from brownpipe.storage import read_trajectories, write_file
+
+    output = _writable(arguments.output or f"{Path(arguments.file).stem}.gif", arguments.file)
+    trajectories, kind = read_trajectories(arguments.file), Path(output).suffix
+    write_file(output, moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps))
     return DONE
 
 
@@ -295,13 +311,19 @@ def _parser() -> argparse.ArgumentParser:
     one = _verb(verbs, figures, "brownpipe figures small.nc --output figures")
     one.add_argument("dataset", metavar="DATASET.nc")
     one.add_argument("--output", required=True, metavar="FOLDER")
-    names = ("msd", "displacement_distribution", "particle_counts", "health")
     one.add_argument(
-        "--figures", nargs="+", choices=names, metavar="NAME", help=f"some of {', '.join(names)} (default: all)"
+        "--figures", nargs="+", choices=FIGURES, metavar="NAME", help=f"some of {', '.join(FIGURES)} (default: all)"
     )
     one.add_argument(
         "--particles", type=_integer, metavar="N", help="show the runs with this many disks (default: 150)"
     )
+
+    one = _verb(verbs, movie, "brownpipe movie seed17.h5 --output seed17.gif")
+    one.add_argument("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
+    one.add_argument("--seed", type=_integer, metavar="SEED", help="the run to show (default: the first in the file)")
+    one.add_argument("--output", metavar="FILE", help="*.gif, *.mp4 or *.png (default: name of the file, .gif)")
+    one.add_argument("--frames", type=_frames, metavar="COUNT", help="samples to show (default: all)")
+    one.add_argument("--fps", type=_positive, default=25.0, help="frames a second (default: 25)")
 
     one = _verb(verbs, inspect, "brownpipe inspect seed17.h5")
     one.add_argument("file", metavar="FILE", help="trajectory file or dataset")
@@ -347,3 +369,7 @@ def _integer(text: str, least: int = 0, most: int = 999_999_999) -> int:
 
 def _rings(text: str) -> int:
     return _integer(text, 1, 100_000)
+
+
+def _frames(text: str) -> int:
+    return _integer(text, 1)

@@ -23,7 +23,20 @@ MOST_SEEDS = 10_000_000
 MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
 LARGEST_SEED = 2**63 - 1
 
-FIGURES = ("msd", "displacement_distribution", "particle_counts", "health")
+FOLLOWED, COUNTS = "a disk to follow", "two particle counts or more"
+TRACKED, SPREADING = "record: tracer", "record: tracer, or displacement among the observables"
+FIGURES = {  # name: what it needs
+    "msd": (FOLLOWED, SPREADING),
+    "displacement_distribution": (FOLLOWED, TRACKED),
+    "diffusion": (FOLLOWED, SPREADING),
+    "velocity_autocorrelation": ("the observable velocity_autocorrelation",),
+    "velocity_distribution": ("the observable velocity_distribution",),
+    "pair_distribution": ("the observable pair_distribution",),
+    "energy": ("the observable kinetic_energy",),
+    "thermodynamics": (FOLLOWED,),
+    "particle_counts": (COUNTS, SPREADING),
+    "health": (),
+}
 RECORDS = ("tracer", "none")
 DEFAULTS = {
     "particles": None,  # of each scene file
@@ -253,20 +266,17 @@ def _measures(observables: Entry, average: Entry, cases: tuple[Scene, ...]) -> t
 def _figures(entry: Entry, cases: tuple[Scene, ...], record: str, observables: tuple[str, ...]) -> tuple[str, ...]:
     """Return the figures; the default is all that there is something to show in."""
     moving = {case.particles for case in cases} - {0}
-    lacking = {"particle_counts": "two particle counts or more"} if len(moving) < 2 else {}
-    if not moving:
-        lacking |= dict.fromkeys(("msd", "displacement_distribution"), "a disk to follow")
-    if record == "none":
-        lacking |= {"displacement_distribution": "record: tracer"}
-        if "displacement" not in observables:
-            lacking |= dict.fromkeys(
-                ("msd", "particle_counts"), "record: tracer, or displacement among the observables"
-            )
+    there = {f"the observable {name}" for name in observables}
+    there |= {FOLLOWED} if moving else set()
+    there |= {COUNTS} if len(moving) > 1 else set()
+    there |= {TRACKED} if record == "tracer" else set()
+    there |= {SPREADING} if record == "tracer" or "displacement" in observables else set()
+    lacking = {name: [one for one in needs if one not in there] for name, needs in FIGURES.items()}
     if entry.value is None:
-        return tuple(figure for figure in FIGURES if figure not in lacking)
-    names = tuple(reading.choice(one, FIGURES) for one in _one_or_more(entry))
-    for name in lacking.keys() & set(names):
-        reading.refuse(entry, f"{name} needs {lacking[name]}")
+        return tuple(name for name in FIGURES if not lacking[name])
+    names = tuple(reading.choice(one, tuple(FIGURES)) for one in _one_or_more(entry))
+    for name in (name for name in names if lacking[name]):
+        reading.refuse(entry, f"{name} needs {lacking[name][0]}")
     return names if len(set(names)) == len(names) else must_be(entry, "figures that differ")
 
 

@@ -6,7 +6,7 @@ from brownpipe import theory
 from brownpipe.analysis.conditions import accessible
 from brownpipe.analysis.measure import Columns, Measure, with_interval
 from brownpipe.analysis.thermodynamics import temperature
-from brownpipe.analysis.variables import EACH, estimate_of
+from brownpipe.analysis.variables import EACH, Variable, estimate_of
 
 NEAR = 1.15  # contact distances up to which g(r) is extrapolated to contact by a parabola
 
@@ -119,6 +119,9 @@ def _estimate(case, found):
     values = {}
     for name in (name for name in ("pair_distribution", "contact_value", "contact_value_rate") if name in found):
         values |= with_interval(name, found.estimate(name))
+    if values:
+        kinds, pairs = pairs_of(case.scene)
+        values["contact_distance"] = [kinds.radius[a] + kinds.radius[b] for a, b, _ in pairs]
     return values
 
 
@@ -138,6 +141,7 @@ MEASURE = Measure(
     _estimate,
     {
         **estimate_of("pair_distribution", (*PAIR, "distance"), "1", "pair distribution g(r); 1 for an ideal gas here"),
+        "contact_distance": Variable(PAIR, "length", "distance of the two disks in contact"),
         **estimate_of("contact_value", PAIR, "1", "pair distribution at contact, by a parabola through the next bins"),
         **estimate_of("contact_value_rate", PAIR, "1", "pair distribution at contact, from the rate of collisions"),
     },

@@ -3,7 +3,7 @@
 import numpy as np
 
 from brownpipe.analysis.variables import FAILED, MISSING
-from brownpipe.figures.cases import at_last_displacement, cases_of, has_msd, over_time, plus_minus, title_of
+from brownpipe.figures.cases import at_last_distribution, cases_of, has_msd, over_time, plus_minus, title_of
 from brownpipe.figures.displacement_distribution import p_text
 from brownpipe.figures.tables import Table
 
@@ -36,7 +36,7 @@ def _row(case):
     last, fit = over_time(case).isel(time=-1), case.isel(window=0)
     estimates = [(last, "msd"), (fit, "slope"), (fit, "diffusion_coefficient")]
     numbers = [plus_minus(part[name], part[f"{name}_standard_error"]) for part, name in estimates]
-    return (*names, *numbers, *map(_verdict, at_last_displacement(case).p_value.values[:2]))
+    return (*names, *numbers, *map(_verdict, at_last_distribution(case).p_value.values[:2]))
 
 
 def _verdict(p):
@@ -84,7 +84,7 @@ def summary_table(dataset):
         counts = [case[name].item() for name in header[:6]]
         last = over_time(case).isel(time=slice(-1, None))
         final = [case.duration.item(), *(last[name].item() if last.sizes["time"] else np.nan for name in header[7:])]
-        verdicts = [at_last_displacement(case)[test].values[k] for test, k, _ in tests]
+        verdicts = [at_last_distribution(case)[test].values[k] for test, k, _ in tests]
         for k in range(case.sizes["window"]):
             rows.append((*counts, *final, *(case.isel(window=k)[name].item() for name in fits), *verdicts))
     return Table((*header, *fits, *(f"{test}, {model}" for test, _, model in tests)), rows)

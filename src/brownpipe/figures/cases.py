@@ -16,18 +16,24 @@ def cases_of(dataset):
     return [case for case in cases if case.runs + case.failed_runs > 0]
 
 
+def has(case, *names):
+    """Has it a value of every one of these variables?"""
+    return all(name in case and bool(np.isfinite(case[name]).any()) for name in names)
+
+
 def has_msd(case):
-    return bool(np.isfinite(case.msd).any())
+    return has(case, "msd")
 
 
-def one_count(cases, particles=None):
-    """The cases that figures of a single particle count show: of each scene the one asked for, the note's, or the most.
-
-    Raises FigureError if no scene has the count asked for.
-    """
+def check_count(cases, particles):
+    """Raise FigureError if a particle count is asked for that no case has."""
     available = sorted({int(case.particles) for case in cases})
     if particles is not None and particles not in available:
         raise FigureError(f"particles: {particles} is not in the dataset; choose one of {available}")
+
+
+def one_count(cases, particles=None):
+    """The cases that figures of one particle count show: of each scene the one asked for, the note's, or the most."""
     return [case for mine in by_scene(cases).values() for case in mine if case.particles == _shown(mine, particles)]
 
 
@@ -45,15 +51,33 @@ def by_scene(cases):
     return grouped
 
 
-def over_time(case):
-    """The case at the times it has: scenes of other durations leave gaps."""
-    return case.sel(time=case.time[np.isfinite(case.msd).values])
+def by_series(cases):
+    """The cases that differ in their particle counts alone, by scene and, where it is not the exact one, engine."""
+    grouped = {}
+    for case in cases:
+        grouped.setdefault(case.scene.item() + _engine(case), []).append(case)
+    return grouped
 
 
-def at_last_displacement(case):
-    """The case at the last time of those that its displacement distribution is taken at."""
-    held = np.flatnonzero(np.isfinite(case.displacement_overflow))
-    return case.isel(displacement_time=held[-1] if held.size else -1)
+def over_time(case, name="msd"):
+    """The case at the times at which it has a value of `name`: scenes of other durations leave gaps."""
+    return defined(case, name, "time")
+
+
+def defined(case, name, dim):
+    """The case where `name` has a value, along `dim`."""
+    values = np.isfinite(case[name])
+    return case.isel({dim: values.any([other for other in values.dims if other != dim]).values})
+
+
+def distributions_of(case):
+    """The case at each time that its displacement distribution is taken at."""
+    return [case.isel(displacement_time=k) for k in np.flatnonzero(np.isfinite(case.displacement_overflow))]
+
+
+def at_last_distribution(case):
+    """The case at the last of these times; where there is none, at the last of the dataset."""
+    return (distributions_of(case) or [case.isel(displacement_time=-1)])[-1]
 
 
 def fits_of(case):
@@ -64,8 +88,11 @@ def fits_of(case):
 
 def title_of(case):
     """Scene, particle count and, if it is not the exact one, engine."""
-    engine = "" if case.engine == "exact" else f", {case.engine.item()}"
-    return f"{case.scene.item()}, N = {case.particles.item()}{engine}"
+    return f"{case.scene.item()}, N = {case.particles.item()}{_engine(case)}"
+
+
+def _engine(case):
+    return "" if case.engine == "exact" else f", {case.engine.item()}"
 
 
 def plus_minus(value, error):

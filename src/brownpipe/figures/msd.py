@@ -3,85 +3,109 @@
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.figures.cases import fits_of, over_time, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FILL, FIT, FREE, START, head, tall_and_low
+from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, FREE, START, band, head, tall_and_low
 from brownpipe.figures.tables import Table
 
 ROOM = 1.12  # of a vertical axis, times the largest value
+MOST_DOTS = 60  # of samples shown one by one
+HEIGHT, RATIO = 7.6, 1.35  # of a column [inch]; of its upper panel to the lower
+NEEDS = ("msd",)
+LACKING = "no run with a tracer was kept"
 
 
 def draw(cases):
-    """One column per case: MSD(t) with fit, ballistic start and 4Dt above, MSD/4t with D below."""
+    """One column per case: MSD(t) with the fit and what diffusion would do above, all decades of it below."""
     cases = [over_time(case) for case in cases]
-    figure, axes = tall_and_low(len(cases))
-    top = _top(case.msd_high.fillna(case.msd) for case in cases)
-    low_top = _top((case.msd_high.fillna(case.msd) / (4 * case.time))[1:] for case in cases)
+    figure, axes = tall_and_low(len(cases), ratio=RATIO, sharex=False, height=HEIGHT)
+    top = ROOM * max(float(case.msd_high.fillna(case.msd).max()) for case in cases) or 1.0
     for case, (main, low) in zip(cases, axes.T, strict=True):
-        _curve(main, case, top)
-        _running(low, case, low_top)
+        _linear(main, case, top)
+        _decades(low, case)
         head(main, title_of(case))
-        low.set_xlabel("time $t$ (reduced units)")
+        main.set_xlabel("time $t$ (reduced units)")
+        low.set_xlabel("time $t$ (reduced units, logarithmic)")
     axes[0, 0].set_ylim(0, top)
-    axes[1, 0].set_ylim(0, low_top)
-    axes[1, 0].locator_params(axis="y", nbins=4)
     axes[0, 0].set_ylabel("mean squared displacement $\\langle r^2 \\rangle$\n(reduced units)")
-    axes[1, 0].set_ylabel("$\\langle r^2 \\rangle / 4t$\n(reduced units)")
+    axes[1, 0].set_ylabel("the same, logarithmic")
     return figure
 
 
-def _top(curves):
-    """Upper end of a vertical axis from 0 that has room for the curves."""
-    return ROOM * max(float(curve.max()) for curve in curves) or 1.0
-
-
-def _curve(axes, case, top):
-    t, end = case.time.values, case.time.values[-1]
-    axes.fill_between(t, case.msd_low, case.msd_high, color=DATA, alpha=FILL, linewidth=0)
+def _linear(axes, case, top):
+    """MSD(t) with its band, the line over its window and how it misses the origin, and diffusion from the origin."""
+    t, end, smooth = case.time.values, case.time.values[-1], np.linspace(0, case.time.values[-1], 201)
     final = plus_minus(case.msd[-1], case.msd_standard_error[-1])
-    axes.plot(t, case.msd, color=DATA, label=f"{int(case.runs):,} runs, 95 % band: MSD({end:g}) = {final}")
+    label = f"{int(case.runs):,} runs, 95 % band: MSD({end:g}) = {final}"
+    every = -(-t.size // MOST_DOTS)
+    band(axes, t, case, "msd", DATA, linestyle="", marker="o", markersize=3, markevery=every, label=label)
     for fit in fits_of(case)[:1]:
         _line(axes, fit, end)
-    _start(axes, t, float(case.initial_square_speed), top)
-    axes.set_xlim(0, end)
+    for diffusion, label in _diffusing(case):
+        axes.plot(smooth, _diffusion(case, smooth, diffusion), color=FREE, linestyle=DASHED, linewidth=1.4, label=label)
+    start = theory.ballistic_msd(smooth, float(case.initial_square_speed))
+    axes.plot(smooth[start <= top], start[start <= top], color=START, linestyle=DOTTED)
+    axes.set_xlim(0, 1.01 * end)
 
 
 def _line(axes, fit, end):
-    """The least-squares line in its window, and 4Dt with its D."""
+    """The least-squares line, strong in its window and faint beyond."""
     slope, intercept = float(fit.slope), float(fit.intercept)
-    window = [float(fit.window_start), float(fit.window_end)]
+    window = np.array([float(fit.window_start), float(fit.window_end)])
     label = f"least squares over {fit.window.item()}: slope {plus_minus(slope, fit.slope_standard_error)}"
-    axes.plot(window, [intercept + slope * t for t in window], color=FIT, linewidth=1.4, label=label)
-    free = [theory.diffusive_msd(t, slope / 4) for t in (0, end)]
-    diffusion = plus_minus(fit.diffusion_coefficient, fit.diffusion_coefficient_standard_error)
-    axes.plot(
-        [0, end], free, color=FREE, linestyle=DASHED, linewidth=1.4, label=f"$4Dt$ with D = slope/4 = {diffusion}"
-    )
+    beyond = np.array([max(0.0, -intercept / slope) if slope > 0 else 0.0, end])
+    axes.plot(beyond, intercept + slope * beyond, color=FIT, linewidth=0.7)
+    axes.plot(window, intercept + slope * window, color=FIT, linewidth=1.5, label=label)
 
 
-def _start(axes, t, square_speed, top):
-    """The ballistic start as far as it fits, labelled at its upper end."""
-    start = theory.ballistic_msd(t, square_speed)
-    seen = start <= top
-    if not seen.any():
+def _diffusing(case):
+    """The diffusion coefficient that is drawn, with its words: that of the last window, which forgets the start most.
+
+    Where walls have stopped the tracer that window says nothing of D: then the D whose curve meets the data when they
+    last were below half of what the walls allow. Empty if no line could be fitted, or if it does not rise.
+    """
+    stopped = np.flatnonzero(case.msd > float(case.accessible_half_width) ** 2 / 3) if _walled(case) else ()
+    if len(stopped) and stopped[0] > 1:
+        t, msd = case.time.values[stopped[0] - 1], float(case.msd[stopped[0] - 1])
+        diffusion = theory.reflecting_square_diffusion(msd, t, float(case.accessible_half_width))
+        yield diffusion, f"diffusion between walls, met at $t$ = {t:.3g}: D = {diffusion:.3g}"
         return
-    axes.plot(t[seen], start[seen], color=START, linestyle=DOTTED)
-    at = (t[seen][-1], start[seen][-1])
-    text = f"ballistic\n$\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
-    axes.annotate(text, at, (-13, 0), textcoords="offset points", ha="right", va="top", color=START)
+    for fit in fits_of(case)[-1:]:
+        diffusion = plus_minus(fit.diffusion_coefficient, fit.diffusion_coefficient_standard_error)
+        what = "diffusion between walls" if _walled(case) else "free diffusion, $4Dt$"
+        if fit.diffusion_coefficient > 0:
+            yield float(fit.diffusion_coefficient), f"{what}: D over {fit.window.item()} = {diffusion}"
 
 
-def _running(axes, case, top):
-    """MSD/4t with its band and ballistic start, and D over its window."""
-    later = case.isel(time=slice(1, None))
-    t, start = later.time.values, float(case.initial_square_speed) * later.time.values / 4
-    axes.fill_between(t, later.msd_low / (4 * t), later.msd_high / (4 * t), color=DATA, alpha=FILL, linewidth=0)
-    axes.plot(t, later.msd_over_4t, color=DATA)
-    axes.plot(t[start <= top], start[start <= top], color=START, linestyle=DOTTED)
-    for fit in fits_of(case)[:1]:
-        window, diffusion = [float(fit.window_start), float(fit.window_end)], float(fit.diffusion_coefficient)
-        low, high = float(fit.diffusion_coefficient_low), float(fit.diffusion_coefficient_high)
-        axes.fill_between(window, low, high, color=FREE, alpha=FILL, linewidth=0)
-        axes.plot(window, [diffusion, diffusion], color=FREE, linestyle=DASHED, linewidth=1.4)
+def _walled(case):
+    return has(case, "accessible_half_width")
+
+
+def _diffusion(case, t, diffusion):
+    """MSD [length^2] of diffusion from t = 0: 4Dt, or from the centre of the reflecting square that the tracer has."""
+    if _walled(case):
+        return theory.reflecting_square_msd(t, diffusion, float(case.accessible_half_width))
+    return theory.diffusive_msd(t, diffusion)
+
+
+def _decades(axes, case):
+    """MSD(t) on logarithmic axes: the ballistic start has slope 2, diffusion has slope 1."""
+    later = case.isel(time=(case.time.values > 0) & (case.msd.values > 0))
+    t, msd = later.time.values, later.msd.values
+    if not t.size:
+        return
+    band(axes, t, later, "msd", DATA)
+    low, high = msd.min() / 1.6, msd.max() * 1.6
+    square_speed, smooth = float(case.initial_square_speed), np.geomspace(t[0], t[-1], 201)
+    ballistic = theory.ballistic_msd(smooth, square_speed)
+    seen = (ballistic <= high) & (ballistic >= low)
+    if seen.any():
+        axes.plot(smooth[seen], ballistic[seen], color=START, linestyle=DOTTED)
+        text, at = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$", (0.03, 0.95)
+        axes.text(*at, text, color=START, va="top", transform=axes.transAxes)
+    for diffusion, _ in _diffusing(case):
+        curve = _diffusion(case, smooth, diffusion)
+        axes.plot(smooth[curve >= low], curve[curve >= low], color=FREE, linestyle=DASHED, linewidth=1.4)
+    axes.set(xscale="log", yscale="log", xlim=(t[0], t[-1]), ylim=(low, high))
 
 
 def _fitted(fit, t):
@@ -99,6 +123,10 @@ def table(cases):
         label = (case.scene.item(), case.particles.item(), case.engine.item())
         columns = [case[name].values for name in header[3:]]
         ballistic = theory.ballistic_msd(columns[0], float(case.initial_square_speed))
+        diffusing = np.full(len(columns[0]), np.nan)
+        for diffusion, _ in _diffusing(case):
+            diffusing = _diffusion(case, columns[0], diffusion)
         lines = [_fitted(case.isel(window=k), columns[0]) for k in range(case.sizes["window"])]
-        rows += [(*label, *values) for values in zip(*columns, ballistic, *lines, strict=True)]
-    return Table((*header, "ballistic", *(f"fit over {window}" for window in cases[0].window.values)), rows)
+        rows += [(*label, *values) for values in zip(*columns, ballistic, diffusing, *lines, strict=True)]
+    lines = (f"fit over {window}" for window in cases[0].window.values)
+    return Table((*header, "ballistic", "diffusion", *lines), rows)

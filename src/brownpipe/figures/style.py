@@ -1,11 +1,15 @@
 """The one style of all figures: print-ready, colours of Okabe and Ito (colour-blind safe), nothing that varies."""
 
+import io
+
 import numpy as np
 
 PANEL = (4.8, 5.4)  # width and height of one scene's panel [inch]
 DATA, FIT, FREE, START = "#0072B2", "#D55E00", "#009E73", "#6B6B6B"
 INK = "#222222"
-DASHED, DOTTED = (0, (5, 2.5)), (0, (1, 1.2))
+DASHED, DOTTED, DASH_DOT = (0, (5, 2.5)), (0, (1, 1.2)), (0, (4, 1.5, 1, 1.5))
+KINDS = ((DATA, "-", "o"), (FIT, DASHED, "s"), (FREE, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D"))  # of disks, of scenes
+TITLE = 48  # characters of a title that a panel has room for; longer ones are set smaller
 FILL = 0.22  # opacity of a band
 SAVE = {"png": {"dpi": 160, "metadata": {"Software": None}}, "svg": {"metadata": {"Date": None, "Creator": None}}}
 
@@ -47,13 +51,50 @@ def drawing():
     return matplotlib.rc_context(defaults | _STYLE)
 
 
-def tall_and_low(columns):
-    """A figure with a tall and a low panel above each other for each column: (figure, axes (2, columns))."""
+def image_bytes(figure, kind):
+    """The figure as the bytes of a PNG or SVG file, without date or version. It is laid out the first time."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, **SAVE[kind])
+    figure.set_layout_engine("none")
+    return buffer.getvalue()
+
+
+def tall_and_low(columns, rows=1, ratio=2.6, sharex="col", sharey="row", height=PANEL[1]):
+    """A figure of `rows` pairs of a tall and a low panel for each column: (figure, axes (2 rows, columns))."""
     from matplotlib.figure import Figure
 
-    figure = Figure((PANEL[0] * columns, PANEL[1]), layout="constrained")
-    axes = figure.subplots(2, columns, sharex="col", sharey="row", squeeze=False, height_ratios=(2.6, 1))
+    figure = Figure((PANEL[0] * columns, height * rows), layout="constrained")
+    axes = figure.subplots(
+        2 * rows, columns, sharex=sharex, sharey=sharey, squeeze=False, height_ratios=(ratio, 1) * rows
+    )
     return figure, axes
+
+
+def time_axis(axes, times):
+    """Name the time axis and set its ends: logarithmic if the samples after t = 0 are not spread evenly."""
+    later = times[times > 0]
+    steps = np.diff(later)
+    logarithmic = len(steps) > 1 and steps.max() > 10 * steps[:-1].min()
+    axes.set_xlim(later[0] if logarithmic else 0, later[-1])
+    axes.set_xscale("log" if logarithmic else "linear")
+    axes.set_xlabel(f"time $t$ (reduced units{', logarithmic' if logarithmic else ''})")
+
+
+def band(axes, x, case, name, colour, **line):
+    """The curve `name` of a case over x, with its 95 % band if it has one; `line` as for `axes.plot`."""
+    if f"{name}_low" in case:
+        axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=colour, alpha=FILL, linewidth=0)
+    axes.plot(x, case[name], color=colour, **line)
+
+
+def bars(cases, name):
+    """How far the 95 % intervals of `name` reach down and up (2, cases), for `axes.errorbar`."""
+    return np.abs([[float(case[f"{name}_{end}"] - case[name]) for case in cases] for end in ("low", "high")])
+
+
+def say(axes, text, at, offset, **words):
+    """A text beside the point `at`, `offset` points away, that may stand outside the panel."""
+    axes.annotate(text, at, offset, textcoords="offset points", annotation_clip=False, **words)
 
 
 def grid(rows, columns, width, height, **sharing):
@@ -68,7 +109,8 @@ def head(axes, title):
     """Title and legend above the panel, where they cover no data."""
     legend = axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), borderaxespad=0.2, labelspacing=0.35)
     legend.set_in_layout(False)
-    axes.set_title(title, pad=9 + 13.5 * len(legend.get_texts()))
+    size = 11 * min(1, TITLE / len(title))
+    axes.set_title(title, pad=9 + 13.5 * len(legend.get_texts()), fontsize=size)
 
 
 def shades(count):

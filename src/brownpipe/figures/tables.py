@@ -5,10 +5,36 @@ import io
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+EACH = ("scene", "particles", "engine")
+PARTS = ("", "_standard_error", "_low", "_high")
+
 
 class Table(NamedTuple):
     header: tuple  # column names
     rows: list  # of tuples: numbers and texts
+
+
+def long_table(cases, dims, names):
+    """One row per case and point along `dims`, with the variables `names` there; rows without any value are left out.
+
+    The uncertainties of a variable, where the dataset has them, follow it.
+    """
+    names = [f"{name}{part}" for name in names for part in PARTS if f"{name}{part}" in cases[0]]
+    rows = []
+    for case in cases:
+        label = tuple(case[name].item() for name in EACH)
+        columns = [case[name].broadcast_like(case[names].to_array()[0]).transpose(*dims).values for name in names]
+        for at in np.ndindex(columns[0].shape):
+            values = [column[at] for column in columns]
+            if not all(map(_nothing, values)):
+                rows.append((*label, *(case[dim].values[k] for dim, k in zip(dims, at, strict=True)), *values))
+    return Table((*EACH, *dims, *names), rows)
+
+
+def _nothing(value):
+    return isinstance(value, float) and math.isnan(value)
 
 
 def to_csv(table):

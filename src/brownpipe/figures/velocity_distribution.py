@@ -1,0 +1,88 @@
+"""Figure `velocity_distribution`: velocity components and speeds of each species against Maxwell's distribution."""
+
+from itertools import cycle
+from math import erf
+
+import numpy as np
+
+from brownpipe.figures.cases import has, title_of
+from brownpipe.figures.style import INK, KINDS, START, head, tall_and_low
+from brownpipe.figures.tables import Table, long_table
+
+LIKELY = 2.0  # deviations of up to so many standard errors lie in the grey band
+FEWEST = 1e-6  # densities below are not shown
+NEEDS = ("velocity_density",)
+LACKING = "the observable velocity_distribution was not asked for"
+
+
+def _normal(v):
+    """Probability that a component in units of sqrt(kT/m) is below v."""
+    return 0.5 * (1 + np.vectorize(erf)(v / np.sqrt(2)))
+
+
+def _rayleigh(u):
+    """Probability that a speed in units of sqrt(kT/m) is below u, in the plane."""
+    return 1 - np.exp(-(np.maximum(u, 0) ** 2) / 2)
+
+
+SHOWN = {
+    "velocity_density": ("velocity", _normal, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
+    "speed_density": ("speed", _rayleigh, "speeds", "speed $|v|\\,/\\,\\sqrt{kT/m}$"),
+}  # dimension, distribution function, words, axis
+
+
+def draw(cases):
+    """One column per case; components and speeds, each as a density above and its residuals below."""
+    names = [name for name in SHOWN if any(has(case, name) for case in cases)]
+    figure, axes = tall_and_low(len(cases), rows=len(names), sharex=False, height=5.0)
+    for k, name in enumerate(names):
+        for case, (main, low) in zip(cases, axes[2 * k : 2 * k + 2].T, strict=True):
+            _density(main, low, case, name)
+            head(main, f"{title_of(case)}: {SHOWN[name][2]}")
+            low.set_xlabel(SHOWN[name][3])
+        axes[2 * k, 0].set_ylabel("probability density")
+        axes[2 * k + 1, 0].locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
+        axes[2 * k + 1, 0].set_ylabel("(found - Maxwell)\n/ standard error")
+    return figure
+
+
+def _density(main, low, case, name):
+    dim, *_ = SHOWN[name]
+    edges, expected = _expected(case[dim].values, name)
+    main.stairs(expected, edges, color=INK, linewidth=1.0, label="Maxwell")
+    low.axhspan(-LIKELY, LIKELY, color="#EFEFEF", linewidth=0)
+    low.axhline(0, color=START, linewidth=0.8)
+    kinds = [kind for kind in case.species.values if has(case.sel(species=kind), name)]
+    for kind, (colour, _, marker) in zip(kinds, cycle(KINDS), strict=False):
+        mine = case.sel(species=kind)
+        found, error = mine[name].values, mine[f"{name}_standard_error"].values
+        main.plot(case[dim], found, marker, color=colour, markersize=3, markerfacecolor="none", label=kind)
+        some = found > 0
+        scatter = (error * np.sqrt(expected / np.where(some, found, 1)))[some]  # of as many as are expected
+        low.plot(case[dim][some], (found - expected)[some] / scatter, marker, color=colour, markersize=2.5)
+    seen = expected > FEWEST
+    for axes in (main, low):
+        axes.set_xlim(edges[:-1][seen][0], edges[1:][seen][-1])
+    main.set_ylim(0, 1.15 * expected.max())
+    main.tick_params(labelbottom=False)
+
+
+def _expected(centres, name):
+    """Edges (R + 1,) of the bins and Maxwell's density (R,) in them; the outermost bins hold what lies beyond."""
+    width, below = centres[1] - centres[0], SHOWN[name][1]
+    edges = np.append(centres - width / 2, centres[-1] + width / 2)
+    upto = below(edges)
+    upto[[0, -1]] = 0, 1
+    return edges, np.diff(upto) / width
+
+
+def table(cases):
+    """One row per case, species and bin, of the components first and then of the speeds, with Maxwell's density."""
+    header = ("scene", "particles", "engine", "species", "of", "value", "density")
+    rows = []
+    for name in (name for name in SHOWN if any(has(case, name) for case in cases)):
+        centres = cases[0][SHOWN[name][0]].values
+        maxwell = dict(zip(centres, _expected(centres, name)[1], strict=True))
+        found = long_table(cases, ("species", SHOWN[name][0]), [name]).rows
+        rows += [(*row[:4], SHOWN[name][0], *row[4:], maxwell[row[4]]) for row in found]
+    return Table((*header, "standard_error", "low", "high", "maxwell"), rows)

@@ -1,0 +1,124 @@
+"""Datasets with every variable that a figure can show, made up on top of one of real or made-up displacements.
+
+The curves have the right shape and a noise that their intervals tell of; nothing else about them is physics.
+"""
+
+import numpy as np
+import xarray
+
+from brownpipe import theory
+
+SPECIES = ("tracer", "bath")
+PAIRS = ("tracer-tracer", "tracer-bath", "bath-bath")
+CONTACT = (0.6, 0.4, 0.2)  # distances
+EACH = ("scene", "particles", "engine")
+
+
+def with_measures(dataset):
+    """The dataset with all variables of observables and thermodynamics added."""
+    rng = np.random.default_rng(1)
+    added = _over_time(dataset, rng) | _distributions(dataset, rng) | _thermodynamics(dataset, rng)
+    return dataset.assign(added).assign_coords(species=list(SPECIES), species_pair=list(PAIRS))
+
+
+def at_times(dataset, times):
+    """The dataset with the same distribution of displacements at several times."""
+    names = [name for name in dataset.variables if "displacement_time" in dataset[name].dims]
+    each = [dataset[names].isel(displacement_time=[0]).assign_coords(displacement_time=[time]) for time in times]
+    return dataset.drop_vars(names).merge(xarray.concat(each, "displacement_time"))
+
+
+def _estimate(name, dims, mean, error, rng):
+    """A mean that is off by its standard error, and the interval that covers it."""
+    mean = mean + rng.standard_normal(np.shape(mean)) * error
+    error = np.broadcast_to(error, np.shape(mean))
+    parts = {"": mean, "_standard_error": error, "_low": mean - 1.96 * error, "_high": mean + 1.96 * error}
+    return {f"{name}{part}": (dims, values) for part, values in parts.items()}
+
+
+def _spread(dataset, shape, values):
+    """The same values for every scene, particle count and engine."""
+    each = [dataset.sizes[dim] for dim in EACH]
+    return np.broadcast_to(values, [*each, *shape]).copy()
+
+
+def _over_time(dataset, rng):
+    t, rate = dataset.time.values, 8.0
+    decay, late = np.exp(-rate * t), 0.004 / np.maximum(t, 0.02) * (1 - np.exp(-10 * t))
+    speed2 = dataset.initial_square_speed.values[..., None]
+    vacf = speed2 * (0.97 * decay + late)
+    integral = np.concatenate(
+        [np.zeros_like(vacf[..., :1]), np.cumsum((vacf[..., 1:] + vacf[..., :-1]) / 2 * np.diff(t), -1)], -1
+    )
+    bath = 8 * np.exp(-3 * t)
+    running = np.gradient(dataset.msd.values, t, axis=-1) / 4
+    hot = np.stack([1.6 + 2.4 * np.exp(-3 * t), 1.6 + 0.02 * (1 - np.exp(-3 * t))], axis=-1)
+    time = (*EACH, "time")
+    each = _spread(dataset, (), 1.0)
+    return {
+        **_estimate("msd_over_4t", time, dataset.msd_over_4t.values, 0.02 * dataset.msd_over_4t.values, rng),
+        **_estimate("diffusion_running", time, running, 0.006, rng),
+        **_estimate("velocity_autocorrelation", time, vacf, 0.012 * speed2, rng),
+        **_estimate("bath_velocity_autocorrelation", time, _spread(dataset, (len(t),), bath), 0.002, rng),
+        **_estimate("green_kubo", time, integral / 2, 0.002 + 0.01 * np.sqrt(t), rng),
+        **_estimate("vacf_initial_slope", EACH, -rate * speed2[..., 0], 0.5, rng),
+        "vacf_initial_slope_expected": (EACH, -rate * speed2[..., 0]),
+        **_estimate(
+            "species_energy", (*time, "species"), _spread(dataset, hot.shape, hot), np.array([0.03, 0.002]), rng
+        ),
+        "enskog_diffusion": (EACH, 0.21 * each),
+        "langevin_diffusion": (EACH, 0.2 * each),
+        "accessible_half_width": (EACH, 2.7 * each),
+    }
+
+
+def _distributions(dataset, rng):
+    v, u, r = np.arange(-5.95, 6, 0.1), np.arange(0.05, 8, 0.1), np.arange(0.0025, 1.5, 0.005)
+    normal, maxwell = np.exp(-(v**2) / 2) / np.sqrt(2 * np.pi), u * np.exp(-(u**2) / 2)
+    count = np.array([[3e3], [4e5]])
+    sigma, g = np.array(CONTACT)[:, None], []
+    x = r / sigma
+    g = np.where(x >= 1, 1 + 0.35 * np.exp(-2.5 * (x - 1)) * np.cos(6 * (x - 1)), 0.0)
+    g[0] = np.nan
+    pair, contact = (*EACH, "species_pair"), np.array([np.nan, 1.36, 1.34])
+    noise = np.where(x >= 1, 0.03 / np.sqrt(x), 0.0) * np.array([[1], [1], [0.2]])
+    return {
+        **_estimate(
+            "velocity_density",
+            (*EACH, "species", "velocity"),
+            _spread(dataset, (2, 120), normal),
+            np.sqrt(normal / count / 0.1),
+            rng,
+        ),
+        **_estimate(
+            "speed_density",
+            (*EACH, "species", "speed"),
+            _spread(dataset, (2, 80), maxwell),
+            np.sqrt(maxwell / count / 0.1),
+            rng,
+        ),
+        **_estimate("pair_distribution", (*pair, "distance"), _spread(dataset, g.shape, g), noise, rng),
+        **_estimate("contact_value", pair, _spread(dataset, (3,), contact), 0.02, rng),
+        **_estimate("contact_value_rate", pair, _spread(dataset, (3,), contact), 0.006, rng),
+        "contact_distance": (pair, _spread(dataset, (3,), CONTACT)),
+        "velocity": ("velocity", v),
+        "speed": ("speed", u),
+        "distance": ("distance", r),
+    }
+
+
+def _thermodynamics(dataset, rng):
+    phi = dataset.packing_fraction.values
+    z = theory.compressibility(phi, theory.contact_value(phi))
+    rate = 40 * phi
+    return {
+        **_estimate("compressibility", EACH, z, 0.002 * z, rng),
+        **_estimate("compressibility_rate", EACH, z, 0.001 * z, rng),
+        "enskog_compressibility": (EACH, z),
+        **_estimate("collision_rate", EACH, rate, 0.004 * rate, rng),
+        **_estimate("tracer_collision_rate", EACH, 3 * rate, 0.01 * rate, rng),
+        "enskog_collision_rate": (EACH, rate),
+        "enskog_tracer_collision_rate": (EACH, 2.9 * rate),
+        **_estimate("kinetic_temperature", EACH, 1.6 + 0 * phi, 0.001, rng),
+        **_estimate("wall_pressure", EACH, 40 * phi, 0.1, rng),
+    }

@@ -1,0 +1,131 @@
+"""Pictures and animations of a whole run: what is in them, the same bytes each time, refusals by name."""
+
+import io
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from brownpipe.cli import DONE, FAILED, WRONG, main
+from brownpipe.figures import snapshot
+from brownpipe.state import Track
+from brownpipe.storage import write_trajectories
+from ensembles import make_runs, make_scene
+
+SEEDS = (3, 8)
+
+
+def whole(scene, seed):
+    """A whole run that is no physics: every disk on a straight line, across the edges of the box again and again."""
+    numbers = np.random.default_rng(seed)
+    start, velocity = numbers.uniform(-3, 3, (2, scene.particles, 2))
+    free = start + scene.times[:, None, None] * 5 * velocity + 3
+    image = np.floor_divide(free, 6).astype(np.int32)
+    return Track(free - 6 * image - 3, np.broadcast_to(velocity, free.shape), image)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    scene = make_scene("walk", 12, boundary="periodic")
+    runs = make_runs(scene, SEEDS)
+    tracks = {seed: whole(scene, seed) for seed in SEEDS}
+    path = tmp_path_factory.mktemp("movie") / "runs.h5"
+    write_trajectories(path, scene, "exact", {}, runs.ensemble._replace(whole=tracks))
+    return path
+
+
+def made(path, kind, *options):
+    """The bytes of the file that the verb writes."""
+    target = path.with_suffix(kind)
+    assert main(["movie", str(path), "--output", str(target), *options]) == DONE
+    return target.read_bytes()
+
+
+def test_same_bytes_for_the_same_run(path):
+    for kind in (".png", ".gif"):
+        assert made(path, kind) == made(path, kind, "--seed", "3") != made(path, kind, "--seed", "8")
+
+
+def test_animation_has_the_frames_asked_for(path):
+    for options, frames, pause in (((), 21, 40), (("--frames", "5", "--fps", "10"), 5, 100)):
+        with Image.open(io.BytesIO(made(path, ".gif", *options))) as animation:
+            assert (animation.n_frames, animation.info["duration"], animation.info["loop"]) == (frames, pause, 0)
+
+
+def test_animation_ends_with_the_last_sample(path):
+    def last(*options):
+        with Image.open(io.BytesIO(made(path, ".gif", *options))) as animation:
+            animation.seek(animation.n_frames - 1)
+            return np.asarray(animation.convert("RGB"))
+
+    assert np.array_equal(last(), last("--frames", "1"))
+
+
+def test_video_is_what_ffmpeg_makes_of_raw_frames(path, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main(["movie", str(path), "--output", str(tmp_path / "a.mp4")]) == WRONG
+    assert "a .mp4 needs ffmpeg" in capsys.readouterr().err
+    stand_in = tmp_path / "ffmpeg"
+    stand_in.write_text(f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'wb').write(sys.stdin.buffer.read())\n")
+    stand_in.chmod(0o755)
+    raw = made(path, ".mp4", "--frames", "3")
+    with Image.open(io.BytesIO(made(path, ".gif"))) as animation:
+        width, height = animation.size
+        assert width % 2 == height % 2 == 0  # or H.264 refuses
+        animation.seek(animation.n_frames - 1)
+        last = np.asarray(animation.convert("RGB")).astype(int)
+    frames = np.frombuffer(raw, np.uint8).reshape(3, height, width, 3)
+    assert abs(frames[-1] - last).mean() < 1  # the GIF has fewer colours
+    stand_in.write_text(f"#!{sys.executable}\nraise SystemExit(7)\n")
+    assert main(["movie", str(path), "--output", str(tmp_path / "b.mp4"), "--frames", "1"]) == FAILED
+    assert "ffmpeg failed with exit status 7" in capsys.readouterr().err
+    assert not (tmp_path / "b.mp4").exists()
+
+
+def test_refusals(path, tmp_path, capsys):
+    write_trajectories(tmp_path / "tracer.h5", make_scene(), "exact", {}, make_runs(make_scene(), [1]).ensemble)
+    asked = {
+        "holds no whole runs; make it again: brownpipe simulate SCENE --record all": [tmp_path / "tracer.h5"],
+        "seed 17 is not in it; its whole runs have the seeds 3,8": [path, "--seed", "17"],
+        "the output must end in .gif, .mp4 or .png, not '.avi'": [path, "--output", tmp_path / "run.avi"],
+        "is an input": [path, "--output", path],
+    }
+    for message, arguments in asked.items():
+        assert main(["movie", *map(str, arguments)]) == WRONG
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1
+
+
+def test_images_of_disks_that_reach_over_an_edge():
+    scene = make_scene(particles=2, boundary="periodic")
+    centres, which = snapshot._with_images(scene, np.array([[-2.9, 2.8], [0.0, -2.95]]))
+    found = sorted((int(k), *map(float, centre.round(9))) for k, centre in zip(which, centres, strict=True))
+    corner = [(0, x, y) for x in (-2.9, 3.1) for y in (-3.2, 2.8)]
+    assert found == [*corner, (1, 0.0, -2.95), (1, 0.0, 3.05)]
+    assert list(which) == sorted(which, reverse=True)  # the disk that is followed lies on top
+    walled = make_scene(particles=2)
+    assert len(snapshot._with_images(walled, np.array([[-2.7, 2.7], [0.0, -2.9]]))[1]) == 2
+
+
+def test_path_goes_on_at_the_other_edge(path):
+    """The pieces, each a straight line, make up the whole way: their length is that of free flight."""
+    scene = make_scene("walk", 12, boundary="periodic")
+    track = whole(scene, 3)
+    run = snapshot.Run(scene, 3, scene.times, track.position, track.image[:, 0])
+    points, ends = snapshot._path(run)
+    assert np.abs(np.diff(track.image[:, 0], axis=0)).max() == 1
+    for k in range(len(scene.times)):
+        np.testing.assert_array_equal(points[ends[k] - 1], track.position[k, 0])
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    gaps, crossings = np.isnan(steps).sum() / 2, np.diff(track.image[:, 0], axis=0).any(axis=1).sum()
+    assert gaps == crossings > 1
+    speed = 5 * np.hypot(*track.velocity[0, 0])
+    # a crossing step is drawn twice, once to beyond either edge
+    assert np.nansum(steps) == pytest.approx(speed * (1 + 0.05 * crossings))
+
+
+def test_time_is_said_to_the_digit():
+    assert snapshot._time_text(np.array([0, 0.25, 0.5, 0.75]), 1) == "$t$ = 0.25"
+    assert snapshot._time_text(np.arange(11) * 0.1, 3) == "$t$ = 0.3"
+    assert snapshot._time_text(np.array([0.0, 5.0]), 1) == "$t$ = 5"
