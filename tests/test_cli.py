@@ -215,6 +215,10 @@ def test_version(capsys):
         (["aggregate", "x.h5"], "required: --output"),
         (["aggregate", "x.h5", "--output", "a.nc", "--fit-windows", "1:0"], "must be T0:T1 with 0 <= T0 < T1"),
         (["aggregate", "x.h5", "--output", "a.nc", "--ring-width", "nan"], "must be a finite number > 0, not 'nan'"),
+        (
+            ["aggregate", "x.h5", "--output", "a.nc", "--displacement-times", "0"],
+            "must be a finite number > 0, not '0'",
+        ),
         (["aggregate", "x.h5", "--output", "a.nc", "--rings", "0"], "must be an integer from 1 to"),
         (["figures", "a.nc", "--output", "f", "--figures", "msds"], "invalid choice: 'msds'"),
         (["check", "absent.yaml"], "absent.yaml: cannot be read"),

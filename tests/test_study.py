@@ -56,6 +56,7 @@ def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     assert study.table["one"]["0"]["file"] == str(tmp_path / "scenes" / "one.yaml").lstrip("/")  # seen from here
     assert study.figures == ("health",)  # nothing moves
     assert study.fit_windows == ((0.1, 1.0), (0.5, 1.0))
+    assert study.displacement_times == ()
 
 
 ALL_ENGINES = [
@@ -210,6 +211,9 @@ def test_wrong_seeds_are_refused(text, allowed):
         ({"figures": ["helth"]}, "figures[0]: 'helth' is unknown; did you mean health?"),
         ({"figures": ["msd", "msd"]}, "figures: must be figures that differ"),
         ({"particles": 50, "figures": "particle_counts"}, "figures: particle_counts needs two particle counts or more"),
+        ({"displacement_times": [0.333]}, "displacement_times[0]: must be a sample time of some scene, not 0.333"),
+        ({"displacement_times": [0.5, 0.5]}, "displacement_times[1]: must be given once, not 0.5"),
+        ({"displacement_times": [0.0]}, "displacement_times[0]: must be a finite number > 0, not 0.0"),
         ({"fit_windows": []}, "fit_windows: must be a list that is not empty"),
         (
             {"fit_windows": [[0.5, 0.1]]},

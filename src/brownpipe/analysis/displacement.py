@@ -117,7 +117,7 @@ def _estimate(case, found):
     if "msd" not in found:
         return {}
     msd, lines, times = found.estimate("msd"), found.estimate("lines"), case.times
-    slope, intercept = (type(lines)(*(values[k] for values in lines)) for k in range(2))
+    slope, intercept = (resampling.Estimate(*(values[k] for values in lines)) for k in range(2))
     over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
     values = {
         **with_interval("msd", msd),
@@ -143,8 +143,8 @@ def _controlled(case, found):
         return {}
     r2, v2, drawn_r2, drawn_v2 = found.mean("msd"), found.mean("v2"), found.drawn("msd"), found.drawn("v2")[:, None]
     b, left = _regression(found.mean("r2_v2") - r2 * v2, found.variance("msd"), found.variance("v2"))
-    variances = (found.drawn_variance(name) for name in ("msd", "v2"))
-    drawn_b, drawn_left = _regression(found.drawn("r2_v2") - drawn_r2 * drawn_v2, *_columns(*variances))
+    of_r2, of_v2 = found.drawn_variance("msd"), found.drawn_variance("v2")[:, None]
+    drawn_b, drawn_left = _regression(found.drawn("r2_v2") - drawn_r2 * drawn_v2, of_r2, of_v2)
     value = r2 - b * (v2 - initial_square_speed(case.scene))
     error = np.sqrt(left / (found.runs - 2))
     shift = drawn_r2 - drawn_b * (drawn_v2 - v2) - r2
@@ -152,10 +152,6 @@ def _controlled(case, found):
     whole = found.variance("msd")
     ratio = np.divide(left, whole, out=np.full_like(whole, np.nan), where=whole > 0.0)
     return with_interval("msd_controlled", estimate) | {"control_variance_ratio": ratio}
-
-
-def _columns(of_r2, of_v2):
-    return of_r2, of_v2[:, None]
 
 
 def _regression(covariance, of_r2, of_v2):
