@@ -1,6 +1,5 @@
 """Figure `pair_distribution`: g(r) of every pair of species, and its value at contact by two routes."""
 
-
 from brownpipe.figures.cases import defined, has, plus_minus, title_of
 from brownpipe.figures.style import DATA, DOTTED, FIT, FREE, START, band, bars, grid, head
 from brownpipe.figures.tables import long_table
