@@ -58,7 +58,7 @@ def _density(main, low, case, name):
         mine = case.sel(species=kind)
         found, error = mine[name].values, mine[f"{name}_standard_error"].values
         main.plot(case[dim], found, marker, color=colour, markersize=3, markerfacecolor="none", label=kind)
-        some = expected * found >= FEWEST_COUNTS * np.fmax(error, 1e-300) ** 2  # (found/error)^2 were counted
+        some = (error > 0) & (expected * found >= FEWEST_COUNTS * error**2)  # (found/error)^2 were counted
         scatter = (error * np.sqrt(expected / np.where(some, found, 1)))[some]  # of as many as are expected
         low.plot(case[dim][some], (found - expected)[some] / scatter, marker, color=colour, markersize=2.5)
     seen = expected > FEWEST
