@@ -10,6 +10,7 @@ from brownpipe.figures.style import INK, KINDS, START, head, tall_and_low
 from brownpipe.figures.tables import Table, long_table
 
 LIKELY = 2.0  # deviations of up to so many standard errors lie in the grey band
+FEWEST_COUNTS = 5  # expected in a bin whose residual is shown
 FEWEST = 1e-6  # densities below are not shown
 NEEDS = ("velocity_density",)
 LACKING = "the observable velocity_distribution was not asked for"
@@ -57,7 +58,7 @@ def _density(main, low, case, name):
         mine = case.sel(species=kind)
         found, error = mine[name].values, mine[f"{name}_standard_error"].values
         main.plot(case[dim], found, marker, color=colour, markersize=3, markerfacecolor="none", label=kind)
-        some = found > 0
+        some = (error > 0) & (expected * found >= FEWEST_COUNTS * error**2)  # (found/error)^2 were counted
         scatter = (error * np.sqrt(expected / np.where(some, found, 1)))[some]  # of as many as are expected
         low.plot(case[dim][some], (found - expected)[some] / scatter, marker, color=colour, markersize=2.5)
     seen = expected > FEWEST
