@@ -60,6 +60,18 @@ def resample_each(samples):
     return dict(zip(samples, estimates, strict=True))
 
 
+def replicates(samples, other=False):
+    """What resampling the runs of `samples` (runs, Q) does to their mean: (REPLICATES, Q) deviations from it.
+
+    `other` takes a second, independent set of replicates. To the bit as in `resample`.
+    """
+    samples = np.asarray(samples, float)
+    deviation, chunk = _on_a_grid(samples - samples.mean(axis=0)), max(1, _CHUNK // len(samples))
+    starts, later = range(0, REPLICATES, chunk), REPLICATES * other
+    sums = [_weights(len(samples), k + later, min(chunk, REPLICATES - k)) @ deviation for k in starts]
+    return np.concatenate(sums) / len(samples)
+
+
 def _interval(deviation):
     """Both ends of the 95 % interval in standard errors from the mean, (2, columns); 0 for columns without scatter."""
     runs = len(deviation)
