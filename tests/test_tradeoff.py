@@ -2,12 +2,16 @@
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from brownpipe.tradeoff import bias, front
+from brownpipe import storage, tradeoff
+from brownpipe.analysis import AnalysisError
+from brownpipe.tradeoff import bias, cost, front
 from brownpipe.tradeoff.front import Setting, Stretch
+from ensembles import make_runs, make_scene, write
 
 ENSEMBLES = 300
 
@@ -144,3 +148,113 @@ def test_runs_for_a_tolerance():
     assert front.runs_for(0.02, 0.01**2, 1.0) == math.ceil(1 / (0.02**2 - 0.01**2))
     assert front.runs_for(0.02, 0.02**2, 1.0) is None
     assert front.runs_for(0.9, 0.0, 1.0) == front.FEWEST_RUNS
+
+
+# -- from trajectory files to a dataset -----------------------------------------------------------------------------
+
+STEP = {"time_step": 0.01, "precision": "double"}
+PRICES = {"exact": 1e-3, "timestep-0.01": 2e-4}
+
+
+def price(engine, scene):
+    return PRICES[engine.label] * scene.particles / 20
+
+
+def stretched(trajectories, by, settings=STEP):
+    """The same runs by an engine whose displacements are larger by a factor."""
+    ensemble = trajectories.ensemble
+    track = ensemble.tracer._replace(position=ensemble.tracer.position * by)
+    return trajectories._replace(engine="timestep", settings=settings, ensemble=ensemble._replace(tracer=track))
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """400 exact runs, the first 200 of them again with 5 % larger steps, and other exact runs to be taken instead."""
+    folder, scene, small = tmp_path_factory.mktemp("files"), make_scene("full"), make_scene("small", particles=10)
+    exact = [make_runs(scene, range(300), failed=(7,)), make_runs(scene, range(300, 400))]
+    fast = stretched(make_runs(scene, range(200), failed=(11,)), 1.05)
+    runs = [*exact, fast, make_runs(small, range(1000, 1300))]
+    return [write(folder / str(k), one) for k, one in enumerate(runs) if (folder / str(k)).mkdir() is None]
+
+
+@pytest.fixture(scope="module")
+def prices(files):
+    return tradeoff.measure(files, {"full": ["small"]}, seconds_per_run=price)
+
+
+def test_bias_of_paired_runs_is_found_to_the_last_digits(prices):
+    one = prices.sel(scene="full", setting="timestep-0.01")
+    assert (one.runs, one.failed_runs, one.paired_runs) == (199, 1, 198)  # seed 7 failed in the exact engine
+    # the same runs, stretched: regression leaves nothing but what 198 of them say about 399
+    assert one.msd_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.msd_bias_standard_error))
+    assert one.msd_bias_standard_error < 0.2 * float(one.msd_spread) / math.sqrt(199)
+    assert one.d_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.d_bias_standard_error))
+    assert one.msd_curve_bias.values[:5] == pytest.approx(1.05**2 - 1, abs=0.05)
+    assert one.departure_time == pytest.approx(0.05)  # the first sample
+
+
+def test_stand_in_is_compared_unpaired(prices):
+    one = prices.sel(scene="full", setting="exact in small")
+    assert (one.runs, one.paired_runs) == (300, 0) and np.isnan(one.departure_time)
+    assert abs(one.msd_bias) < 4 * one.msd_bias_standard_error
+    assert one.msd_bias_standard_error == pytest.approx(math.sqrt(1 / 300 + 1 / 399), rel=0.2)
+    assert one.seconds == pytest.approx(0.5e-3)
+
+
+def test_exact_runs_are_off_by_nothing(prices):
+    one = prices.sel(scene="full", setting="exact")
+    assert one.msd_bias == one.msd_bias_square == one.displacement_bias == one.d_bias == 0.0
+    assert one.departure_time == np.inf and one.study_seconds == pytest.approx(0.4)
+    assert one.msd_spread == pytest.approx(1.0, rel=0.2)  # r^2 of a Gaussian displacement; 400 runs say so to 7 %
+
+
+def test_what_pays_is_the_front_of_the_settings(prices):
+    settings = tradeoff.settings_of(prices, "full")
+    assert [one.label for one in settings] == ["exact", "exact in small", "timestep-0.01"]
+    for stretch in tradeoff.pareto_front(settings):
+        one = prices.sel(scene="full", setting=stretch.label)
+        assert (one.pays_from, one.pays_to) == (pytest.approx(stretch.start), pytest.approx(stretch.end))
+
+
+def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, prices, tmp_path):
+    again = tradeoff.measure(files[::-1], {"full": ["small"]}, seconds_per_run=lambda *_: 1.0)
+    timed = ["seconds", "study_seconds", "pays_from", "pays_to"]
+    assert again.drop_vars(timed).identical(prices.drop_vars(timed))
+    storage.write_dataset(tmp_path / "prices.nc", prices)
+    assert storage.read_dataset(tmp_path / "prices.nc").identical(prices)
+
+
+def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
+    with pytest.raises(AnalysisError, match=r"^full: no runs of the exact engine to compare with"):
+        tradeoff.measure(files[2:3], seconds_per_run=price)
+    with pytest.raises(AnalysisError, match="seed 300 is there twice"):
+        tradeoff.measure([*files, files[1]], seconds_per_run=price)
+    with pytest.raises(
+        AnalysisError, match=r"^nowhere: no runs of the exact engine, and so it cannot stand in for full"
+    ):
+        tradeoff.measure(files, {"full": ["nowhere"]}, seconds_per_run=price)
+    short = write(tmp_path, make_runs(make_scene("short", duration=0.5), range(10)))
+    with pytest.raises(AnalysisError, match=r"^short: has other sample times than full"):
+        tradeoff.measure([*files, short], {"full": ["short"]}, seconds_per_run=price)
+
+
+class Clocked(NamedTuple):
+    """An engine whose runs take 3 ms each by a clock of its own; the first call compiles, and one call is disturbed."""
+
+    clock: list
+    calls: list
+
+    def simulate(self, scene, seeds, record):
+        late = {0: 5.0, 3: 1.0}.get(len(self.calls), 0.0)
+        self.calls.append(list(seeds))
+        self.clock[0] += late + 3e-3 * len(seeds)
+
+
+def test_a_price_leaves_out_compiling_and_what_disturbs(monkeypatch):
+    engine = Clocked([0.0], [])
+    monkeypatch.setattr(cost.time, "process_time", lambda: engine.clock[0])
+    assert cost.seconds_per_run(engine, None) == pytest.approx(3e-3)
+    stretches = engine.calls[2:]
+    assert len(stretches) == cost.STRETCHES and {len(seeds) for seeds in stretches} == {math.ceil(cost.LEAST / 3e-3)}
+    seeds = sum(engine.calls, [])
+    assert len(set(seeds)) == len(seeds) and min(seeds) > 10**9  # new runs each time, none of a study

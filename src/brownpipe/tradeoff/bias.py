@@ -50,6 +50,14 @@ class Distance(NamedTuple):
     noise: float  # what equal distributions would show on average with these runs
 
 
+NO_DISTANCE = Distance(0.0, 0.0, 0.0, 0.0)
+
+
+def none_of(exact):
+    """The bias of the exact runs (S, ...) themselves: none."""
+    return Bias(*(np.zeros(np.shape(exact)[1:]) for _ in Bias._fields))
+
+
 def same_seeds(approximate, exact):
     """Indices (n,), (n,) of the seeds that both engines ran, in ascending order of the seeds."""
     _, mine, theirs = np.intersect1d(approximate, exact, assume_unique=True, return_indices=True)

@@ -61,6 +61,18 @@ def pareto_front(settings):
     return stretches
 
 
+def settings_of(dataset, scene, observable="msd"):
+    """The settings of a scene of the dataset, the exact one first, as they are for `msd`, `d` or `displacement`."""
+    of_scene = dataset.sel(scene=scene)
+    settings = []
+    for label in of_scene.setting.values:
+        one = of_scene.sel(setting=label)
+        if one.runs > 0:
+            square = float(one[f"{observable}_bias_square"])
+            settings.append(Setting(str(label), square, float(one[f"{observable}_spread"]), float(one.seconds)))
+    return sorted(settings, key=lambda one: one.label != "exact")
+
+
 def _crossing(one, other):
     """The CPU time at which two settings are equally good; 0 if there is none."""
     price = one.spread**2 * one.seconds - other.spread**2 * other.seconds
