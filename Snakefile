@@ -17,6 +17,7 @@ except SceneError as error:
     sys.exit(f"brownpipe: {error}")
 results = f"results/{study.name}"
 cases = study.table
+engines = {one.label: {"words": one.words, "made_with": made_with("simulate", one.name)} for one in study.engines}
 
 
 report: "workflow/report/study.rst"

@@ -396,7 +396,7 @@ def test_no_files():
 
 def test_two_sources_are_not_averaged(tmp_path, monkeypatch):
     first = write(tmp_path, make_runs(make_scene(), range(20)))
-    monkeypatch.setattr(trajectories, "source_digest", lambda: "another")
+    monkeypatch.setattr(trajectories, "source_digest", lambda **_: "another")
     second = write(tmp_path, make_runs(make_scene(), range(20, 30)))
     with pytest.raises(analysis.AnalysisError, match=r"20-29\.h5: made by another source code than .*0-19\.h5"):
         aggregate([first, second])

@@ -25,6 +25,9 @@ def test_scene():
     assert "t = 0 to 1, 101 samples" in said["run"]
     assert "walls, radius and mass of each disk, 1 much bigger than the rest" in said["engine"]
     assert "560 collisions between disks and 110 with walls" in said["expected"]
+    assert "in steps of --time-step; some " in said["timestep"]
+    assert "--friction enskog: the tracer alone, gamma = 7.26; no 1/t tail" in said["langevin"]
+    assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in said["caution"]
 
 
 def test_scene_with_another_number_of_disks():
@@ -39,6 +42,7 @@ def test_explicit_disks(tmp_path):
     assert "start     as listed" in text
     assert "periodic images, equal disks" in text
     assert "too few disks to say" in text
+    assert "langevin  no: needs a scene with species" in text
 
 
 def test_study():
@@ -48,6 +52,20 @@ def test_study():
     assert "19,200 runs in 8 jobs of up to 2,400 seeds" in lines[-2]
     assert "in results/harrison2020" in lines[-2]
     assert lines[-1] == "figures   msd, displacement_distribution, particle_counts, health"
+
+
+def test_study_of_several_engines(tmp_path):
+    scene = CONFIG / "scenes" / "harrison2020.yaml"
+    engines = "[exact, {name: timestep, time_step: 1e-3}, {name: langevin, friction: enskog}]"
+    text = f"scenes: {scene}\nparticles: [50, 150]\nseeds: 60\nengines: {engines}\n"
+    (tmp_path / "study.yaml").write_text(text)
+    lines = describe(str(tmp_path / "study.yaml")).splitlines()
+    assert [line.split(":")[0].split()[-1] for line in lines if line.startswith("engine ")] == [
+        "exact", "timestep-0.001", "langevin-enskog"
+    ]  # fmt: skip
+    assert "gamma = 2 to 7.26" in "\n".join(lines)
+    assert sum(line.startswith("caution ") for line in lines) == 1
+    assert "360 runs in 6 jobs" in lines[-2]
 
 
 def test_particles_are_not_for_studies():
@@ -109,7 +127,7 @@ def test_a_heavy_tracer_does_not_heat_the_bath_beforehand():
 
 @pytest.mark.parametrize("value", [0.0, 1e-300, 1e300])
 def test_any_speed_has_a_cost(value):
-    assert len(check._scene(heavy(1.0, {"standard_deviation": value}))) == 7
+    assert len(check._scene(heavy(1.0, {"standard_deviation": value}))) >= 9
 
 
 def test_times_are_said_in_digits():

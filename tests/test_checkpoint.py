@@ -298,8 +298,8 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
     if option == "scene":
         Path("some.yaml").write_text(SCENE.replace("DURATION", value))
     elif option in ("source", "numba"):
-        made_with = provenance.made_with("simulate")
-        monkeypatch.setattr(provenance, "made_with", lambda _: made_with | {option: value})
+        made_with = provenance.made_with("simulate", "exact")
+        monkeypatch.setattr(provenance, "made_with", lambda *_: made_with | {option: value})
     else:
         asked += [option, value]
     status, err = said(capsys, *asked)

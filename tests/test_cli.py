@@ -8,17 +8,19 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from brownpipe import cli, exact
+from brownpipe import cli, exact, provenance
 from brownpipe.cli import DONE, FAILED, WRONG, main
 from brownpipe.kernels import RunError
 from brownpipe.storage import read_dataset, read_trajectories
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
 SCENE = str(SCENES / "harrison2020.yaml")
+STEP, LANGEVIN = ["--engine", "timestep", "--time-step", "0.01"], ["--engine", "langevin", "--friction"]
 VERBS = ("simulate", "aggregate", "figures", "inspect", "check")
 
 
@@ -88,6 +90,38 @@ def test_the_command_in_a_file_makes_the_file_again(record, capsys):
     assert Path("harrison2020.h5").read_bytes() == first
 
 
+@pytest.mark.parametrize("friction", ["enskog", "boltzmann"])
+def test_the_command_in_a_file_names_engine_and_settings(friction, capsys):
+    status, out, err = said(capsys, "simulate", SCENE, "--engine", "langevin", "--friction", friction)
+    assert (status, out) == (DONE, "")
+    assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in err
+    first, found = Path("harrison2020.h5").read_bytes(), read_trajectories("harrison2020.h5")
+    assert (found.engine, found.settings) == ("langevin", {"friction": friction})
+    command = re.search(rb"`(brownpipe [^`]*)`", first)[1].decode().split()
+    assert command[-4:] == ["--engine", "langevin", "--friction", friction]
+    os.symlink(SCENE, "harrison2020.yaml")
+    assert said(capsys, *command[1:])[0] == DONE
+    assert Path("harrison2020.h5").read_bytes() == first
+
+
+def test_an_engine_gets_its_settings_and_no_other(capsys, monkeypatch, runs):
+    """The engine of time steps stood in for: what it is called with and what the file says."""
+    calls = []
+
+    def simulate(scene, seeds, record, **given):
+        calls.append((list(seeds), record, given))
+        return read_trajectories(runs).ensemble
+
+    monkeypatch.setitem(sys.modules, "brownpipe.timestep", SimpleNamespace(simulate=simulate))
+    monkeypatch.setitem(provenance.ENGINES, "timestep", provenance.SOURCES)
+    asked = ["simulate", SCENE, "--particles", 10, "--seeds", "0-2", *STEP, "--output", "x.h5"]
+    assert said(capsys, *asked) == (DONE, "", "")
+    assert calls == [([0, 1, 2], frozenset({"tracer"}), {"time_step": 0.01, "precision": "double"})]
+    assert read_trajectories("x.h5").settings == {"time_step": 0.01, "precision": "double"}
+    assert b"--engine timestep --time-step 0.01 --precision double`" in Path("x.h5").read_bytes()
+    assert "engine       timestep" in said(capsys, "inspect", "x.h5")[1]
+
+
 def test_record_none_keeps_the_observables(capsys):
     assert said(capsys, "simulate", SCENE, "--particles", 10, "--record", "none")[0] == DONE
     ensemble = read_trajectories("harrison2020.h5").ensemble
@@ -154,8 +188,27 @@ def test_version(capsys):
         (["simulate", SCENE, "--seeds", "99999999999999999999"], "seeds: must be seeds"),
         (["simulate", SCENE, "--record", "everything"], "--record everything: must be one or several of tracer, all"),
         (["simulate", SCENE, "--record", "none,all"], "--record none,all: must be one or several of"),
-        (["simulate", SCENE, "--engine", "timestep"], "--engine timestep: not implemented; must be exact"),
-        (["simulate", SCENE, "--time-step", "1e-3"], "--time-step 1e-3: not implemented; the exact engine has no"),
+        (["simulate", SCENE, "--engine", "timestp"], "--engine: 'timestp' is unknown; did you mean timestep? must be"),
+        (["simulate", SCENE, "--engine", "timestep"], "--time-step: missing; must be given with --engine timestep"),
+        (["simulate", SCENE, "--engine", "langevin"], "--friction: missing; must be given with --engine langevin"),
+        (
+            ["simulate", SCENE, "--time-step", "1e-3"],
+            "--time-step 0.001: the exact engine has no such setting",
+        ),
+        (["simulate", SCENE, "--time-step", "0"], "--time-step: must be a finite number > 0, not '0'"),
+        (["simulate", SCENE, *STEP, "--precision", "half"], "--precision: 'half' is unknown; must be double or single"),
+        (["simulate", SCENE, *STEP, "--friction", "enskog"], "--friction enskog: the timestep engine has no such"),
+        (["simulate", SCENE, *LANGEVIN, "stokes"], "--friction: 'stokes' is unknown; must be enskog or boltzmann or"),
+        (["simulate", SCENE, *LANGEVIN, "enskog", "--precision", "single"], "--precision single: the langevin engine"),
+        (
+            ["simulate", SCENE, *LANGEVIN, "enskog", "--record", "all,events"],
+            "--record all,events: the langevin",
+        ),
+        (
+            ["simulate", SCENE, *LANGEVIN, "enskog", "--checkpoint-every", "9"],
+            "--checkpoint-every 9: the langevin",
+        ),
+        (["simulate", SCENE, *STEP, "--checkpoint-every", "9"], "keeps no checkpoints; must go with exact"),
         (["simulate", SCENE, "--sed", "1"], "unrecognized arguments: --sed 1"),
         (["aggregate", "x.h5"], "required: --output"),
         (["aggregate", "x.h5", "--output", "a.nc", "--fit-windows", "1:0"], "must be T0:T1 with 0 <= T0 < T1"),

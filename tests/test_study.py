@@ -58,13 +58,31 @@ def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     assert study.fit_windows == ((0.1, 1.0), (0.5, 1.0))
 
 
-def test_engine_with_settings_is_read_by_the_table(monkeypatch):
-    table = {"exact": {}, "timestep": {"time_step": lambda entry: float(entry.value)}}
-    monkeypatch.setattr(study_module, "ENGINES", table)
-    study = small(engines=["exact", {"name": "timestep", "time_step": 0.001}])
-    assert [engine.label for engine in study.engines] == ["exact", "timestep-0.001"]
-    with pytest.raises(SceneError, match=r"engines\[0\].time_step: missing"):
-        small(engines=[{"name": "timestep"}])
+ALL_ENGINES = [
+    "exact",
+    {"name": "timestep", "time_step": 0.001},
+    {"name": "timestep", "time_step": 0.001, "precision": "single"},
+    {"name": "timestep", "time_step": 1e-5},
+    {"name": "langevin", "friction": "enskog"},
+]
+
+
+def test_engines_have_short_labels_and_say_all_on_the_command_line():
+    engines = small(engines=ALL_ENGINES).engines
+    labels = ["exact", "timestep-0.001", "timestep-0.001-single", "timestep-1e-05", "langevin-enskog"]
+    assert [engine.label for engine in engines] == labels
+    assert engines[0].words == "exact"
+    assert engines[1].words == "timestep --time-step 0.001 --precision double"
+    assert engines[2].words == "timestep --time-step 0.001 --precision single"
+    assert engines[4].words == "langevin --friction enskog"
+
+
+@given(st.floats(5e-324, 1.7e308), st.floats(5e-324, 1.7e308))
+@settings(max_examples=100, deadline=None)
+def test_labels_of_different_time_steps_differ_and_are_names_of_folders(one, other):
+    labels = {Engine("timestep", (("time_step", step), ("precision", "double"))).label for step in (one, other)}
+    assert len(labels) == len({one, other})
+    assert all("/" not in label and label.isascii() for label in labels)
 
 
 # -- seeds ---
@@ -163,9 +181,18 @@ def test_wrong_seeds_are_refused(text, allowed):
         ({"particles": [50, 50]}, "particles: must be particle counts that differ, not [50, 50]"),
         ({"particles": []}, "particles: must be a list that is not empty, not []"),
         ({"particles": ["50"]}, "particles[0]: must be an integer from 0 to 10000000, not '50'"),
-        ({"engines": "timestep"}, "engines.name: 'timestep' is unknown; must be exact"),
-        ({"engines": ["exat"]}, "engines[0].name: 'exat' is unknown; did you mean exact? must be exact"),
-        ({"engines": [{"name": "langevin", "friction": "enskog"}]}, "engines[0].name: 'langevin' is unknown"),
+        ({"engines": "timestep"}, "engines.time_step: missing; must be given"),
+        (
+            {"engines": [{"name": "timestep", "time_step": 0}]},
+            "time_step: must be a finite number > 0, not 0",
+        ),
+        (
+            {"engines": [{"name": "timestep", "time_step": 1, "precision": "half"}]},
+            "engines[0].precision: 'half' is unknown; must be double or single",
+        ),
+        ({"engines": ["exat"]}, "engines[0].name: 'exat' is unknown; did you mean exact? must be exact or timestep or"),
+        ({"engines": ["langevin"]}, "engines[0].friction: missing; must be given"),
+        ({"engines": [{"name": "langevin", "friction": "stokes"}]}, "friction: 'stokes' is unknown; must be enskog or"),
         ({"engines": [{"name": "exact", "time_step": 1}]}, "engines[0]: unknown key 'time_step'; allowed: name"),
         ({"engines": ["exact", "exact"]}, "engines: must be engines or settings that differ"),
         ({"figures": ["helth"]}, "figures[0]: 'helth' is unknown; did you mean health?"),

@@ -1,10 +1,14 @@
 """What a scene or a study asks for, in words and numbers, before anything is run: `brownpipe check`."""
 
-from brownpipe import cost, reading
+from collections.abc import Sequence
+
+from brownpipe import cost, friction, reading
+from brownpipe.engines import Engine, caution, refuse_unfit
 from brownpipe.scene import MOST_BYTES, Scene, parse_scene
 from brownpipe.study import Study, read_study
 
 STUDY_KEYS = {"scenes", "seeds", "engines", "batch", "figures"}  # that no scene has
+STEPS = 1000  # of a run, to name a cost of the time step engine
 FEWEST = 10  # disks that make a gas
 
 
@@ -34,6 +38,7 @@ def _scene(scene: Scene) -> list[str]:
         f"expected  {_expected(scene, one)}",
         f"cost      some {_time(one.seconds)} of CPU a run, once {cost.START_UP:g} s have passed to start;"
         f" {_bytes(one.working)} of memory, {_bytes(one.recorded)} of file",
+        *_others(scene),
     ]
 
 
@@ -75,6 +80,35 @@ def _engine(scene: Scene) -> str:
     return f"{edge}, {alike}{big}, {w.grid.columns} x {w.grid.lines} cells"
 
 
+def _others(scene: Scene) -> list[str]:
+    """What the other engines would make of the scene."""
+    step = Engine("timestep", (("time_step", scene.duration / STEPS), ("precision", "double")))
+    stepping = f"in steps of --time-step; some {_time(cost.of_engine(step, scene).seconds)} a run in {STEPS:,} steps"
+    engine = Engine("langevin", (("friction", "enskog"),))
+    try:
+        refuse_unfit(engine, scene)
+    except reading.SceneError as error:
+        return [f"timestep  {stepping}", f"langevin  no: {str(error).partition('--engine langevin ')[2]}"]
+    stochastic = f"{_model(engine, [scene])}; some {_time(cost.of_engine(engine, scene).seconds)} a run"
+    return [f"timestep  {stepping}", f"langevin  --friction enskog: {stochastic}", *_cautions(engine, [scene])]
+
+
+def _model(engine: Engine, scenes: Sequence[Scene]) -> str:
+    """What an engine will model, in words."""
+    if engine.name == "exact":
+        return "from collision to collision"
+    if engine.name == "timestep":
+        return "all disks, in steps"
+    which = dict(engine.settings)["friction"]
+    rates = [] if which == "measured" else sorted(friction.friction_rate(one, which) for one in scenes)
+    gamma = " to ".join(dict.fromkeys(f"{rate:.3g}" for rate in rates[:1] + rates[-1:])) or "as measured"
+    return f"the tracer alone, gamma = {gamma}; no 1/t tail of the velocity autocorrelation, no cage"
+
+
+def _cautions(engine: Engine, scenes: Sequence[Scene]) -> list[str]:
+    return [f"caution   {one}" for one in dict.fromkeys(caution(engine, scene) for scene in scenes) if one]
+
+
 def _study(study: Study) -> list[str]:
     runs, batches = len(study.seeds), len(study.batches)
     costs = [cost.of_run(case) for case in study.cases]
@@ -84,14 +118,17 @@ def _study(study: Study) -> list[str]:
         count = _rounded(one.pair_collisions + one.wall_collisions)
         row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {count:>11} {_time(one.seconds):>9}"
         lines.append(f"{case.name:<{names}}  {row} {_bytes(one.recorded):>9}")
-    engines, jobs = len(study.engines), len(study.jobs())
-    seconds = engines * sum(batches * cost.START_UP + runs * one.seconds for one in costs)
+    each, engines, jobs = [], len(study.engines), len(study.jobs())
+    for engine in study.engines:
+        takes = [cost.of_engine(engine, case) for case in study.cases]
+        each.append(sum(batches * (cost.START_UP + one.once) + runs * one.seconds for one in takes))
+        lines.append(f"engine    {engine.label}: {_model(engine, study.cases)}; some {_time(each[-1])} of CPU")
+        lines += _cautions(engine, study.cases)
     size = engines * sum(runs * one.recorded for one in costs)
     total = f"{engines * runs * len(costs):,} runs in {jobs} jobs of up to {min(study.batch, runs):,} seeds"
     return [
         *lines,
-        f"engines   {', '.join(engine.label for engine in study.engines)}",
-        f"total     {total}: some {_time(seconds)} of CPU, {_bytes(size)} in results/{study.name}",
+        f"total     {total}: some {_time(sum(each))} of CPU, {_bytes(size)} in results/{study.name}",
         f"figures   {', '.join(study.figures)}",
     ]
 

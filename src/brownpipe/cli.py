@@ -69,25 +69,24 @@ def simulate(arguments) -> int:
     the same file, byte for byte.
     """
     from brownpipe import cost
-    from brownpipe.scene import SceneError, read_scene
-    from brownpipe.study import ENGINES, parse_seeds, refuse_repetition
+    from brownpipe.engines import caution, refuse_unfit
+    from brownpipe.scene import read_scene
+    from brownpipe.study import parse_seeds, refuse_repetition
 
-    if arguments.engine not in ENGINES:
-        raise SceneError(f"--engine {arguments.engine}: not implemented; must be {' or '.join(ENGINES)}")
-    if arguments.time_step is not None:
-        raise SceneError(f"--time-step {arguments.time_step}: not implemented; the exact engine has no time step")
-    record, seeds = _record(arguments.record), parse_seeds(arguments.seeds)
+    engine, record, seeds = _engine(arguments), _record(arguments.record), parse_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
     refuse_repetition([scene], seeds)
+    refuse_unfit(engine, scene, record)
     cost.refuse_too_large(scene, len(seeds), record)
     output = _writable(arguments.output or f"{scene.name}.h5", arguments.scene)
 
-    from brownpipe import exact
     from brownpipe.storage import remove_checkpoint, seed_text, write_trajectories
 
+    if remark := caution(engine, scene):
+        _say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
-    ensemble = exact.simulate(scene, seeds, record, *_checkpoints(arguments, checkpoint, scene, seeds, record))
-    write_trajectories(output, scene, arguments.engine, {}, ensemble)
+    ensemble = engine.simulate(scene, seeds, record, *_checkpoints(arguments, checkpoint, scene, seeds, record))
+    write_trajectories(output, scene, engine.name, dict(engine.settings), ensemble)
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
     failed = ensemble.seeds[ensemble.observables["failed"] > 0]
@@ -139,6 +138,19 @@ def check(arguments) -> int:
     return DONE
 
 
+def _engine(arguments):
+    """The engine asked for, with its settings. Only the exact one can go on where a run was killed."""
+    from brownpipe.engines import ENGINES, asked_for
+    from brownpipe.reading import SceneError
+
+    settings = {key: getattr(arguments, key) for one in ENGINES.values() for key in one}
+    engine = asked_for(arguments.engine, {key: value for key, value in settings.items() if value is not None})
+    if arguments.checkpoint_every is not None and engine.name != "exact":
+        asked = f"--checkpoint-every {arguments.checkpoint_every:g}"
+        raise SceneError(f"{asked}: the {engine.name} engine keeps no checkpoints; must go with exact")
+    return engine
+
+
 def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
     """What `exact.simulate` needs to keep checkpoints and to go on from the one that is there; nothing if unasked."""
     if arguments.checkpoint_every is None:
@@ -148,7 +160,7 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
     from brownpipe.storage import read_checkpoint, seed_text, write_checkpoint
 
     asked = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
-    made_by = asked | {"engine": arguments.engine, "scene": scene.digest} | made_with("simulate")
+    made_by = asked | {"engine": arguments.engine, "scene": scene.digest} | made_with("simulate", "exact")
     written = time.monotonic()
 
     def keep(arrays):
@@ -228,8 +240,15 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
     one.add_argument("--particles", type=_integer, metavar="N", help="number of disks instead of the scene's")
     one.add_argument("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default: 0)")
-    one.add_argument("--engine", default="exact", help="exact (default): event by event, exact to round-off")
-    one.add_argument("--time-step", help=argparse.SUPPRESS)
+    one.add_argument(
+        "--engine",
+        default="exact",
+        metavar="NAME",
+        help="exact (default): event by event; timestep: in steps; langevin: the tracer alone, in friction and noise",
+    )
+    one.add_argument("--time-step", type=_positive, metavar="DT", help="of timestep: must be given")
+    one.add_argument("--precision", metavar="WHICH", help="of timestep: double (default) or single")
+    one.add_argument("--friction", metavar="WHICH", help="of langevin: enskog, boltzmann or measured")
     one.add_argument(
         "--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events"
     )

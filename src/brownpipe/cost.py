@@ -1,5 +1,7 @@
 """What a scene will cost before it is run: collisions by Enskog's theory, and from them CPU time, memory and file size.
 
+The engines that do not go from collision to collision cost so much a step or a sample.
+
 Rough on purpose. The collision counts hold in equilibrium, within some percent up to a packing fraction of 0.65. If the
 scene gives every disk the same standard deviation of the velocity, they are those of its beginning.
 """
@@ -9,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe import theory
+from brownpipe import friction, theory
+from brownpipe.engines import Engine
 from brownpipe.scene import Scene, SceneError
 
 START_UP = 0.7  # CPU seconds that a process takes to start with its kernels compiled
@@ -18,6 +21,10 @@ DISKS = (1e3, 1e4, 1e5, 1e6)  # the more disks, the more often one is out of the
 COLLISIONS_PER_SECOND = (2.0e6, 1.2e6, 0.8e6, 0.45e6)  # pairs per CPU second with so many disks
 PATH_PER_BLOCK = 1024.0  # as in exact.setup: contact distances that a disk moves until all is predicted afresh
 SECONDS_PER_BLOCK = 1.5e-7  # CPU seconds for one disk
+SECONDS_PER_STEP = 1e-7  # CPU seconds of a time step,
+SECONDS_PER_DISK_STEP = 2e-8  # and for each disk in it
+EACH_LANGEVIN_RUN = 5e-5  # CPU seconds; two streams of random numbers are begun
+SECONDS_PER_SAMPLE = 5e-8
 DENSEST = 0.7  # packing fraction up to which the theory is used
 BYTES_PER_DISK = 250  # the engine's working memory
 BYTES_PER_EVENT = 32
@@ -33,6 +40,7 @@ class Cost(NamedTuple):
     seconds: float  # of CPU
     recorded: float  # bytes, also those of the file
     working: float  # bytes of memory, the record aside
+    once: float = 0.0  # CPU seconds that pass in each process before its first run
 
 
 class Kinds(NamedTuple):
@@ -54,6 +62,22 @@ def of_run(scene: Scene, record=frozenset({"tracer"})) -> Cost:
     recorded = COMPRESSED * samples + ("events" in record) * BYTES_PER_EVENT * (pairs + walls)
     seconds = EACH_RUN + (pairs + walls) / float(speed) + SECONDS_PER_BLOCK * scene.particles * blocks(time, kinds)
     return Cost(pairs, walls, seconds, recorded, BYTES_PER_DISK * scene.particles)
+
+
+def of_engine(engine: Engine, scene: Scene, record=frozenset({"tracer"})) -> Cost:
+    """Return what one run of the scene by an engine is expected to cost; of an engine that is fit for it."""
+    exact = of_run(scene, record)
+    if engine.name == "timestep":
+        steps = scene.duration / dict(engine.settings)["time_step"]
+        seconds = EACH_RUN + steps * (SECONDS_PER_STEP + SECONDS_PER_DISK_STEP * scene.particles)
+        share = scene.equilibrate / (scene.duration + scene.equilibrate)  # by the exact engine
+        return exact._replace(seconds=seconds + share * exact.seconds)
+    if engine.name == "langevin":
+        seconds = EACH_LANGEVIN_RUN + SECONDS_PER_SAMPLE * len(scene.times)
+        measuring = friction.measuring_runs(scene) if dict(engine.settings)["friction"] == "measured" else None
+        once = 0.0 if measuring is None else friction.RUNS * of_run(measuring).seconds
+        return Cost(0.0, 0.0, seconds, exact.recorded, 0.0, once)
+    return exact
 
 
 def refuse_too_large(scene: Scene, runs: int, record=frozenset({"tracer"})) -> None:

@@ -7,8 +7,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 PACKAGE = Path(__file__).parent
-# The modules and packages that decide trajectories.
+# The modules and packages that decide the trajectories of the exact engine.
 SOURCES = ("reading", "packing", "scene", "placement", "state", "theory", "collisions", "kernels", "batch", "exact")
+ENGINES = {  # the others equilibrate by the exact one, or measure with it
+    "exact": SOURCES,
+    "timestep": (*SOURCES, "timestep"),
+    "langevin": (*SOURCES, "friction", "langevin"),
+}
 
 
 class Step(NamedTuple):
@@ -19,17 +24,20 @@ class Step(NamedTuple):
 
 
 STEPS = {
-    "simulate": Step((*SOURCES, "storage"), ("numpy", "numba", "h5py")),
+    "simulate": Step(("storage",), ("numpy", "numba", "h5py")),  # and the engine
     "aggregate": Step(("storage", "analysis", "theory"), ("numpy", "scipy", "xarray", "h5py")),
     "figures": Step(("figures", "analysis", "storage", "theory"), ("numpy", "matplotlib")),
 }
 
 
-def made_with(step: str) -> dict[str, str]:
-    """The digest of a step's source and the versions of its packages: when one of them changes, it is run again."""
-    return {"source": source_digest(PACKAGE, STEPS[step].sources)} | {
-        name: _version(name) for name in STEPS[step].packages
-    }
+def made_with(step: str, engine: str | None = None) -> dict[str, str]:
+    """The digest of a step's source and the versions of its packages: when one of them changes, it is run again.
+
+    The source of the engine is part of the step that runs it.
+    """
+    sources, packages = STEPS[step]
+    source = source_digest(PACKAGE, (*ENGINES.get(engine, ()), *sources))
+    return {"source": source} | {name: _version(name) for name in packages}
 
 
 def source_digest(folder: Path = PACKAGE, sources: tuple[str, ...] = SOURCES) -> str:

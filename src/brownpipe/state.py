@@ -62,10 +62,37 @@ def draw(scene: Scene, seed: int) -> State:
         position = np.array([disk.position for disk in scene.disks]).reshape(-1, 2)
         velocity = np.array([disk.velocity for disk in scene.disks]).reshape(-1, 2)
         return State(position, velocity, radius, mass)
-    numbers = np.random.SeedSequence(ROOT_SEED, spawn_key=(scene.particles, seed))
-    stream = np.random.Generator(np.random.Philox(numbers))
+    stream = _stream(ROOT_SEED, scene, seed)
     velocity = _velocities(scene, mass, stream)
     return State(placement.place(scene, radius, stream), velocity, radius, mass)
+
+
+def draw_tracer(scene: Scene, mass: np.ndarray, seed: int, stream: np.random.Generator) -> tuple:
+    """Return position and velocity of disk 0 alone at the beginning of a run; `mass` is the scene's, (N,).
+
+    The velocity is that of `draw`, whose numbers begin with it (without total momentum, if that is to be zero; then all
+    velocities are drawn). A tracer without a place gets one from `stream`, anywhere in the accessible box.
+    """
+    still = scene.velocities.zero_momentum
+    velocity = _velocities(scene, mass if still else mass[:1], _stream(ROOT_SEED, scene, seed))
+    if still and scene.equilibrate > 0:
+        velocity = at_rest_on_the_whole(velocity, mass)
+    first = next(one for one in scene.species if one.count)
+    if first.position is not None:
+        return first.position, velocity[0]
+    box, margin = scene.box, 0.0 if scene.box.periodic else first.radius
+    size = np.maximum(np.array((box.width, box.height)) - 2 * margin, 0.0)
+    return box.origin + margin + size * stream.random(2), velocity[0]
+
+
+def noise(scene: Scene, seed: int) -> np.random.Generator:
+    """Return the random numbers that belong to a run from its beginning on, for engines with noise."""
+    return _stream((ROOT_SEED, 1), scene, seed)
+
+
+def _stream(root, scene: Scene, seed: int) -> np.random.Generator:
+    numbers = np.random.SeedSequence(root, spawn_key=(scene.particles, seed))
+    return np.random.Generator(np.random.Philox(numbers))
 
 
 def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> np.ndarray:

@@ -11,15 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe import reading
+from brownpipe.engines import ENGINES, Engine, read_engine, refuse_unfit
 from brownpipe.reading import Entry, must_be, refuse
 from brownpipe.scene import MOST_BYTES, MOST_DISKS, Scene, parse_scene
+
+__all__ = ["ENGINES", "Engine", "Job", "Study", "parse_seeds", "read_study", "refuse_repetition"]
 
 MOST_STUDY_BYTES = 2**20
 MOST_SEEDS = 10_000_000
 MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
 LARGEST_SEED = 2**63 - 1
 
-ENGINES = {"exact": {}}  # name: {setting: how an Entry of it is read}
 FIGURES = ("msd", "displacement_distribution", "particle_counts", "health")
 DEFAULTS = {
     "particles": None,  # of each scene file
@@ -29,18 +31,6 @@ DEFAULTS = {
     "fit_windows": None,  # from a tenth and from a half of the shortest duration to its end
     "rings": {"dr": 0.04, "count": 24},
 }
-
-
-class Engine(NamedTuple):
-    """An engine and its settings."""
-
-    name: str
-    settings: tuple[tuple[str, object], ...] = ()
-
-    @property
-    def label(self) -> str:
-        """Its folder: the name, followed by the settings."""
-        return "-".join([self.name, *(str(value) for _, value in self.settings)])
 
 
 class Job(NamedTuple):
@@ -114,7 +104,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
         scenes=scenes,
         cases=cases,
-        engines=_engines(given["engines"]),
+        engines=_engines(given["engines"], cases),
         seeds=_seeds(given["seeds"]),
         batch=reading.integer(given["batch"], 1, MOST_SEEDS),
         figures=_figures(given["figures"], cases),
@@ -214,17 +204,14 @@ def _cases(scenes: tuple[Path, ...], particles: Entry) -> tuple[Scene, ...]:
     return tuple(parse_scene(mapping, where, count) for mapping, where in read for count in counts)
 
 
-def _engines(entry: Entry) -> tuple[Engine, ...]:
-    engines = tuple(_engine(one) for one in _one_or_more(entry))
-    return engines if len(set(engines)) == len(engines) else must_be(entry, "engines or settings that differ")
-
-
-def _engine(entry: Entry) -> Engine:
-    mapping = entry.value if isinstance(entry.value, dict) else {"name": entry.value}
-    which = Entry(mapping.get("name"), entry.file, (*entry.path, "name"))
-    settings = ENGINES[reading.choice(which, tuple(ENGINES))]
-    given = reading.fields(Entry(mapping, entry.file, entry.path), ("name", *settings))
-    return Engine(which.value, tuple((key, read(given[key])) for key, read in settings.items()))
+def _engines(entry: Entry, cases: tuple[Scene, ...]) -> tuple[Engine, ...]:
+    engines = tuple(read_engine(one) for one in _one_or_more(entry))
+    if len(set(engines)) < len(engines):
+        must_be(entry, "engines or settings that differ")
+    for engine in engines:
+        for case in cases:
+            refuse_unfit(engine, case)
+    return engines
 
 
 def _figures(entry: Entry, cases: tuple[Scene, ...]) -> tuple[str, ...]:

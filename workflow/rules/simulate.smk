@@ -9,7 +9,8 @@ rule simulate:
     params:
         scene=lookup(dpath="{scene}/{particles}/file", within=cases),
         physics=lookup(dpath="{scene}/{particles}/digest", within=cases),
-        made_with=made_with("simulate"),
+        engine=lookup(dpath="{engine}/words", within=engines),
+        made_with=lookup(dpath="{engine}/made_with", within=engines),
     shell:
         "brownpipe simulate {params.scene:q} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
-        " --engine {wildcards.engine} --output {output} 2> {log}"
+        " --engine {params.engine} --output {output} 2> {log}"

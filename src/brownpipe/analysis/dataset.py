@@ -156,13 +156,13 @@ def _measure(runs, windows, edges):
         "runs": np.count_nonzero(kept),
         "failed_runs": np.count_nonzero(failed),
         "run_status": np.where(failed, FAILED, KEPT),
-        **{name: runs.observables[name] for name in HEALTH},
+        **{name: runs.observables[name] for name in HEALTH if name in runs.observables},
     }
-    samples = {name: runs.observables[name][kept] for name in COLLISIONS}
+    samples = {name: runs.observables[name][kept] for name in COLLISIONS if name in runs.observables}
     if runs.squared is not None and kept.any():
         samples |= {"msd": runs.squared[kept], "lines": per_run_lines(runs.squared[kept], runs.times, windows)}
-    estimates = resample_each(samples)
-    for name in COLLISIONS:
+    estimates = resample_each(samples) if samples else {}
+    for name in estimates.keys() & set(COLLISIONS):
         values |= _with_error(name, estimates[name])
     if "msd" in samples:
         values |= _displacement(estimates["msd"], estimates["lines"], runs.times, windows)

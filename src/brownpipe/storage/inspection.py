@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe.provenance import source_digest
+from brownpipe.provenance import ENGINES, source_digest
 from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.files import StorageError, WrongFileError
 from brownpipe.storage.trajectories import Trajectories, read_header, read_trajectories, seed_text
@@ -92,7 +92,8 @@ def _statistics(observables):
 
 def _origin(header):
     names = ("brownpipe", "numpy", "numba", "h5py")
-    source = "as in this brownpipe" if header["source_digest"] == source_digest() else "not that of this brownpipe"
+    now = source_digest(sources=ENGINES.get(header["engine"], ()))
+    source = "as in this brownpipe" if header["source_digest"] == now else "not that of this brownpipe"
     return [
         "written by   " + ", ".join(f"{name} {header[f'{name}_version']}" for name in names),
         f"source       {header['source_digest'][:12]}, {source}",

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from brownpipe.provenance import source_digest, versions
+from brownpipe.engines import Engine
+from brownpipe.provenance import ENGINES, source_digest, versions
 from brownpipe.scene import Scene, SceneError, parse_scene
 from brownpipe.state import Ensemble, Events, Track
 from brownpipe.storage.files import BLANK_SEAL, StorageError, WrongFileError, read_sealed, seal, write_file
@@ -43,6 +44,7 @@ MEANING = {
     "kinetic_energy": ("energy", "kinetic energy at t = 0, conserved"),
     "virial": ("energy", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
     "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
+    "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
     "failed": ("1", "1 if overlap or energy drift passed its bound: not to be averaged in"),
     "scene": ("1", "the scene as canonical JSON"),
     "settings": ("1", "settings of the engine as JSON"),
@@ -189,8 +191,8 @@ def _parameters(trajectories):
         "particles": scene.particles,
         "engine": engine,
         "seeds": seed_text(ensemble.seeds),
-        "rerun": _command(scene, engine, ensemble),
-        "source_digest": source_digest(),
+        "rerun": _command(scene, Engine(engine, tuple(settings.items())), ensemble),
+        "source_digest": source_digest(sources=ENGINES[engine]),
     }
     return {
         "parameters": Node(None, names | versions()),
@@ -206,7 +208,7 @@ def _command(scene, engine, ensemble):
     nothing = ["none"] * (ensemble.tracer is None and scene.particles > 0)
     record = f" --record {','.join(words or nothing)}" if words or nothing else ""
     seeds = f" --seeds {seed_text(ensemble.seeds)}"
-    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine}{record}`"
+    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.words}{record}`"
 
 
 # Reading

@@ -1,0 +1,148 @@
+"""The friction of a disk in a bath of others, and where a bath may be replaced by friction and noise.
+
+The Langevin equation has one time scale, 1/gamma, and a noise without memory. It describes a disk that is much heavier
+than those that hit it, in a bath so thin that they do not come back: the collisions of a light disk turn its velocity
+too far at once, and in the plane the bath's own flow returns momentum, so that the velocity autocorrelation of hard
+disks has a tail 1/t (Alder & Wainwright, Phys. Rev. A 1, 18 (1970)); in a dense one the neighbours form a cage.
+Neither tail nor cage is modelled here.
+"""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe import theory
+from brownpipe.scene import Scene, SceneError, Species, Velocities
+
+LIGHTEST = 2.0  # tracer, in masses of the heaviest bath disk: below, a collision changes its velocity as a whole
+HEAVY = 10.0  # from here on, the Langevin equation is within some percent
+DENSEST = 0.7  # packing fraction above which disks freeze; the contact value holds for the fluid
+COLLISIONS = 4000  # of the tracer, that its rate is measured by: 1.6 % if they come at random
+RUNS = 8  # that they are shared out to
+SETTLING = 0.1  # of the time of such a run passes before it
+
+
+class Bath(NamedTuple):
+    """All disks but the one that is followed, by species, shape (K,) each."""
+
+    number: np.ndarray
+    radius: np.ndarray
+    mass: np.ndarray
+    temperature: float  # kT, the mean kinetic energy per disk
+
+
+def followed(scene: Scene) -> Species:
+    """Return the species of disk 0."""
+    return next(one for one in scene.species if one.count)
+
+
+def bath_of(scene: Scene) -> Bath:
+    """Return the bath of a scene of species: all disks but the one that is followed."""
+    tracer, given = followed(scene), scene.velocities
+    counted = [(one, one.count - (one is tracer)) for one in scene.species]
+    rows = [(count, one.radius, one.mass) for one, count in counted if count]
+    number, radius, mass = np.array(rows, dtype=float).reshape(-1, 3).T
+    temperature = given.temperature
+    if temperature is None:
+        temperature = given.standard_deviation * given.standard_deviation * float(number @ mass / number.sum())
+    return Bath(number, radius, mass, temperature)
+
+
+def friction_rate(scene: Scene, friction: str) -> float:
+    """Return gamma [1/time] of the followed disk, dv/dt = -gamma v + noise.
+
+    `enskog`: the frictions of all species of the bath at its mean number density N_k/A and temperature, with contact
+    values of the mixture, summed (`theory.enskog_friction`). `boltzmann`: the same with the contact values 1, the limit
+    of a thin bath. `measured`: Enskog's sum with the tracer's collision rate as measured for Enskog's. Since for each
+    species zeta = 2 n chi sigma sqrt(2 pi mu kT) = 2 mu times the rate n chi sigma sqrt(2 pi kT/mu), with one species
+    this is 2 mu rate/m, the initial decay of the velocity autocorrelation, whatever chi is; several share the rate as
+    Enskog has it. The density that walls add by the room they take is in it, too.
+    """
+    zeta, rate = _by_species(scene, crowded=friction != "boltzmann")
+    gamma = zeta.sum() / followed(scene).mass
+    if friction == "measured" and gamma > 0:
+        gamma *= _measured_rate(measuring_runs(scene)) / rate.sum()
+    return float(gamma)
+
+
+def measuring_runs(scene: Scene) -> Scene | None:
+    """Return the scene whose RUNS first seeds measure the rate of the tracer's collisions; None if nothing moves.
+
+    All disks are in equilibrium at the temperature of the bath, and the tracer free: it is an average over where the
+    tracer comes to, and the same number whichever runs it is for.
+    """
+    expected = _by_species(scene, crowded=True)[1].sum()
+    if expected == 0:
+        return None
+    duration = float(COLLISIONS / (RUNS * expected))
+    return replace(
+        scene,
+        velocities=Velocities(None, bath_of(scene).temperature),
+        duration=duration,
+        sample_interval=duration,
+        equilibrate=max(SETTLING * duration, scene.equilibrate),
+        tracer_while_equilibrating="free",
+    )
+
+
+def _measured_rate(scene: Scene) -> float:
+    """Return the collisions of the tracer per time [1/time] in the runs that are made to measure it."""
+    from brownpipe import exact
+    from brownpipe.kernels import RunError
+
+    found = exact.simulate(scene, range(RUNS), frozenset({"none"})).observables
+    if found["failed"].any():
+        raise RunError(f"{scene.name}: the runs that measure the friction failed their health check")
+    return float(found["tracer_collisions"].sum() / (RUNS * scene.duration))
+
+
+def _by_species(scene: Scene, crowded: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return frictions (K,) [mass/time] and collision rates (K,) [1/time] of the followed disk with each species."""
+    tracer, bath = followed(scene), bath_of(scene)
+    density = bath.number / scene.box.area
+    chi = np.ones(len(density))
+    if crowded:
+        chi = theory.contact_value_mixture(2 * tracer.radius, 2 * bath.radius, density, 2 * bath.radius)
+    mu = theory.reduced_mass(tracer.mass, bath.mass)
+    known = density, tracer.radius + bath.radius, chi, mu, bath.temperature
+    return theory.enskog_friction(*known), theory.collision_rate(*known)
+
+
+# -- where it means something ---------------------------------------------------------------------------------------
+
+
+def refuse_unfit(scene: Scene, friction: str, record=frozenset({"tracer"})) -> None:
+    """Raise SceneError if the bath of a scene cannot be replaced by this friction and noise, or is to be recorded."""
+    if more := record & {"all", "events"}:
+        raise SceneError(f"--record {','.join(sorted(more))}: the langevin engine has no bath; must be tracer or none")
+    if scene.disks or scene.particles == 0:
+        _refuse(scene, "needs a scene with species, of which the first disk is followed")
+    if scene.particles == 1:
+        _refuse(scene, "needs a bath, and there is a single disk")
+    if _mass_ratio(scene) < LIGHTEST:
+        ratio = f"the disk that is followed has {_mass_ratio(scene):.3g} times the mass of the heaviest of the others"
+        _refuse(scene, f"is for a heavy tracer: {ratio}; must be at least {LIGHTEST:g}")
+    if not math.isfinite(bath_of(scene).temperature):
+        _refuse(scene, "needs a temperature of the bath below 1.8e308")
+    if friction == "enskog" and scene.packing_fraction > DENSEST:
+        phi = f"the packing fraction is {scene.packing_fraction:.4g}; must be at most {DENSEST:g}"
+        _refuse(scene, f"has no contact value for --friction enskog: {phi}, or --friction measured")
+
+
+def caution(scene: Scene) -> str | None:
+    """Return one line if the tracer is so light that the Langevin equation is only roughly right."""
+    ratio = _mass_ratio(scene)
+    if ratio >= HEAVY:
+        return None
+    few = f"the tracer has only {ratio:.3g} times the mass of a bath disk (good from {HEAVY:g} on)"
+    return f"{scene.name}: langevin is rough here: {few}; compare with --engine exact"
+
+
+def _mass_ratio(scene: Scene) -> float:
+    return followed(scene).mass / bath_of(scene).mass.max()
+
+
+def _refuse(scene: Scene, why: str):
+    raise SceneError(f"{scene.name}, N = {scene.particles}: --engine langevin {why}")
