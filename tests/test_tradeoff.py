@@ -256,5 +256,5 @@ def test_a_price_leaves_out_compiling_and_what_disturbs(monkeypatch):
     assert cost.seconds_per_run(engine, None) == pytest.approx(3e-3)
     stretches = engine.calls[2:]
     assert len(stretches) == cost.STRETCHES and {len(seeds) for seeds in stretches} == {math.ceil(cost.LEAST / 3e-3)}
-    seeds = sum(engine.calls, [])
+    seeds = [seed for call in engine.calls for seed in call]
     assert len(set(seeds)) == len(seeds) and min(seeds) > 10**9  # new runs each time, none of a study

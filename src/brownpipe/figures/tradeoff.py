@@ -1,11 +1,10 @@
-"""Figures `tradeoff_SCENE`: total error of the MSD against CPU time, one line per setting; and the price list as text."""
+"""Figures `tradeoff_SCENE`: total error of the MSD against CPU time, one line per setting; the price list as text."""
 
 import numpy as np
 
 from brownpipe.figures.style import DATA, DOTTED, FIT, FREE, INK, START, grid
 from brownpipe.figures.tables import Table
-from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, total_error
-from brownpipe.tradeoff.front import settings_of
+from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
 
 FINEST = 2e-3  # total error down to which the lines are drawn at least
 COLOURS = (DATA, FIT, FREE, "#CC79A7", "#56B4E9", "#E69F00")  # of what is on the front
@@ -14,7 +13,7 @@ POINTS = 400
 
 
 def draw(dataset, scene):
-    """Total error of the MSD at the end against CPU time in one scene; what is best when is drawn bold and in colour."""
+    """Total error of the MSD at the end against CPU time in one scene; the best buy is bold and coloured."""
     settings = settings_of(dataset, scene)
     stretches = pareto_front(settings)
     times = np.geomspace(FEWEST_RUNS * min(one.seconds for one in settings), _last_time(settings, stretches), POINTS)
@@ -65,7 +64,9 @@ def _bold(axes, times, stretch, settings, colour):
 def _direct_labels(axes, end, settings, colours):
     """The name of every line at its end, moved apart where they would cover each other."""
     low, high = np.log(axes.get_ylim())
-    ends = sorted((float(np.log(total_error(one, end))), one.label) for one in settings if one.seconds < end / FEWEST_RUNS)
+    ends = sorted(
+        (float(np.log(total_error(one, end))), one.label) for one in settings if one.seconds < end / FEWEST_RUNS
+    )
     place = -np.inf
     for at, label in ends:
         place = max((at - low) / (high - low), place + MOST_LABELS_APART)
@@ -117,9 +118,9 @@ def summary(dataset):
 
 
 REMARK = (
-    "Bias: relative to exact, +- one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence. Distance: of\n"
-    "the displacement distributions at the end. Parts: median time at which the tracer leaves the exact trajectory.\n"
-    "Pays: the CPU times of a study between which nothing has a smaller error of the MSD. CPU times are this machine's.\n"
+    "Bias: relative to exact, +- one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
+    "Distance: of the displacement distributions at the end. Parts: median time at which the tracer leaves the exact\n"
+    "trajectory. Pays: the CPU times of a study between which nothing has a smaller error of the MSD, on this machine.\n"
 )
 
 

@@ -1,7 +1,7 @@
 """The price list: how far every engine and setting is from the exact one, and what a run of it costs.
 
-`runs` reads trajectory files, `bias` compares, `cost` measures CPU times, `front` finds what pays; `variables` says what
-is in the dataset.
+`runs` reads trajectory files, `bias` compares, `cost` measures CPU times, `front` finds what pays; `variables`
+says what is in the dataset.
 """
 
 from typing import NamedTuple
@@ -45,7 +45,12 @@ def measure(paths, instead_of=None, window=None, seconds_per_run=cost.seconds_pe
         between = window or (exact.times[-1] / 2, exact.times[-1])
         cases = _cases(exact, groups, (instead_of or {}).get(exact.scene.name, ()))
         measured[name] = _scene(exact, between) | {
-            "settings": {case.label: compare(case.runs, exact, between, seconds_per_run(case.runs.engine, case.runs.scene), case.paired) for case in cases}
+            "settings": {
+                case.label: compare(
+                    case.runs, exact, between, seconds_per_run(case.runs.engine, case.runs.scene), case.paired
+                )
+                for case in cases
+            }
         }
         _note_what_pays(measured[name]["settings"])
     lacking = {_scene_label(one, several) for one in groups} - measured.keys()
