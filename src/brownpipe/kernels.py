@@ -6,6 +6,7 @@ import os
 import stat
 import tempfile
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import numba
@@ -23,13 +24,15 @@ if hasattr(CPUTargetOptions, "_nrt"):
     OPTIONS["_nrt"] = False
 
 
-def _cache_folder() -> str:
-    """Return a folder for the machine code of exactly this source.
+@cache
+def _cache_folder(engine: str) -> str:
+    """Return a folder for the machine code of exactly this source: an engine's, and what all engines share.
 
     Numba looks only at the file of the outermost kernel to see whether its machine code is out of date; an edited
     callee in another file would go unnoticed, and with it wrong results.
     """
-    sources = [PACKAGE / "kernels.py", PACKAGE / "collisions.py", PACKAGE / "placement.py", *PACKAGE.glob("exact/*.py")]
+    shared = [PACKAGE / "kernels.py", PACKAGE / "collisions.py", PACKAGE / "placement.py"]
+    sources = [*shared, *PACKAGE.glob(f"{engine}/*.py")]
     text = b"".join(path.read_bytes() for path in sorted(sources))
     name = f"kernels-{hashlib.sha256(text).hexdigest()[:16]}"
     usual = os.environ.get("NUMBA_CACHE_DIR") or PACKAGE / "__pycache__"
@@ -51,12 +54,13 @@ def _private(folder: Path) -> bool:
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
 
 
-CACHE = _cache_folder()
+CACHE = _cache_folder("exact")
 
 
 def kernel(function):
     """Compile a function at its first call, once per machine."""
-    saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, CACHE
+    engine = function.__module__.split(".")[1]  # or a module that all engines share
+    saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _cache_folder(engine)
     try:
         return numba.njit(**OPTIONS)(function)
     finally:

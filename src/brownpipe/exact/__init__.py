@@ -1,5 +1,6 @@
 """The exact engine: hard disks from collision to collision, nothing approximated but the last bit."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -91,10 +92,22 @@ def prepared(scene: Scene, pinned: bool = False) -> Engine:
     return Engine(scene, frame, w, pinned)
 
 
+def states(scene: Scene) -> Callable[[int], State]:
+    """Return the function that gives the state of a seed at t = 0, drawn and equilibrated, for any engine to begin from.
+
+    It raises RunError if the time to equilibrate fails, SceneError if the disks cannot be placed.
+    """
+    return partial(_state, scene, _equilibrator(scene))
+
+
 def _engines(scene: Scene) -> tuple[Engine, Engine | None]:
     """Return what runs, and what equilibrates before, if that is asked for."""
-    before = prepared(scene, scene.tracer_while_equilibrating == "pinned") if scene.equilibrate > 0 else None
+    before = _equilibrator(scene)
     return prepared(scene), before
+
+
+def _equilibrator(scene: Scene) -> Engine | None:
+    return prepared(scene, scene.tracer_while_equilibrating == "pinned") if scene.equilibrate > 0 else None
 
 
 def _keep(watch: Watch, batch: Ensemble, done: int, midway: Midway | None) -> None:
@@ -106,10 +119,13 @@ def _one(engines, seed: int, record, watch: Watch, midway: Midway | None) -> Run
     engine, before = engines
     if midway is not None and not midway.equilibrating:
         return run(engine, None, engine.scene.times, record, watch, midway)
-    state = draw(engine.scene, seed)
-    if before is not None:
-        state = _equilibrated(before, state, watch, midway)
+    state = _state(engine.scene, before, seed, watch, midway)
     return run(engine, state, engine.scene.times, record, watch)
+
+
+def _state(scene: Scene, before: Engine | None, seed: int, watch: Watch = NEVER, midway: Midway | None = None) -> State:
+    state = draw(scene, seed)
+    return state if before is None else _equilibrated(before, state, watch, midway)
 
 
 def _equilibrated(engine: Engine, state: State, watch: Watch, midway: Midway | None) -> State:

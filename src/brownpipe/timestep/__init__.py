@@ -1,0 +1,96 @@
+"""The time-stepping engine: all disks move straight for a fixed time; those that then overlap and approach collide.
+
+Collisions happen up to a time step late and a little displaced, and short ones are missed. Energy and, but for walls,
+momentum are conserved as by the exact engine. It is the usual cheap way, and the other side of a trade.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe import exact
+from brownpipe.batch import Run, enter, filled, room_for
+from brownpipe.exact.recording import tracer_track, whole_track
+from brownpipe.exact.setup import Frame, frame_of, motion_of
+from brownpipe.kernels import RunError, one_compiler
+from brownpipe.scene import Scene, SceneError
+from brownpipe.state import Ensemble, State
+from brownpipe.timestep import workspace as ws
+from brownpipe.timestep.setup import (
+    begin,
+    largest_step,
+    observables,
+    prepare,
+    recorder,
+    refuse_bad_step,
+    smallest_step,
+)
+from brownpipe.timestep.steps import advance
+
+__all__ = ["Engine", "largest_step", "prepared", "run", "simulate", "smallest_step"]
+
+DISK_STEPS_PER_CALL = 100_000_000  # then Python may look at signals
+
+
+class Engine(NamedTuple):
+    """A scene, and the workspace for its runs."""
+
+    scene: Scene
+    frame: Frame
+    time_step: float  # [time]
+    precision: str
+    workspace: ws.Workspace
+
+
+def simulate(
+    scene: Scene, seeds, record=frozenset({"tracer"}), *, time_step: float, precision: str = "double"
+) -> Ensemble:
+    """Run the scene once for every seed, from the same initial states as the exact engine.
+
+    `record` holds words: "tracer" (disk 0 of all runs), "all" (every disk of every run). `precision` is "double" or
+    "single": of positions, velocities and all that is computed for every disk and pair.
+    A sample is a free flight from the last step before it, so that no step depends on when samples are taken.
+    Raises SceneError for a time step that is no positive number, or too long or too short (`refuse_bad_step`), for a
+    record of events, and if disks cannot be placed; RunError if the time to equilibrate fails.
+    """
+    if "events" in record:
+        raise SceneError("record: must be tracer, all or none, as collisions happen between time steps; found events")
+    batch, begun = room_for(scene, np.asarray(seeds, dtype=np.int64)), exact.states(scene)
+    engine = prepared(scene, time_step, precision)
+    for column, seed in enumerate(batch.seeds.tolist()):
+        try:
+            enter(batch, column, run(engine, begun(seed), scene.times, record))
+        except (RunError, SceneError) as error:
+            raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
+    return filled(scene, batch, record)
+
+
+def prepared(scene: Scene, time_step: float, precision: str = "double") -> Engine:
+    """Return what runs of a scene need, with its kernels compiled."""
+    refuse_bad_step(scene, time_step, precision)
+    frame = frame_of(scene)
+    w = prepare(scene, frame, time_step, precision)
+    with one_compiler():
+        advance(w, recorder(scene, frame, time_step, scene.times[:0], ()), 0)
+    return Engine(scene, frame, time_step, precision, w)
+
+
+def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> Run:
+    """Run from a state and sample at the given times."""
+    scene, frame, time_step, precision, w = engine
+    room = recorder(scene, frame, time_step, times, record)
+    begin(w, motion_of(state, frame))
+    first = np.stack([w.vx, w.vy], axis=1).astype(float)
+    most = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
+    while (outcome := advance(w, room, most)) != ws.DONE:
+        if outcome == ws.NO_ROOM:
+            w = _with_more_room(engine, w)
+    found = observables(scene, frame, w, first)
+    return Run(tracer_track(scene, frame, room), whole_track(scene, frame, room), None, found)
+
+
+def _with_more_room(engine: Engine, w: ws.Workspace) -> ws.Workspace:
+    """Return the workspace as it is, with twice the room for pairs on the lists."""
+    more = prepare(engine.scene, engine.frame, engine.time_step, engine.precision, 2 * len(w.within.a))
+    names = ("within", "across", "hit", "contact_key", "contact_pair")
+    return w._replace(**{name: getattr(more, name) for name in names})
