@@ -209,6 +209,35 @@ def test_the_answer_is_printed_by_what_makes_it(study):
     assert "figures and tables" not in snakemake(study, "--cores", "1", "--until", "aggregate")
 
 
+@pytest.fixture(scope="module")
+def of_two_engines(tmp_path_factory):
+    """A study of one case by two engines in two batches, and what was printed meanwhile."""
+    folder = write_study(tmp_path_factory.mktemp("two") / "study")
+    engines = "engines: [exact, {name: langevin, friction: enskog}]\n"
+    (folder / "study.yaml").write_text(f"scenes: scenes/thermal.yaml\nseeds: 20\nbatch: 10\n{engines}")
+    return folder, snakemake(folder, "--cores", "1")
+
+
+def test_a_study_of_two_engines(of_two_engines):
+    folder, printed = of_two_engines
+    files = {str(file.relative_to(folder / "results/study/simulate")) for file in folder.rglob("*.h5")}
+    assert files == {f"thermal/N10/{label}/{n}.h5" for label in ("exact", "langevin-enskog") for n in ("0-9", "10-19")}
+    assert re.search(r"^thermal +10 +exact +20 ", printed, re.MULTILINE)
+    assert re.search(r"^thermal +10 +langevin friction=enskog +20 ", printed, re.MULTILINE)
+    log = (folder / "results/study/logs/simulate/thermal/N10/langevin-enskog/0-9.log").read_text()
+    assert "langevin is rough here" in log
+    assert planned(folder) == NOTHING
+
+
+@pytest.mark.parametrize(("source", "simulated"), [("langevin.py", 2), ("friction.py", 2), ("exact/events.py", 4)])
+def test_a_changed_engine_runs_its_own_jobs_again(of_two_engines, tmp_path, source, simulated):
+    package = Path(shutil.copytree(ROOT / "src" / "brownpipe", tmp_path / "src" / "brownpipe"))
+    with open(package / source, "a") as file:
+        file.write("# another version\n")
+    jobs = {"simulate": simulated, "aggregate": 1, "figures": 1}
+    assert planned(of_two_engines[0], PYTHONPATH=str(package.parent)) == jobs
+
+
 def test_a_list_of_disks_in_a_folder_with_spaces(tmp_path):
     folder = tmp_path / "study"
     (folder / "my scenes; false").mkdir(parents=True)

@@ -95,7 +95,8 @@ def _measured_rate(scene: Scene) -> float:
     found = exact.simulate(scene, range(RUNS), frozenset({"none"})).observables
     if found["failed"].any():
         raise RunError(f"{scene.name}: the runs that measure the friction failed their health check")
-    return float(found["tracer_collisions"].sum() / (RUNS * scene.duration))
+    heat = found["kinetic_energy"] / (scene.particles * scene.velocities.temperature)  # of a run; rates go as its root
+    return float(np.sum(found["tracer_collisions"] / np.sqrt(heat)) / (RUNS * scene.duration))
 
 
 def _by_species(scene: Scene, crowded: bool) -> tuple[np.ndarray, np.ndarray]:

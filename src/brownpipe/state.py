@@ -82,7 +82,7 @@ def draw_tracer(scene: Scene, mass: np.ndarray, seed: int, stream: np.random.Gen
         return first.position, velocity[0]
     box, margin = scene.box, 0.0 if scene.box.periodic else first.radius
     size = np.maximum(np.array((box.width, box.height)) - 2 * margin, 0.0)
-    return box.origin + margin + size * stream.random(2), velocity[0]
+    return np.array(box.origin) + margin + size * stream.random(2), velocity[0]
 
 
 def noise(scene: Scene, seed: int) -> np.random.Generator:

@@ -1,0 +1,359 @@
+"""The tracer alone, in friction and noise: against the exact solutions of its equation, and where it is refused."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from brownpipe import exact, friction, langevin, theory
+from brownpipe.langevin import step_weights
+from brownpipe.scene import SceneError, parse_scene
+from brownpipe.state import draw, draw_tracer, noise
+
+RUNS = 4000
+FAR = 3.3  # standard errors: 0.1 % false alarms of one comparison
+
+
+def scene_of(name="some", boundary="reflecting", width=6.0, particles=150, species=None, tracer=None, **more):
+    """The note's scene, with what a test changes."""
+    half = width / 2
+    mapping = {
+        "box": {"x": [-half, half], "y": [-half, half], "boundary": boundary},
+        "particles": particles,
+        "disks": {
+            "tracer": {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]} | (tracer or {}),
+            "species": species or [{"name": "bath", "count": "rest", "radius": 0.1, "mass": 0.4}],
+        },
+        "velocities": {"standard_deviation": 2.0},
+        "duration": 1.0,
+        "sample_interval": 0.01,
+    }
+    return parse_scene(mapping | more, f"{name}.yaml")
+
+
+def unwrapped(scene, ensemble):
+    """(T, S, 2) displacements from the start."""
+    track, box = ensemble.tracer, scene.box
+    image = 0 if track.image is None else track.image * (box.width, box.height)
+    position = track.position + image
+    return position - position[0]
+
+
+def mean_and_error(values):
+    """Mean over runs, the last axis, and its standard error."""
+    return values.mean(axis=-1), values.std(axis=-1, ddof=1) / math.sqrt(values.shape[-1])
+
+
+# -- the equation ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+def test_msd_and_autocorrelation_of_the_tracer(boundary):
+    """Short, middle and long times at once: gamma t from 0.07 to 29. Six numbers, 0.6 % false alarms."""
+    scene = scene_of(boundary=boundary, width=60.0, particles=15_000, duration=4.0, sample_interval=0.01)
+    gamma = friction.friction_rate(scene, "enskog")
+    assert 7.0 < gamma < 8.0
+    found = langevin.simulate(scene, range(RUNS))
+    square = np.square(unwrapped(scene, found)).sum(axis=-1)
+    mean, error = mean_and_error(square)
+    expected = theory.langevin_msd(found.times, gamma, 2 * 4.0, 2 * 1.6)
+    for t in (0.01, 0.03, 0.1, 0.3, 1.0, 4.0):
+        k = round(t / 0.01)
+        assert abs(mean[k] - expected[k]) < FAR * error[k]
+
+
+def one_step(dt, gamma, square_speed):
+    """The step as a matrix that acts on (x, v), and the covariance of what the noise adds."""
+    decay, spread, middle, loose = step_weights(dt, gamma, square_speed)
+    matrix = np.array([[1.0, middle * (1 + decay)], [0.0, decay]])
+    noise_on = np.array([[middle * spread, loose], [spread, 0.0]])
+    return matrix, noise_on @ noise_on.T
+
+
+X = [0.0, 1e-9, 1e-4, 0.03, 0.0999, 0.1, 0.3, 2.0, 30.0, 800.0]
+
+
+@pytest.mark.parametrize("x", X)
+def test_a_step_has_the_moments_of_the_langevin_equation(x):
+    """To 1e-12, for gamma dt = x: those of a start at rest and those that a first velocity adds."""
+    gamma, square_speed = 3.0, 1.6
+    matrix, covariance = one_step(x / gamma, gamma, square_speed)
+    msd = theory.langevin_msd(x / gamma, gamma, 0.0, 2 * square_speed) / 2
+    decay = math.exp(-x)
+    expected = [[msd, square_speed / gamma * (1 - decay) ** 2], [0, -square_speed * math.expm1(-2 * x)]]
+    assert np.allclose(np.triu(covariance), expected, rtol=1e-12, atol=1e-22)
+    assert np.allclose(matrix, [[1.0, -math.expm1(-x) / gamma], [0.0, decay]], rtol=1e-14, atol=0)
+
+
+@pytest.mark.parametrize("x", X)
+def test_two_steps_are_one(x):
+    """No error of the step: the law of a path does not depend on where it is sampled."""
+    gamma, square_speed = 3.0, 1.6
+    (first, one), (then, two) = (one_step(part * x / gamma, gamma, square_speed) for part in (0.3, 0.7))
+    matrix, covariance = one_step(x / gamma, gamma, square_speed)
+    assert np.allclose(then @ first, matrix, rtol=1e-14, atol=1e-300)
+    assert np.allclose(then @ one @ then.T + two, covariance, rtol=1e-11, atol=1e-22)
+
+
+def free_path(gamma, square_speed, times, start, seed=1):
+    """Position and velocity (runs, T, 2, 2) of free paths from `start` (runs, 2, 2)."""
+    weights, rng = step_weights(np.diff(times), gamma, square_speed), np.random.default_rng(seed)
+    paths = np.empty((len(start), len(times), 2, 2))
+    paths[:, 0] = start
+    for path in paths:
+        langevin.follow(path, rng.standard_normal((len(times) - 1, 2, 2)), weights)
+    return paths
+
+
+def test_velocity_autocorrelation_and_variance():
+    """exp(-gamma t) kT/m and kT/m at each of 12 samples, from equilibrium: 2.4 % false alarms."""
+    gamma, square_speed, times = 2.0, 1.6, np.linspace(0.0, 1.5, 13)
+    start = np.zeros((RUNS, 2, 2))
+    start[:, 1] = math.sqrt(square_speed) * np.random.default_rng(2).standard_normal((RUNS, 2))
+    velocity = free_path(gamma, square_speed, times, start)[:, :, 1].transpose(1, 2, 0).reshape(len(times), -1)
+    for values, expected in (
+        (velocity * velocity[0], square_speed * np.exp(-gamma * times)),
+        (velocity**2, np.full(len(times), square_speed)),
+    ):
+        mean, error = mean_and_error(values)
+        assert np.all(np.abs(mean - expected)[1:] < FAR * error[1:])
+
+
+# -- walls ----------------------------------------------------------------------------------------------------------
+
+
+def dense():
+    """A tracer whose path forgets its direction within 0.01, in a box where it can go 2.7 each way."""
+    bath = [{"name": "bath", "count": "rest", "radius": 0.05, "mass": 0.4}]
+    return scene_of(particles=2000, species=bath, duration=2000.0, sample_interval=20.0)
+
+
+def test_between_walls_it_diffuses_as_in_the_reflecting_square():
+    """The whole curve, to 2 a^2/3; what flight at first leaves out is 1/(gamma t) < 1e-3. Six times, 0.6 %."""
+    scene = dense()
+    gamma = friction.friction_rate(scene, "enskog")
+    found = langevin.simulate(scene, range(RUNS))
+    mean, error = mean_and_error(np.square(unwrapped(scene, found)).sum(axis=-1))
+    expected = theory.reflecting_square_msd(found.times, 1.6 / gamma, 2.7)
+    assert gamma * found.times[1] > 1e3
+    assert 0.1 < expected[1] / expected[-1] < 0.2
+    assert abs(expected[-1] / (2 * 2.7**2 / 3) - 1) < 1e-6
+    some = [1, 3, 5, 10, 20, 100]
+    assert np.all(np.abs(mean - expected)[some] < FAR * error[some])
+    assert np.abs(found.tracer.position).max() <= 2.7
+
+
+def reflected_by_small_steps(start, gamma, square_speed, duration, width, steps=4000):
+    """The obvious twin: Euler's step, and whoever is beyond a wall is put back with the velocity turned."""
+    rng, dt = np.random.default_rng(3), duration / steps
+    x, v = (part.copy() for part in start)
+    for _ in range(steps):
+        v += -gamma * v * dt + math.sqrt(2 * gamma * square_speed * dt) * rng.standard_normal(x.shape)
+        x += v * dt
+        beyond = (x < 0) | (x > width)
+        x, v = np.where(beyond, np.where(x < 0, -x, 2 * width - x), x), np.where(beyond, -v, v)
+    return x, v
+
+
+def test_mirrored_paths_are_reflected_paths():
+    """Where the wall matters most: one bounce or two in the time of friction. Euler's error is below 0.1 %; 1 %."""
+    scene = scene_of()
+    gamma, square_speed, duration, width = 1.0, 4.0, 2.0, 5.4
+    start = np.zeros((RUNS, 2, 2))
+    start[:, 0], start[:, 1] = 1.5, (4.0, -3.0)
+    paths = free_path(gamma, square_speed, np.array([0.0, duration]), start)
+    tracks = [langevin.folded(scene, path) for path in paths]
+    x = np.array([track.position[-1, 0] for track in tracks])
+    v = np.array([track.velocity[-1, 0] for track in tracks])
+    assert np.abs(x).max() <= 2.7
+    assert np.mean(np.abs(paths[:, -1, 0]) > 2.7) > 0.3
+    shifted = start[:, 0] + 2.7, start[:, 1]
+    other = reflected_by_small_steps(shifted, gamma, square_speed, duration, width)
+    for one, twin in (
+        (x, other[0] - 2.7),
+        (v, other[1]),
+        (x * v, (other[0] - 2.7) * other[1]),
+        (x**2, (other[0] - 2.7) ** 2),
+        (v**2, other[1] ** 2),
+    ):
+        (mean, error), (expected, more) = mean_and_error(one.T), mean_and_error(twin.T)
+        assert np.all(np.abs(mean - expected) < FAR * np.hypot(error, more))
+
+
+def test_without_noise_it_goes_from_wall_to_wall():
+    """A triangle wave: 100 from the centre of a box of half-width 2.7 is 18 crossings and 2.8 more, and so back 0.1."""
+    path = np.zeros((2, 2, 2))
+    path[:, 1] = (1.0, -1.0)
+    langevin.follow(path, np.zeros((1, 2, 2)), step_weights(np.array([100.0]), 0.0, 0.0))
+    track = langevin.folded(scene_of(), path)
+    assert np.allclose(track.position[1, 0], [2.6, -2.6], rtol=0, atol=1e-12)
+    assert track.velocity[1, 0].tolist() == [-1.0, 1.0]
+
+
+def test_in_a_periodic_box_it_is_wrapped_and_counted():
+    path = np.zeros((2, 2, 2))
+    path[:, 0] = [(-2.0, 2.5), (20.0, -9.5)]
+    track = langevin.folded(scene_of(boundary="periodic"), path)
+    assert track.position[:, 0].tolist() == [[-2.0, 2.5], [2.0, 2.5]]
+    assert track.image[:, 0].tolist() == [[0, 0], [3, -2]]
+
+
+def test_a_tracer_as_wide_as_the_box_does_not_move():
+    scene = scene_of(width=1.0, particles=2, tracer={"radius": 0.5}, species=[
+        {"name": "bath", "count": "rest", "radius": 0.01, "mass": 0.4}
+    ])  # fmt: skip
+    assert np.all(langevin.simulate(scene, [1], friction="boltzmann").tracer.position == 0.0)
+
+
+# -- the run --------------------------------------------------------------------------------------------------------
+
+
+def test_bits_do_not_depend_on_the_batch():
+    scene = scene_of(tracer={"position": None})
+    whole, part = langevin.simulate(scene, range(20)), langevin.simulate(scene, [7, 3])
+    assert whole.tracer.position[:, [7, 3]].tobytes() == part.tracer.position.tobytes()
+    assert part.seeds.tolist() == [7, 3]
+    assert part.tracer.position.shape == (101, 2, 2)
+    assert part.observables["failed"].tolist() == [0, 0]
+    assert langevin.simulate(scene, [3], frozenset({"none"})).tracer is None
+
+
+@pytest.mark.parametrize(
+    "velocities", [{"standard_deviation": 2.0}, {"temperature": 1.6}, {"temperature": 1.6, "zero_momentum": True}]
+)
+def test_it_begins_with_the_velocity_of_the_exact_engine(velocities):
+    scene = scene_of(velocities=velocities)
+    for seed in range(5):
+        position, velocity = draw_tracer(scene, scene.mass, seed, noise(scene, seed))
+        state = draw(scene, seed)
+        assert velocity.tobytes() == state.velocity[0].tobytes()
+        assert np.array_equal(position, state.position[0])
+
+
+def test_without_a_place_it_begins_anywhere_it_can_be():
+    """Mean and variance of 8,000 uniform coordinates in [-2.7, 2.7]: 0.2 % false alarms."""
+    found = langevin.simulate(scene_of(tracer={"position": None}), range(RUNS)).tracer.position[0].ravel()
+    assert 2.69 < np.abs(found).max() <= 2.7
+    for values, expected in ((found, 0.0), (found**2, 2.7**2 / 3)):
+        mean, error = mean_and_error(values)
+        assert abs(mean - expected) < FAR * error
+
+
+@pytest.mark.parametrize(("tracer", "square_speed"), [("free", 1.6), ("pinned", 4.0)])
+def test_a_tracer_that_is_free_while_the_scene_equilibrates_cools(tracer, square_speed):
+    """<r^2> = <v0^2> t^2 to 1 % in the first 0.001 of a run: 0.1 % false alarms each."""
+    scene = scene_of(equilibrate={"time": 3.0, "tracer": tracer}, duration=0.001, sample_interval=0.001)
+    r = unwrapped(scene, langevin.simulate(scene, range(RUNS)))[-1] / 0.001
+    mean, error = mean_and_error(np.square(r).sum(axis=-1))
+    assert abs(mean / (2 * square_speed) - 1) < 0.01 + FAR * error / mean
+
+
+def test_a_cold_bath_does_nothing():
+    scene = scene_of(velocities={"temperature": 0.0})
+    for which in ("enskog", "boltzmann", "measured"):
+        assert np.all(langevin.simulate(scene, [0], friction=which).tracer.position == 0.0)
+
+
+# -- friction -------------------------------------------------------------------------------------------------------
+
+
+def test_friction_of_the_note():
+    """By hand: n = 149/36, sigma = 0.4, mu = 0.4/1.4, kT = 0.4 x 2^2."""
+    covered = 149 / 36 * math.pi * 0.1**2
+    chi = 1 / (1 - covered) + 9 / 8 * (0.6 * 0.2 / 0.8) * (149 / 36 * math.pi / 4 * 0.2) / (1 - covered) ** 2
+    thin = 2 * 149 / 36 * 0.4 * math.sqrt(2 * math.pi * 0.4 / 1.4 * 1.6)
+    assert friction.friction_rate(scene_of(), "boltzmann") == pytest.approx(thin, rel=1e-14)
+    assert friction.friction_rate(scene_of(), "enskog") == pytest.approx(chi * thin, rel=1e-14)
+    assert friction.friction_rate(scene_of(velocities={"temperature": 1.6}), "boltzmann") == pytest.approx(thin)
+
+
+def test_frictions_of_several_species_add():
+    small, large = (
+        {"name": "small", "count": 100, "radius": 0.05, "mass": 0.2},
+        {"name": "large", "count": 20, "radius": 0.1, "mass": 0.4},
+    )
+    given = {"velocities": {"temperature": 1.6}}
+    both = friction.friction_rate(scene_of(species=[small, large], particles=121, **given), "boltzmann")
+    each = [
+        friction.friction_rate(scene_of(species=[one], particles=one["count"] + 1, **given), "boltzmann")
+        for one in (small, large)
+    ]
+    assert both == pytest.approx(sum(each), rel=1e-14)
+    hot = friction.bath_of(scene_of(species=[small, large], particles=121))
+    assert hot.temperature == pytest.approx(4 * (100 * 0.2 + 20 * 0.4) / 120, rel=1e-14)
+
+
+def test_measured_friction_is_that_of_theory_in_a_thin_bath():
+    """4,000 collisions are 1.6 % if they come at random; walls take 0.7 % of the room, chi is 1.001. 0.1 %."""
+    scene = scene_of(width=60.0, particles=100)
+    measured, expected = (friction.friction_rate(scene, which) for which in ("measured", "enskog"))
+    assert measured == friction.friction_rate(replace(scene, duration=5.0), "measured")
+    assert abs(measured / expected - 1) < 0.007 + FAR / math.sqrt(friction.COLLISIONS)
+
+
+def test_the_note_by_langevin_and_by_collisions():
+    """With the measured friction the first steps agree, MSD(0.1) to 1 % (9,600 runs each: 0.0496(5) and 0.0501(5)).
+
+    Later the bath gives momentum back, which has no place in the Langevin equation: MSD(1) is 0.917(9) by collisions
+    and 0.816(8) so, 0.848(9) with Enskog's friction. Bounds: these differences and 0.1 % false alarms.
+    """
+    scene = scene_of()
+    runs = langevin.simulate(scene, range(RUNS), friction="measured"), exact.simulate(scene, range(2400))
+    for k, least, most in ((10, 0.0, 0.02), (100, 0.05, 0.17)):
+        (one, error), (other, more) = (
+            mean_and_error(np.square(unwrapped(scene, found)[k]).sum(axis=-1)) for found in runs
+        )
+        slack = FAR * math.hypot(error, more)
+        assert least * other - slack < other - one < most * other + slack
+
+
+# -- where it is refused --------------------------------------------------------------------------------------------
+
+
+LIGHT = {"tracer": {"mass": 0.7}}
+NO_TRACER = {"disks": {"species": [{"name": "bath", "count": "rest", "radius": 0.1, "mass": 0.4}]}}
+CROWD = {"particles": 900, "width": 6.0, "disks": {
+    "tracer": {"radius": 0.3, "mass": 10.0},
+    "species": [{"name": "bath", "count": "rest", "radius": 0.1, "mass": 0.4}],
+    "placement": "lattice",
+}}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (LIGHT, "some, N = 150: --engine langevin is for a heavy tracer: the disk that is followed has 1.75 times the"),
+        (NO_TRACER, "the disk that is followed has 1 times the mass of the heaviest of the others; must be at least 2"),
+        (CROWD, "has no contact value for --friction enskog: the packing fraction is 0.79"),
+        ({"particles": 1}, "needs a bath, and there is a single disk"),
+        ({"velocities": {"standard_deviation": 1e300}}, "needs a temperature of the bath below 1.8e308"),
+    ],
+)
+def test_where_friction_and_noise_are_no_bath(changes, message):
+    with pytest.raises(SceneError) as refusal:
+        langevin.simulate(scene_of(**changes), [0])
+    assert message in str(refusal.value)
+
+
+def test_a_dense_bath_is_measured_or_nothing():
+    friction.refuse_unfit(scene_of(**CROWD), "measured")
+
+
+def test_a_list_of_disks_has_no_bath():
+    disk = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "radius": 0.1, "mass": 1.0}
+    scene = parse_scene({"box": {"x": [-1, 1], "y": [-1, 1]}, "disks": [disk], "duration": 1.0}, "listed.yaml")
+    with pytest.raises(SceneError, match="listed, N = 1: --engine langevin needs a scene with species"):
+        langevin.simulate(scene, [0])
+
+
+@pytest.mark.parametrize("record", [{"all"}, {"events", "tracer"}])
+def test_what_the_bath_does_cannot_be_recorded(record):
+    with pytest.raises(SceneError, match=r"the langevin engine has no bath; must be tracer or none"):
+        langevin.simulate(scene_of(), [0], frozenset(record))
+
+
+@pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])
+def test_a_tracer_that_is_not_very_heavy(mass, said):
+    remark = friction.caution(scene_of(tracer={"mass": mass}))
+    assert (remark is not None) == said
