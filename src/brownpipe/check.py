@@ -38,8 +38,8 @@ def _scene(scene: Scene) -> list[str]:
         f"run       from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
         f"engine    exact: {_engine(scene)}",
         f"expected  {_expected(scene, one)}",
-        f"cost      some {_time(one.seconds)} of CPU a run, once {cost.START_UP:g} s have passed to start;"
-        f" {_bytes(one.working)} of memory, {_bytes(one.recorded)} of file",
+        f"cost      some {in_time(one.seconds)} of CPU a run, once {cost.START_UP:g} s have passed to start;"
+        f" {in_bytes(one.working)} of memory, {in_bytes(one.recorded)} of file",
         *_others(scene),
     ]
 
@@ -85,13 +85,13 @@ def _engine(scene: Scene) -> str:
 def _others(scene: Scene) -> list[str]:
     """What the other engines would make of the scene."""
     step = Engine("timestep", (("time_step", scene.duration / STEPS), ("precision", "double")))
-    stepping = f"in steps of --time-step; some {_time(cost.of_engine(step, scene).seconds)} a run in {STEPS:,} steps"
+    stepping = f"in steps of --time-step; some {in_time(cost.of_engine(step, scene).seconds)} a run in {STEPS:,} steps"
     engine = Engine("langevin", (("friction", "enskog"),))
     try:
         refuse_unfit(engine, scene)
     except reading.SceneError as error:
         return [f"timestep  {stepping}", f"langevin  no: {str(error).partition('--engine langevin ')[2]}"]
-    stochastic = f"{_model(engine, [scene])}; some {_time(cost.of_engine(engine, scene).seconds)} a run"
+    stochastic = f"{_model(engine, [scene])}; some {in_time(cost.of_engine(engine, scene).seconds)} a run"
     return [f"timestep  {stepping}", f"langevin  --friction enskog: {stochastic}", *_cautions(engine, [scene])]
 
 
@@ -118,14 +118,14 @@ def _study(study: Study) -> list[str]:
     lines = [f"{'scene':<{names}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  of a run"]
     for case, one in costs.items():
         count = _rounded(one.pair_collisions + one.wall_collisions)
-        row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {count:>11} {_time(one.seconds):>9}"
-        lines.append(f"{case.name:<{names}}  {row} {_bytes(one.recorded):>9}")
+        row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {count:>11} {in_time(one.seconds):>9}"
+        lines.append(f"{case.name:<{names}}  {row} {in_bytes(one.recorded):>9}")
     all_runs, seconds, size, most = 0, 0.0, 0.0, 0
     for engine, seeds, cases in _uses(study):
         takes, batches = [cost.of_engine(engine, case) for case in cases], len(study.batches_of(seeds))
         each = sum(batches * (cost.START_UP + one.once) + len(seeds) * one.seconds for one in takes)
         where = "" if len(cases) == len(study.cases) else f" in {', '.join(dict.fromkeys(one.name for one in cases))}"
-        lines.append(f"engine    {engine.label}{where}: {_model(engine, cases)}; some {_time(each)} of CPU")
+        lines.append(f"engine    {engine.label}{where}: {_model(engine, cases)}; some {in_time(each)} of CPU")
         lines += _cautions(engine, cases)
         all_runs, seconds, most = all_runs + len(seeds) * len(cases), seconds + each, max(most, len(seeds))
         size += len(seeds) * sum(costs[case].recorded for case in cases)
@@ -133,7 +133,7 @@ def _study(study: Study) -> list[str]:
     return [
         *lines,
         *remarks,
-        f"total     {total}: some {_time(seconds)} of CPU, {_bytes(size)} in results/{study.name}",
+        f"total     {total}: some {in_time(seconds)} of CPU, {in_bytes(size)} in results/{study.name}",
         f"figures   {', '.join(study.figures)}",
     ]
 
@@ -160,14 +160,14 @@ def _rounded(count: float) -> str:
     return f"{float(f'{count:.2g}'):,.0f}" if count < 1e9 else f"{count:.1e}"
 
 
-def _time(seconds: float) -> str:
+def in_time(seconds: float) -> str:
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0), ("s", 1.0)):
         if seconds >= 2 * size or (unit == "s" and seconds >= size):
             return f"{seconds / size:.2g} {unit}" if seconds < 100 * size else f"{seconds / size:,.0f} {unit}"
     return f"{1e3 * seconds:.0f} ms" if seconds >= 0.01 else f"{1e3 * seconds:.2g} ms"
 
 
-def _bytes(count: float) -> str:
+def in_bytes(count: float) -> str:
     for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if count >= size:
             return f"{float(f'{count / size:.2g}'):g} {unit}"

@@ -55,6 +55,11 @@ class Job(NamedTuple):
     first: int
     last: int
 
+    @property
+    def file(self) -> str:
+        """Its trajectory file, in the folder `simulate` of the study's results."""
+        return f"{self.scene}/N{self.particles}/{self.engine}/{self.first}-{self.last}.h5"
+
 
 @dataclass(frozen=True)
 class Study:
@@ -101,6 +106,19 @@ class Study:
         for case in self.cases:
             table[case.name][str(case.particles)] = {"file": files[case.name], "digest": case.digest}
         return table
+
+    @property
+    def compared(self) -> list[str]:
+        """The scenes that have exact runs and others to compare with them, as a price list names them."""
+        others = {name: {use.engine for use in self.uses if name in use.scenes} for name in self.table}
+        stand_ins, exact = dict(self.instead_of), Engine("exact")
+        names = [
+            name
+            for name, all_of_it in others.items()
+            if exact in all_of_it and (len(all_of_it) > 1 or name in stand_ins)
+        ]
+        counts = {name: list(self.table[name]) for name in names}
+        return [name if len(counts[name]) == 1 else f"{name}_N{n}" for name in names for n in counts[name]]
 
     def jobs(self) -> list[Job]:
         """Return one record per call of `brownpipe simulate`."""

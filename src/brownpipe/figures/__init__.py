@@ -4,16 +4,15 @@ One module per figure, each with `draw(cases)` and `table(cases)`; `style` has t
 parts of the dataset. Bars and bands are 95 % intervals over runs. The same dataset gives the same bytes.
 """
 
-import io
 from pathlib import Path
 
-from brownpipe.figures import displacement_distribution, health, msd, particle_counts
+from brownpipe.figures import displacement_distribution, health, msd, particle_counts, tradeoff
 from brownpipe.figures.answer import summary, summary_table
 from brownpipe.figures.cases import FigureError, cases_of, has_msd, one_count
-from brownpipe.figures.style import SAVE, drawing
+from brownpipe.figures.style import drawing, image
 from brownpipe.figures.tables import to_csv
 
-__all__ = ["FigureError", "render", "summary"]
+__all__ = ["FigureError", "render", "summary", "tradeoff"]
 MODULES = {
     module.__name__.rpartition(".")[2]: module for module in (msd, displacement_distribution, particle_counts, health)
 }
@@ -43,7 +42,7 @@ def render(dataset, folder, names=None, particles=None):
         for name in names or [name for name, cases in shown.items() if cases]:
             figure, cases = MODULES[name], shown[name]
             drawn = figure.draw(cases)
-            files |= {f"{name}.png": _image(drawn, "png"), f"{name}.svg": _image(drawn, "svg")}
+            files |= {f"{name}.png": image(drawn, "png"), f"{name}.svg": image(drawn, "svg")}
             files[f"{name}.csv"] = to_csv(figure.table(cases))
     files["summary.csv"] = to_csv(summary_table(dataset))
     for old in (Path(folder) / f"{name}.{kind}" for name in MODULES for kind in KINDS):
@@ -74,10 +73,3 @@ _LACKING = {
     "particle_counts": "there are not two particle counts or more",
     "health": "there are no runs",
 }
-
-
-def _image(figure, kind):
-    """The figure as the bytes of a PNG or SVG file, without date or version."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, **SAVE[kind])
-    return buffer.getvalue()

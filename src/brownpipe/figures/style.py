@@ -1,5 +1,7 @@
 """The one style of all figures: print-ready, colours of Okabe and Ito (colour-blind safe), nothing that varies."""
 
+import io
+
 import numpy as np
 
 PANEL = (4.8, 5.4)  # width and height of one scene's panel [inch]
@@ -76,3 +78,10 @@ def shades(count):
     import matplotlib
 
     return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0.02, 0.7, count)]
+
+
+def image(figure, kind):
+    """The figure as the bytes of a PNG or SVG file, without date or version."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, **SAVE[kind])
+    return buffer.getvalue()

@@ -120,7 +120,7 @@ def summary(dataset):
 REMARK = (
     "Bias: relative to exact, +- one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
     "Distance: of the displacement distributions at the end. Parts: median time at which the tracer leaves the exact\n"
-    "trajectory. Pays: the CPU times of a study between which nothing has a smaller error of the MSD, on this machine.\n"
+    "trajectory. Pays: CPU times of a study between which nothing has a smaller error of the MSD, on this machine.\n"
 )
 
 
@@ -145,7 +145,7 @@ def _row(one, exact_seconds):
         "-" if setting == "exact" else _bias(one, "msd_bias"),
         "-" if setting == "exact" else _bias(one, "d_bias"),
         "-" if setting == "exact" else _distance(one),
-        f"{float(one.worst_overlap):.1g}",
+        "-" if np.isnan(one.worst_overlap) else f"{float(one.worst_overlap):.1g}",
         _time(float(one.departure_time)),
         _pays(float(one.pays_from), float(one.pays_to)),
     )

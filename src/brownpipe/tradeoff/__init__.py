@@ -4,6 +4,7 @@
 says what is in the dataset.
 """
 
+import json
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +13,21 @@ from brownpipe.analysis import AnalysisError
 from brownpipe.analysis.displacement import per_run_lines
 from brownpipe.tradeoff import bias, cost
 from brownpipe.tradeoff.front import Setting, Stretch, pareto_front, runs_for, settings_of, total_error
-from brownpipe.tradeoff.runs import Runs, read_runs
+from brownpipe.tradeoff.runs import Runs, read_runs, runs_of
 from brownpipe.tradeoff.variables import ATTRIBUTES, VARIABLES
 
-__all__ = ["Setting", "Stretch", "measure", "pareto_front", "runs_for", "settings_of", "total_error"]
+__all__ = [
+    "Setting",
+    "Stretch",
+    "compare",
+    "measure",
+    "pareto_front",
+    "runs_for",
+    "runs_of",
+    "settings_of",
+    "spread_of",
+    "total_error",
+]
 CURVE = 20  # times of the curve of the MSD's bias, at equal steps of the logarithm
 DEPARTED = 1e-3  # of the tracer's radius: further apart, two trajectories have parted
 SAME_TIME = 1e-9
@@ -65,7 +77,7 @@ def _first_of(groups, name):
 
 def _scene_label(runs, several):
     name = runs.scene.name
-    return f"{name}, N = {runs.scene.particles}" if name in several else name
+    return f"{name}_N{runs.scene.particles}" if name in several else name
 
 
 def _cases(exact, groups, others):
@@ -113,6 +125,7 @@ def compare(runs, exact, window, seconds, paired=True):
     same = same if same is not None and len(same[0]) > 1 else None
     drift, overlap = (runs.outcomes[name] for name in ("energy_drift", "worst_overlap"))
     return {
+        "engine": json.dumps({"name": runs.engine.name, **dict(runs.engine.settings)}),
         "runs": len(runs.seeds),
         "failed_runs": runs.failed,
         "paired_runs": 0 if same is None else len(same[0]),
@@ -124,6 +137,13 @@ def compare(runs, exact, window, seconds, paired=True):
         **_biases(runs, exact, same, window),
         **_distances(runs, exact, same),
     }
+
+
+def spread_of(runs, observable, window):
+    """Relative scatter of `msd` (at the end) or `d` (in the window) in one run: standard deviation over mean."""
+    column = {"msd": 0, "d": 1}[observable]
+    values = _per_run(runs, [], window)[:, column]
+    return float(values.std(ddof=1) / abs(values.mean()))
 
 
 def _biases(runs, exact, same, window):

@@ -7,6 +7,7 @@ import numpy as np
 from brownpipe.analysis import AnalysisError
 from brownpipe.engines import Engine
 from brownpipe.scene import Scene
+from brownpipe.storage.trajectories import Trajectories
 
 OUTCOMES = ("energy_drift", "worst_overlap", "failed")
 
@@ -20,7 +21,7 @@ class Runs(NamedTuple):
     times: np.ndarray  # (T,)
     moved: np.ndarray  # (S, T, 2) displacement of the tracer from its start [length]
     squared: np.ndarray  # (S, T) and its square
-    outcomes: dict  # name -> (S,), of OUTCOMES
+    outcomes: dict  # name -> (S,), of OUTCOMES; NaN where an engine has no such thing
     failed: int  # runs that were left out
 
     @property
@@ -45,6 +46,11 @@ def read_runs(paths) -> list[Runs]:
     return [_joined(parts[key]) for key in sorted(parts)]
 
 
+def runs_of(scene, engine, ensemble) -> Runs:
+    """The runs of an ensemble (brownpipe.state.Ensemble), seeds in ascending order."""
+    return _joined([("", Trajectories(scene, engine.name, dict(engine.settings), ensemble))])
+
+
 def _joined(parts):
     (path, first), *others = parts
     for other, read in others:
@@ -57,14 +63,18 @@ def _joined(parts):
     twice = np.flatnonzero(np.diff(seeds[order]) == 0)
     if twice.size:
         raise AnalysisError(f"{path}: seed {seeds[order][twice[0]]} is there twice; each run may count only once")
-    observables = [read.ensemble.observables for _, read in parts]
-    outcomes = {name: np.concatenate([one[name] for one in observables])[order] for name in OUTCOMES}
+    outcomes = {name: np.concatenate([_outcome(read, name) for _, read in parts])[order] for name in OUTCOMES}
     kept = outcomes["failed"] == 0
     moved = np.concatenate([_moved(read) for _, read in parts])[order][kept]
     engine = Engine(first.engine, tuple(first.settings.items()))
     outcomes = {name: values[kept] for name, values in outcomes.items()}
     squared, times = (moved**2).sum(axis=-1), first.ensemble.times
     return Runs(first.scene, engine, seeds[order][kept], times, moved, squared, outcomes, np.count_nonzero(~kept))
+
+
+def _outcome(read, name):
+    """An observable (S,); NaN if the engine has no such thing."""
+    return read.ensemble.observables.get(name, np.full(len(read.ensemble.seeds), np.nan))
 
 
 def _moved(read):

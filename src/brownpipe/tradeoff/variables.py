@@ -47,6 +47,7 @@ VARIABLES = {
     "window_start": Variable(SCENE, "time", "start of the window of time in which D is fitted"),
     "window_end": Variable(SCENE, "time", "end of the window of time in which D is fitted"),
     "sample_time": Variable((*SCENE, "sample"), "time", "times of the curve of the bias of the MSD"),
+    "engine": Variable(SETTING, "1", "name and settings of the engine, as in a study (JSON)", object, ""),
     "runs": Variable(SETTING, "1", "number of runs that did not fail", np.int64, 0),
     "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", np.int64, 0),
     "paired_runs": Variable(SETTING, "1", "number of runs that an exact one begins like", np.int64, 0),
