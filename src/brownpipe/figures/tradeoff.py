@@ -14,15 +14,13 @@ POINTS = 400
 
 def draw(dataset, scene):
     """Total error of the MSD at the end against CPU time in one scene; the best buy is bold and coloured."""
-    settings = settings_of(dataset, scene)
-    stretches = pareto_front(settings)
+    settings, stretches = settings_of(dataset, scene), pareto_front(settings_of(dataset, scene, at_worst=True))
     times = np.geomspace(FEWEST_RUNS * min(one.seconds for one in settings), _last_time(settings, stretches), POINTS)
     figure, axes = grid(1, 1, 8.2, 5.4)
     axes = axes[0, 0]
     colours = dict(zip(dict.fromkeys(one.label for one in stretches), COLOURS * 9, strict=False))
-    bounds = {one.label: _unresolved_below(dataset, scene, one.label) for one in settings}
     for one in settings:
-        _line(axes, times, one, colours.get(one.label, START), bounds[one.label])
+        _line(axes, times, one, _unresolved_below(_of(dataset, scene, one.label)), colours.get(one.label, START))
     for stretch in stretches:
         _bold(axes, times, stretch, settings, colours[stretch.label])
     axes.set(xscale="log", yscale="log", xlim=(times[0], times[-1]))
@@ -30,7 +28,7 @@ def draw(dataset, scene):
     axes.set_xlabel("CPU time of a study on this machine (s)")
     axes.set_ylabel("expected relative error of $\\langle r^2 \\rangle$ at the end")
     axes.set_title(f"{scene}: what a CPU time buys", pad=24)
-    remark = "bold: the best buy; dotted: below what the study can tell of the bias"
+    remark = "bold: the best buy, for all that is known of the biases; dotted: less than what the bias may be (95 %)"
     axes.text(0.0, 1.025, remark, transform=axes.transAxes, color=START, fontsize=8.8)
     _direct_labels(axes, times[-1], settings, colours)
     return figure
@@ -42,17 +40,16 @@ def _last_time(settings, stretches):
     return max((exact.spread / FINEST) ** 2 * exact.seconds, *(3 * one.start for one in stretches))
 
 
-def _unresolved_below(dataset, scene, label):
-    """The size that an unresolved bias may have, 95 %; 0 for a resolved one."""
-    one = dataset.sel(scene=scene, setting=label)
-    low, high = float(one.msd_bias_low), float(one.msd_bias_high)
-    return max(-low, high) if low < 0.0 < high else 0.0
+def _unresolved_below(one):
+    """The size that a bias may have (95 %) that was not told from 0; 0 if it was."""
+    return float(one.msd_bias_bound) if one.msd_bias_low < 0.0 < one.msd_bias_high else 0.0
 
 
-def _line(axes, times, setting, colour, bound):
+def _line(axes, times, setting, unresolved, colour):
+    """The error; dotted where it is below the size that the bias may have."""
     error = total_error(setting, times)
-    axes.plot(times, np.where(error >= bound, error, np.nan), color=colour, linewidth=1.0, alpha=0.8)
-    axes.plot(times, np.where(error < bound, error, np.nan), color=colour, linewidth=1.0, linestyle=DOTTED)
+    axes.plot(times, np.where(error >= unresolved, error, np.nan), color=colour, linewidth=1.0, alpha=0.8)
+    axes.plot(times, np.where(error < unresolved, error, np.nan), color=colour, linewidth=1.0, linestyle=DOTTED)
 
 
 def _bold(axes, times, stretch, settings, colour):
@@ -98,7 +95,7 @@ def name_of(label):
 NUMBERS = ("runs", "failed_runs", "paired_runs", "seconds", "study_seconds", "msd_spread", "d_spread")
 ERRORS = tuple(f"{name}_bias{part}" for name in ("msd", "d") for part in ("", "_standard_error", "_low", "_high"))
 DISTANCE = tuple(f"displacement_bias{part}" for part in ("", "_low", "_high", "_noise"))
-HEALTH = ("worst_energy_drift", "worst_overlap", "departure_time", "pays_from", "pays_to")
+HEALTH = ("worst_energy_drift", "worst_overlap", "departure_time", "pays_from", "pays_to", "may_pay_from", "may_pay_to")
 
 
 def table(dataset):
@@ -131,8 +128,15 @@ def _of_scene(dataset, scene):
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     yield f"{scene}, N = {int(dataset.sel(scene=scene).particles)}"
     yield from ("  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-    never = [name_of(one.label) for one in settings if np.isnan(dataset.pays_from.sel(scene=scene, setting=one.label))]
-    yield f"  never pays: {'; '.join(never)}\n" if never else "  everything pays at some CPU time\n"
+    never = [name_of(one.label) for one in settings if np.isnan(_of(dataset, scene, one.label).may_pay_from)]
+    yield f"  never pays: {'; '.join(never) or 'none of them'}"
+    open_ = [one.label for one in settings if np.isnan(_of(dataset, scene, one.label).pays_from)]
+    open_ = [name_of(label) for label in open_ if name_of(label) not in never]
+    yield f"  pays only if its bias is smaller than is known: {'; '.join(open_)}\n" if open_ else ""
+
+
+def _of(dataset, scene, label):
+    return dataset.sel(scene=scene, setting=label)
 
 
 def _row(one, exact_seconds):
@@ -155,7 +159,7 @@ def _bias(one, name):
     value, error, low, high = (float(one[f"{name}{part}"]) for part in ("", "_standard_error", "_low", "_high"))
     if np.isnan(value):
         return "-"
-    if low <= 0.0 <= high:
+    if low <= 0.0 <= high or value**2 <= error**2:
         return f"< {100 * max(-low, high):.2g} %"
     return f"{100 * value:+.2g} +- {100 * error:.1g} %"
 

@@ -47,7 +47,9 @@ def pareto_front(settings):
 
     The square of the error is linear in 1/T. So the best setting changes only where two of these lines cross or where
     a dearer setting gets its first FEWEST_RUNS; of two equal ones the first in `settings` counts.
+    Settings of unknown (NaN) bias are left out.
     """
+    settings = [one for one in settings if np.isfinite(one.bias_square)]
     starts = {FEWEST_RUNS * one.seconds for one in settings}
     changes = sorted(starts | {time for pair in combinations(settings, 2) if (time := _crossing(*pair)) > min(starts)})
     stretches = []
@@ -61,14 +63,20 @@ def pareto_front(settings):
     return stretches
 
 
-def settings_of(dataset, scene, observable="msd"):
-    """The settings of a scene of the dataset, the exact one first, as they are for `msd`, `d` or `displacement`."""
+def settings_of(dataset, scene, observable="msd", at_worst=False):
+    """The settings of a scene of the dataset, the exact one first, as they are for `msd`, `d` or `displacement`.
+
+    `at_worst`: every bias as large as its 95 % interval allows, so that nothing is taken for better than it is known
+    to be. Else as found, with the scatter taken off.
+    """
     of_scene = dataset.sel(scene=scene)
     settings = []
     for label in of_scene.setting.values:
         one = of_scene.sel(setting=label)
         if one.runs > 0:
-            square = float(one[f"{observable}_bias_square"])
+            square = (
+                float(one[f"{observable}_bias_bound"]) ** 2 if at_worst else float(one[f"{observable}_bias_square"])
+            )
             settings.append(Setting(str(label), square, float(one[f"{observable}_spread"]), float(one.seconds)))
     return sorted(settings, key=lambda one: one.label != "exact")
 
