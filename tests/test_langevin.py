@@ -49,7 +49,7 @@ def mean_and_error(values):
 
 
 @pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
-def test_msd_and_autocorrelation_of_the_tracer(boundary):
+def test_msd_of_the_tracer(boundary):
     """Short, middle and long times at once: gamma t from 0.07 to 29. Six numbers, 0.6 % false alarms."""
     scene = scene_of(boundary=boundary, width=60.0, particles=15_000, duration=4.0, sample_interval=0.01)
     gamma = friction.friction_rate(scene, "enskog")

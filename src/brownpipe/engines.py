@@ -88,7 +88,7 @@ def refuse_unfit(engine: Engine, scene, record=frozenset({"tracer"})) -> None:
     if engine.name == "langevin":
         from brownpipe import friction
 
-        friction.refuse_unfit(scene, engine.settings[0][1], record)
+        friction.refuse_unfit(scene, dict(engine.settings)["friction"], record)
 
 
 def caution(engine: Engine, scene) -> str | None:
