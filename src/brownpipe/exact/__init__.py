@@ -93,7 +93,7 @@ def prepared(scene: Scene, pinned: bool = False) -> Engine:
 
 
 def states(scene: Scene) -> Callable[[int], State]:
-    """Return the function that gives the state of a seed at t = 0, drawn and equilibrated, for any engine to begin from.
+    """Return the function from a seed to its state at t = 0, drawn and equilibrated, where any engine begins.
 
     It raises RunError if the time to equilibrate fails, SceneError if the disks cannot be placed.
     """

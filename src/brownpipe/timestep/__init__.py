@@ -77,7 +77,7 @@ def prepared(scene: Scene, time_step: float, precision: str = "double") -> Engin
 
 def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> Run:
     """Run from a state and sample at the given times."""
-    scene, frame, time_step, precision, w = engine
+    scene, frame, time_step, _, w = engine
     room = recorder(scene, frame, time_step, times, record)
     begin(w, motion_of(state, frame))
     first = np.stack([w.vx, w.vy], axis=1).astype(float)

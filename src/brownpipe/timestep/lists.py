@@ -1,11 +1,13 @@
 """Which pairs may touch: Verlet lists, made from cells whenever a disk may have come too far from where it was.
 
-A list holds every pair closer than contact plus a skin. It is complete until two disks together have moved as far as
-the skin (L. Verlet, Phys. Rev. 159, 98 (1967)). Disks are put in the order of their cells, so that neighbours lie near
-each other in memory and the cells to search are stretches of the arrays.
+A list holds every pair closer than contact plus a skin, and is complete until a disk has moved by half the skin
+(L. Verlet, Phys. Rev. 159, 98 (1967)). To make it, places are copied in the order of the cells, line by line, so that
+neighbouring cells are stretches of the copies.
 """
 
 import math
+
+import numpy as np
 
 from brownpipe.kernels import kernel
 from brownpipe.timestep.workspace import (
@@ -32,8 +34,8 @@ def survey(w):
     furthest, fastest = 0.0, 0.0
     for i in range(len(w.x)):
         x, y = w.x[i] - w.made_x[i], w.y[i] - w.made_y[i]
-        furthest = max(furthest, float(x * x + y * y))
-        fastest = max(fastest, float(w.vx[i] * w.vx[i] + w.vy[i] * w.vy[i]))
+        furthest = max(furthest, np.float64(x * x + y * y))
+        fastest = max(fastest, np.float64(w.vx[i] * w.vx[i] + w.vy[i] * w.vy[i]))
     return math.sqrt(furthest), math.sqrt(fastest)
 
 
@@ -105,8 +107,8 @@ def wrap(w):
     for i in range(len(w.x)):
         across, up = boxes_away(w.x[i], w.box.x, w.box.width), boxes_away(w.y[i], w.box.y, w.box.height)
         if across != 0 or up != 0:
-            w.x[i] = float(w.x[i]) - across * w.box.width
-            w.y[i] = float(w.y[i]) - up * w.box.height
+            w.x[i] = np.float64(w.x[i]) - across * w.box.width
+            w.y[i] = np.float64(w.y[i]) - up * w.box.height
             w.image_x[i] += across
             w.image_y[i] += up
 
@@ -114,13 +116,13 @@ def wrap(w):
 @kernel
 def boxes_away(place, low, side):
     """Return how many boxes from the first one a coordinate lies."""
-    return int(math.floor((float(place) - low) / side))
+    return math.floor((np.float64(place) - low) / side)
 
 
 @kernel
 def cell_along(place, low, side, cells):
     """Return which of the cells along a side a coordinate is in; what is outside belongs to the nearest."""
-    return min(max(int((float(place) - low) / side * cells), 0), cells - 1)
+    return min(max(int((np.float64(place) - low) / side * cells), 0), cells - 1)
 
 
 @kernel
@@ -213,7 +215,7 @@ def pairs_round_the_box(w, columns, lines, column, line):
 @kernel
 def images_within_reach(distance, cells, side):
     """Return how many cells to a side a distance reaches."""
-    return max(1, int(math.ceil(distance * cells / side)))
+    return max(1, math.ceil(distance * cells / side))
 
 
 @kernel
@@ -224,9 +226,9 @@ def pairs_of_big(w, i):
         return
     largest = w.largest
     for k in range(w.big):
-        largest = max(largest, float(w.radius[k]))
-    far = float(w.radius[i]) + largest + w.tally[SKIN]
-    x, y = float(w.x[i]) - w.box.x, float(w.y[i]) - w.box.y
+        largest = max(largest, np.float64(w.radius[k]))
+    far = np.float64(w.radius[i]) + largest + w.tally[SKIN]
+    x, y = np.float64(w.x[i]) - w.box.x, np.float64(w.y[i]) - w.box.y
     for across in range(math.floor((x - far) / w.box.width), math.floor((x + far) / w.box.width) + 1):
         for up in range(math.floor((y - far) / w.box.height), math.floor((y + far) / w.box.height) + 1):
             if across != 0 or up != 0:
@@ -235,7 +237,7 @@ def pairs_of_big(w, i):
 
 @kernel
 def meet(w, pairs, counter, i, begin, end, across, up):
-    """List the pairs of disk i with disks in a stretch of the arrays, all seen as one image; say if there is no room."""
+    """List the pairs of disk i with a stretch of the arrays, all seen as one image; say if there is no room."""
     m = begun = w.clock[counter]
     if m + end - begin > len(pairs.a):
         w.clock[OVERFULL] = 1

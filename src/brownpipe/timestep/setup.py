@@ -12,7 +12,7 @@ from brownpipe.timestep import workspace as ws
 from brownpipe.timestep.workspace import Pairs, Recorder, Room, Workspace
 
 PRECISIONS = {"double": np.float64, "single": np.float32}
-ENERGY_BOUND = {np.float64: HEALTH_BOUND, np.float32: 1e-3}  # energy drift beyond which a run has failed
+ENERGY_BOUND = {np.float64: HEALTH_BOUND, np.float32: 1e-4}  # energy drift beyond which a run has failed
 MOST_STEPS = 1e10
 FINEST = 64  # in units of round-off of the largest coordinate: disks that move less in a step stand still, or nearly so
 REAL_ARRAYS = ("x", "y", "vx", "vy", "made_x", "made_y", "near_x", "near_y", "near_radius")
@@ -66,7 +66,7 @@ def prepare(scene: Scene, frame: Frame, time_step: float, precision: str, room: 
     reals = np.zeros(ws.REALS, real)
     reals[ws.LENGTH] = dt
     reals[[ws.LEFT, ws.BOTTOM]] = corner
-    reals[[ws.RIGHT, ws.TOP]] = corner + (inner.width, inner.height)
+    reals[[ws.RIGHT, ws.TOP]] = corner + np.array((inner.width, inner.height))
     room = max(room, 16 * n + 64)
     return Workspace(
         box=inner,

@@ -1,11 +1,13 @@
 """A time step: all disks move straight, then those that overlap and approach exchange momentum; and the loop over them.
 
 What is done for every disk and every pair is done in the precision of the run; a collision is worked out in double
-precision and only its outcome rounded. Pairs that overlap at the same time are taken in the order of their disks'
-numbers, so that results do not depend on how neighbours are found.
+precision (np.float64, as float() of Numba keeps a single one) and only its outcome rounded. Pairs that overlap at the
+same time are taken in the order of their disks' numbers, so that results do not depend on how neighbours are found.
 """
 
 import math
+
+import numpy as np
 
 from brownpipe.collisions import exchange, shares
 from brownpipe.kernels import kernel
@@ -74,17 +76,19 @@ def near_across(w, pairs, number, slack, offset, m):
 
 @kernel
 def relative(w, pair):
-    """Return a pair, and place and velocity of its disk b as seen from a."""
-    room = len(w.within.a)
-    if pair < room:
-        a, b = w.within.a[pair], w.within.b[pair]
-        x, y = float(w.x[b]) - float(w.x[a]), float(w.y[b]) - float(w.y[a])
+    """Return a pair, the disk with the lower number first, and place and velocity of its disk b as seen from a."""
+    j, room = pair, len(w.within.a)
+    if j < room:
+        a, b = int(w.within.a[j]), int(w.within.b[j])
+        x, y = np.float64(w.x[b]) - np.float64(w.x[a]), np.float64(w.y[b]) - np.float64(w.y[a])
     else:
-        j = pair - room
-        a, b = w.across.a[j], w.across.b[j]
-        x = float(w.x[b]) - float(w.x[a]) + float(w.across.shift_x[j])
-        y = float(w.y[b]) - float(w.y[a]) + float(w.across.shift_y[j])
-    return a, b, x, y, float(w.vx[b]) - float(w.vx[a]), float(w.vy[b]) - float(w.vy[a])
+        j -= room
+        a, b = int(w.across.a[j]), int(w.across.b[j])
+        x = np.float64(w.x[b]) - np.float64(w.x[a]) + np.float64(w.across.shift_x[j])
+        y = np.float64(w.y[b]) - np.float64(w.y[a]) + np.float64(w.across.shift_y[j])
+    if w.disk[a] > w.disk[b]:
+        a, b, x, y = b, a, -x, -y
+    return a, b, x, y, np.float64(w.vx[b]) - np.float64(w.vx[a]), np.float64(w.vy[b]) - np.float64(w.vy[a])
 
 
 @kernel
@@ -98,11 +102,10 @@ def judge(w, hits):
     for h in range(hits):
         pair = int(w.hit[h])
         a, b, x, y, u, v = relative(w, pair)
-        contact = float(w.within.contact[pair] if pair < room else w.across.contact[pair - room])
+        contact = np.float64(w.within.contact[pair] if pair < room else w.across.contact[pair - room])
         distance, approach, speed, cross = x * x + y * y, x * u + y * v, u * u + v * v, x * v - y * u
         if distance < contact:
-            i, k = int(w.disk[a]), int(w.disk[b])
-            w.contact_key[m], w.contact_pair[m] = min(i, k) * n + max(i, k), pair
+            w.contact_key[m], w.contact_pair[m] = int(w.disk[a]) * n + int(w.disk[b]), pair
             m += 1
             w.tally[NEAREST] = min(w.tally[NEAREST], distance / contact)
         else:
@@ -134,10 +137,10 @@ def collide(w, pair):
         return
     fx, fy = exchange(x, y, u, v)
     whole_a, part_a, whole_b, part_b, impulse = shares(w.mass[w.disk[a]], w.mass[w.disk[b]])
-    w.vx[a] = float(w.vx[a]) + whole_a * fx + part_a * fx
-    w.vy[a] = float(w.vy[a]) + whole_a * fy + part_a * fy
-    w.vx[b] = float(w.vx[b]) - whole_b * fx - part_b * fx
-    w.vy[b] = float(w.vy[b]) - whole_b * fy - part_b * fy
+    w.vx[a] = np.float64(w.vx[a]) + whole_a * fx + part_a * fx
+    w.vy[a] = np.float64(w.vy[a]) + whole_a * fy + part_a * fy
+    w.vx[b] = np.float64(w.vx[b]) - whole_b * fx - part_b * fx
+    w.vy[b] = np.float64(w.vy[b]) - whole_b * fy - part_b * fy
     w.count[PAIRS] += 1
     w.count[TRACER_PAIRS] += (a == w.clock[TRACER]) | (b == w.clock[TRACER])
     w.tally[VIRIAL] -= impulse * (x * fx + y * fy)
@@ -148,7 +151,7 @@ def collide(w, pair):
 @kernel
 def heed_speed(w, i):
     """Let the bound on all speeds hold for disk i, too."""
-    speed = math.sqrt(float(w.vx[i]) * float(w.vx[i]) + float(w.vy[i]) * float(w.vy[i]))
+    speed = math.sqrt(np.float64(w.vx[i]) * np.float64(w.vx[i]) + np.float64(w.vy[i]) * np.float64(w.vy[i]))
     if speed > w.tally[FASTEST]:
         w.tally[FASTEST] = speed
         limit = 2.0 * speed * w.step
@@ -158,7 +161,7 @@ def heed_speed(w, i):
 @kernel
 def bounce(w, velocity, i, low, high, wall):
     """Reverse a component of the velocity of disk i if its edge is beyond a wall that it moves to, eqs. (9)-(10)."""
-    v = float(velocity[i])
+    v = np.float64(velocity[i])
     if (low > 0.0 and v < 0.0) or (high > 0.0 and v > 0.0):
         velocity[i] = -velocity[i]
         w.count[WALLS] += 1
@@ -195,8 +198,8 @@ def step(w):
 @kernel
 def note(w, i, rest, position, velocity, images, row, column):
     """Write where disk i is, a time `rest` after the step, into a row of a record."""
-    vx, vy = float(w.vx[i]), float(w.vy[i])
-    x, y = float(w.x[i]) + vx * rest, float(w.y[i]) + vy * rest
+    vx, vy = np.float64(w.vx[i]), np.float64(w.vy[i])
+    x, y = np.float64(w.x[i]) + vx * rest, np.float64(w.y[i]) + vy * rest
     velocity[row, column, 0], velocity[row, column, 1] = vx, vy
     if w.box.periodic:
         across, up = lists.boxes_away(x, w.box.x, w.box.width), lists.boxes_away(y, w.box.y, w.box.height)

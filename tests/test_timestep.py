@@ -1,0 +1,338 @@
+"""The time-stepping engine against a plain twin to the bit, against the exact engine as dt -> 0, and conservation."""
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brownpipe import exact, timestep
+from brownpipe.analysis.departure import departure_time
+from brownpipe.collisions import shares
+from brownpipe.scene import SceneError, parse_scene
+from brownpipe.state import draw
+
+W, P = "reflecting", "periodic"
+EPSILON = {"double": np.finfo(np.float64).eps, "single": np.finfo(np.float32).eps}
+
+
+def make(boundary, side, kinds, duration, tracer=None, **more):
+    """A scene of species from (count, radius, mass) each, on a square around the origin."""
+    half = side / 2
+    disks = {"species": [{"name": f"s{j}", "count": n, "radius": r, "mass": m} for j, (n, r, m) in enumerate(kinds)]}
+    disks |= {"placement": more.pop("placement", "random")} | ({} if tracer is None else {"tracer": tracer})
+    mapping = {"box": {"x": [-half, half], "y": [-half, half], "boundary": boundary}, "disks": disks}
+    mapping |= {"duration": duration, "velocities": {"standard_deviation": 1.0}}
+    return parse_scene(mapping | more, "made.yaml")
+
+
+def explicit(boundary, side, disks, duration, **more):
+    """A scene of disks from (position, velocity, radius, mass) each."""
+    rows = [dict(zip(("position", "velocity", "radius", "mass"), disk, strict=True)) for disk in disks]
+    box = {"x": [-side / 2, side / 2], "y": [-side / 2, side / 2], "boundary": boundary}
+    return parse_scene({"box": box, "disks": rows, "duration": duration} | more, "explicit.yaml")
+
+
+TRACER = {"radius": 0.5, "mass": 3.0, "position": [0.0, 0.0]}
+SCENES = {
+    "walls": make(W, 2.0, [(12, 0.125, 1)], 4.0),
+    "mixture": make(W, 2.0, [(8, 0.1, 1), (8, 0.14, 0.25)], 4.0),
+    "big": make(W, 4.0, [(40, 0.1, 0.5)], 4.0, TRACER),
+    "alone": make(W, 2.0, [(1, 0.25, 1)], 40.0),
+    "periodic": make(P, 2.0, [(12, 0.125, 1)], 2.0),
+    "periodic mixture": make(P, 2.0, [(8, 0.1, 1), (8, 0.14, 0.25)], 2.0),
+    "periodic big": make(P, 2.0, [(20, 0.1, 0.5)], 2.0, TRACER),
+    "two cells a side": make(P, 1.0, [(4, 0.17, 1)], 2.0),
+}
+DT = 2.0**-7
+
+
+# -- step by step ---------------------------------------------------------------------------------------------------
+
+
+def twin(state, box, dt, steps):
+    """The algorithm as it reads, all pairs with all images: positions, velocities, collisions of pairs and walls."""
+    x, v, radius, mass = (column.copy() for column in state)
+    size, low = np.array((box.width, box.height)), np.array((box.x[0], box.y[0]))
+    images = [(a, u) for a in (-1, 0, 1) for u in (-1, 0, 1)] if box.periodic else [(0, 0)]
+    pairs = walls = 0
+    for _ in range(steps):
+        x += v * dt
+        if box.periodic:
+            x -= np.floor((x - low) / size) * size
+        for i in range(len(x)):
+            for k in range(i + 1, len(x)):
+                for image in images:
+                    r, sigma = x[k] + image * size - x[i], radius[i] + radius[k]
+                    approach = r[0] * (v[k] - v[i])[0] + r[1] * (v[k] - v[i])[1]
+                    if r[0] * r[0] + r[1] * r[1] < sigma * sigma and approach < 0:
+                        f = approach / (r[0] * r[0] + r[1] * r[1]) * r
+                        whole_i, part_i, whole_k, part_k, _ = shares(mass[i], mass[k])
+                        v[i], v[k] = v[i] + whole_i * f + part_i * f, v[k] - whole_k * f - part_k * f
+                        pairs += 1
+        if not box.periodic:
+            margin = radius[:, None]
+            out = ((x - margin < low) & (v < 0)) | ((x + margin > low + size) & (v > 0))
+            v = np.where(out, -v, v)
+            walls += int(out.sum())
+    return x, v, pairs, walls
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_step_is_that_of_the_plain_twin(name):
+    """Between walls to the last bit; in periodic boxes positions are rounded elsewhere, so to 1e-9 in a short time."""
+    scene = SCENES[name]
+    run = timestep.simulate(scene, [5], {"all"}, time_step=DT)
+    x, v, pairs, walls = twin(draw(scene, 5), scene.box, DT, round(scene.duration / DT))
+    track, found = run.whole[5], run.observables
+    assert (found["pair_collisions"][0], found["wall_collisions"][0]) == (pairs, walls)
+    assert pairs + walls > 10 and not found["failed"][0]
+    if scene.box.periodic:
+        size = scene.box.width
+        apart = track.position[-1] - x
+        assert np.abs(apart - np.round(apart / size) * size).max() < 1e-9
+        assert np.abs(track.velocity[-1] - v).max() < 1e-9
+    else:
+        assert np.array_equal(track.position[-1], x)
+        assert np.array_equal(track.velocity[-1], v)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("name", ["mixture", "big"])
+def test_how_neighbours_are_found_changes_no_bit(name, precision):
+    """Long and short lists, lists that are renewed at every step, and lists that have too little room at first."""
+    scene = SCENES[name]
+    engine = timestep.prepared(scene, DT, precision)
+    wide = np.ones(4, engine.workspace.x.dtype)
+    runs = []
+    for skin in (engine.workspace.skin, 0.0, 0.3, 10.0):
+        w = engine.workspace._replace(skin=skin)
+        if skin == 10.0:
+            few = [column[:4] if j < 2 else wide.copy() for j, column in enumerate(w.within)]
+            w = w._replace(within=type(w.within)(*few))
+        runs.append(timestep.run(engine._replace(workspace=w), draw(scene, 2), scene.times, {"all"}))
+    for other in runs[1:]:
+        assert np.array_equal(other.whole.position, runs[0].whole.position)
+        assert other.observables == runs[0].observables
+
+
+@pytest.mark.parametrize("name", ["mixture", "periodic big"])
+def test_no_step_depends_on_samples_batch_or_record(name):
+    scene = SCENES[name]
+    more = parse_scene(json.loads(scene.text) | {"sample_interval": scene.duration / 37}, "made.yaml")
+    alone = timestep.simulate(scene, [3], {"all"}, time_step=0.0071)
+    batch = timestep.simulate(more, [1, 3, 2], {"tracer"}, time_step=0.0071)
+    assert np.array_equal(batch.tracer.position[-1, 1], alone.whole[3].position[-1, 0])
+    for name, values in alone.observables.items():
+        assert values[0] == batch.observables[name][1]
+
+
+def test_a_sample_is_a_free_flight_after_the_step_before():
+    scene = explicit(P, 4.0, [((0.0, 0.0), (1.0, -0.5), 0.25, 1.0)], 3.0, sample_interval=0.37)
+    run = timestep.simulate(scene, [0], time_step=0.1)
+    unwrapped = run.tracer.position[:, 0] + 4.0 * run.tracer.image[:, 0]
+    assert np.abs(unwrapped - scene.times[:, None] * (1.0, -0.5)).max() < 1e-14
+    assert run.times[-1] == 3.0 and np.all(np.abs(run.tracer.position) <= 2.0)
+
+
+# -- as dt -> 0 -----------------------------------------------------------------------------------------------------
+
+
+def test_a_collision_is_late_by_up_to_a_step_so_the_error_is_of_first_order():
+    """One oblique collision of unequal disks: log error against log dt, slope 1 within 4 of its standard errors.
+
+    The delay is uniform in [0, dt], so the errors scatter about the line; false alarm 1 in 16,000.
+    """
+    disks = [((-1.0, 0.1), (1.0, 0.05), 0.3, 1.0), ((0.2, 0.3), (-0.5, 0.0), 0.2, 0.4)]
+    scene = explicit(W, 8.0, disks, 2.0)
+    there = exact.simulate(scene, [0], {"all"}).whole[0].position[-1]
+    steps = np.exp(np.random.default_rng(7).uniform(np.log(1e-5), np.log(1e-2), 100))
+    error = []
+    for dt in steps:
+        run = timestep.simulate(scene, [0], {"all"}, time_step=float(dt))
+        assert run.observables["pair_collisions"][0] == 1
+        error.append(np.abs(run.whole[0].position[-1] - there).max())
+    assert np.all(np.array(error) < 6 * steps)
+    (slope, _), covariance = np.polyfit(np.log(steps), np.log(error), 1, cov=True)
+    assert covariance[0, 0] ** 0.5 < 0.1
+    assert abs(slope - 1) < 4 * covariance[0, 0] ** 0.5
+
+
+def test_a_wall_is_met_late_by_up_to_a_step_and_never_passed():
+    disk = ((0.1, -0.3), (1.7, 0.9), 0.25, 1.0)
+    scene = explicit(W, 2.0, [disk], 20.0, sample_interval=0.1)
+    there = exact.simulate(scene, [0], {"all"})
+    for dt in (1e-2, 1e-3, 1e-4):
+        run = timestep.simulate(scene, [0], {"all"}, time_step=dt)
+        bounces = run.observables["wall_collisions"][0]
+        assert abs(bounces - there.observables["wall_collisions"][0]) <= 1
+        away = np.abs(run.whole[0].position - there.whole[0].position).max()
+        assert 0 < away < 2 * bounces * 1.7 * dt
+        assert np.abs(run.whole[0].position).max() < 0.75 + 1.7 * dt
+
+
+def test_a_short_encounter_is_missed_and_counted():
+    """A chord of length 2 sqrt(sigma^2 - h^2) is crossed in 0.028; a step of 0.1 that straddles it sees nothing."""
+    sigma, height = 1.0, np.sqrt(1 - 0.014**2)
+    disks = [((-1.05, height), (1.0, 0.0), 0.5, 1.0), ((0.0, 0.0), (0.0, 0.0), 0.5, 1.0)]
+    scene = explicit(W, 8.0, disks, 2.0)
+    assert np.hypot(-1.05, height) > sigma
+    coarse = timestep.simulate(scene, [0], time_step=0.1).observables
+    assert (coarse["pair_collisions"][0], coarse["missed_collisions"][0]) == (0, 1)
+    fine = timestep.simulate(scene, [0], time_step=0.005).observables
+    assert (fine["pair_collisions"][0], fine["missed_collisions"][0]) == (1, 0)
+    past = explicit(W, 8.0, [((-1.05, 1.0001), *disks[0][1:]), disks[1]], 2.0)
+    assert timestep.simulate(past, [0], time_step=0.1).observables["missed_collisions"][0] == 0
+
+
+def test_collisions_are_fewer_by_an_amount_that_vanishes_with_the_step():
+    """A crowded box, the same 40 states: significantly fewer with a long step, with a short one within 4 errors."""
+    scene = make(P, 10.0, [(70, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0)
+    seeds = np.arange(40)
+    expected = exact.simulate(scene, seeds).observables["pair_collisions"]
+    bias = []
+    for dt in (3e-2, 1e-3):
+        found = timestep.simulate(scene, seeds, time_step=dt).observables["pair_collisions"]
+        less = found - expected
+        bias.append((less.mean(), less.std(ddof=1) / np.sqrt(len(seeds))))
+    assert bias[0][0] < -5 * bias[0][1]
+    assert abs(bias[1][0]) < 4 * bias[1][1]
+    assert abs(bias[1][0]) < 0.25 * abs(bias[0][0])
+
+
+def test_the_course_is_the_exact_one_until_errors_have_grown():
+    """Departure from the exact course comes the later the shorter the step."""
+    tracer = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
+    scene = make(W, 6.0, [(99, 0.1, 0.4)], 1.0, tracer, sample_interval=0.01, velocities={"standard_deviation": 2.0})
+    seeds = range(30)
+    there = exact.simulate(scene, seeds).tracer.position
+    when = []
+    for dt in (1e-2, 1e-4, 2e-6):
+        run = timestep.simulate(scene, seeds if dt > 1e-5 else range(3), time_step=dt)
+        departed = departure_time(scene.times, run.tracer.position, there[:, : len(run.seeds)], 1e-3 * 0.3)
+        when.append(np.median(np.minimum(departed, 2.0)))
+    assert when[0] < when[1] < when[2]
+
+
+# -- what is conserved ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("name", SCENES)
+def test_energy_and_momentum_are_conserved_to_round_off(name, precision):
+    """The sum of as many roundings as there are collisions, each of one unit of round-off of the whole at most."""
+    scene = SCENES[name]
+    found = timestep.simulate(scene, range(5), time_step=DT, precision=precision).observables
+    events = found["pair_collisions"] + found["wall_collisions"] + 10
+    assert np.all(np.abs(found["energy_drift"]) < EPSILON[precision] * events)
+    assert np.all(found["momentum_residual"] < EPSILON[precision] * events)
+    assert not found["failed"].any()
+    assert np.all(found["worst_overlap"] < 1.0)
+    assert np.allclose(found["kinetic_energy"], exact.simulate(scene, range(5)).observables["kinetic_energy"])
+
+
+def test_single_precision_follows_double_until_errors_have_grown():
+    """Over a short time courses agree to some units of single round-off; collision counts agree altogether."""
+    scene = make(W, 6.0, [(100, 0.1, 1.0)], 0.5, equilibrate=0.1)
+    double = timestep.simulate(scene, range(30), {"all", "tracer"}, time_step=1e-2)
+    single = timestep.simulate(scene, range(30), {"all", "tracer"}, time_step=1e-2, precision="single")
+    apart = [np.median(np.abs(double.whole[s].position[-1] - single.whole[s].position[-1])) for s in range(30)]
+    assert 0 < np.median(apart) < 1e-5
+    less = single.observables["pair_collisions"] - double.observables["pair_collisions"].astype(float)
+    assert abs(less.mean()) <= 4 * max(less.std(ddof=1), 1.0) / np.sqrt(30)
+
+
+def test_what_is_no_number_has_failed():
+    engine = timestep.prepared(SCENES["walls"], DT)
+    state = draw(SCENES["walls"], 0)
+    state.velocity[3] = np.nan
+    assert timestep.run(engine, state, np.array([0.1])).observables["failed"]
+    assert not timestep.run(engine, draw(SCENES["walls"], 0), np.array([0.1])).observables["failed"]
+
+
+# -- the same everywhere --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tracer", ["pinned", "free"])
+def test_runs_begin_where_the_exact_engine_begins(tracer):
+    where = {"radius": 0.3, "mass": 2.0, "position": [0.1, 0.2]}
+    scene = make(P, 3.0, [(30, 0.1, 1.0)], 0.5, where, equilibrate={"time": 0.5, "tracer": tracer})
+    runs = [engine(scene, [4], {"all"}).whole[4] for engine in (exact.simulate, stepping)]
+    assert np.array_equal(runs[0].position[0], runs[1].position[0])
+    assert np.array_equal(runs[0].velocity[0], runs[1].velocity[0])
+    assert np.array_equal(runs[0].position[0], exact.states(scene)(4).position)
+
+
+def stepping(scene, seeds, record):
+    return timestep.simulate(scene, seeds, record, time_step=DT)
+
+
+def few():
+    """Short runs of scenes of every kind, in both precisions."""
+    names = ("walls", "mixture", "periodic big", "two cells a side")
+    return [
+        timestep.simulate(SCENES[name], [3], {"all"}, time_step=2**-5, precision=precision)
+        for name in names
+        for precision in ("double", "single")
+    ]
+
+
+def test_the_compiler_changes_no_bit():
+    plain = os.environ | {
+        "NUMBA_DISABLE_JIT": "1",
+        "PYTHONPATH": os.pathsep.join([*sys.path, str(Path(__file__).parent)]),
+    }
+    code = "import pickle; from test_timestep import few; print(pickle.dumps(few()).hex())"
+    done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, check=True)
+    for run, other in zip(few(), pickle.loads(bytes.fromhex(done.stdout)), strict=True):
+        assert run.observables["pair_collisions"][0] > 2
+        assert all(np.array_equal(a, b) for a, b in zip(run.whole[3], other.whole[3], strict=True) if a is not None)
+        assert run.observables == other.observables
+
+
+# -- what is refused ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("time_step", "more", "message"),
+    [
+        (0.0, {}, "time_step: must be a finite number above 0 and at most 0.07"),
+        (-1.0, {}, "time_step: must be a finite number above 0"),
+        (float("nan"), {}, "time_step: must be a finite number above 0 .* found nan"),
+        (float("inf"), {}, "time_step: must be a finite number above 0 .* found inf"),
+        ("1e-3", {}, "time_step: must be a finite number above 0 .* found '1e-3'"),
+        (0.5, {}, r"time_step: must be at most 0\.07\d+, .* found 0.5"),
+        (1e-12, {}, "time_step: must be at least 4e-10 in double precision"),
+        (1e-6, {"precision": "single"}, "time_step: must be at least .* in single precision"),
+        (1e-3, {"precision": "half"}, "precision: must be one of double, single, found 'half'"),
+        (1e-3, {"record": {"events"}}, "record: must be tracer, all or none"),
+    ],
+)
+def test_bad_settings_are_refused_in_one_line(time_step, more, message):
+    with pytest.raises(SceneError, match=message) as refused:
+        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=time_step, **more)
+    assert "\n" not in str(refused.value)
+
+
+def test_disks_at_rest_allow_any_step():
+    scene = explicit(W, 2.0, [((0.0, 0.0), (0.0, 0.0), 0.1, 1.0)], 1.0)
+    assert timestep.largest_step(scene) == np.inf
+    assert not timestep.simulate(scene, [0], time_step=5.0).observables["failed"][0]
+
+
+# -- departure ------------------------------------------------------------------------------------------------------
+
+
+def test_departure_is_the_first_sample_beyond_the_bound():
+    times = np.linspace(0, 1, 11)
+    reference = np.zeros((11, 4, 2))
+    position = reference.copy()
+    position[:, 1, 0] = times**2  # beyond 0.3 from 0.6 on
+    position[:, 2, 1] = 10.0 * (times > 0.25)  # round a box of 10 and back where it was
+    position[5:, 3, 0] = np.nan
+    assert departure_time(times, position, reference, 0.3).tolist() == [np.inf, 0.6000000000000001, times[3], 0.5]
+    assert departure_time(times, position, reference, 0.3, (10.0, 10.0))[2] == np.inf
