@@ -109,6 +109,21 @@ def test_distance_of_distributions(width, same):
         assert np.median(values) < 0.5 * noise
 
 
+def test_largest_deviation_near_contact():
+    """Poisson counts of two pairs of species, contact in bins 40 and 60; one is 10 % off in its first shell."""
+    rng, mean = np.random.default_rng(6), np.zeros((2, 100))
+    mean[0, 40:], mean[1, 60:] = 30.0, 20.0
+    exact = rng.poisson(mean, (400, 2, 100))
+    shift = mean.copy()
+    shift[1, 60:63] *= 1.1
+    found = bias.contact_deviation(rng.poisson(shift, (200, 2, 100)), exact)
+    assert found.low < 0.1 < found.high and found.resolved
+    assert found.standard_error == pytest.approx(math.sqrt(1.1 / 200 / 60 + 1.1**2 / 400 / 60), rel=0.2)
+    same = [bias.contact_deviation(rng.poisson(mean, (100, 2, 100)), exact).resolved for _ in range(40)]
+    assert sum(same) <= 6  # of 40 ensembles 5 % may stand out: more than 6 once in 300
+    assert bias.contact_deviation(exact, 0 * exact) is None
+
+
 # -- the front ------------------------------------------------------------------------------------------------------
 
 

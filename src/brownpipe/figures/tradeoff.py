@@ -95,12 +95,13 @@ def name_of(label):
 NUMBERS = ("runs", "failed_runs", "paired_runs", "seconds", "study_seconds", "msd_spread", "d_spread")
 ERRORS = tuple(f"{name}_bias{part}" for name in ("msd", "d") for part in ("", "_standard_error", "_low", "_high"))
 DISTANCE = tuple(f"displacement_bias{part}" for part in ("", "_low", "_high", "_noise"))
+CONTACT = tuple(f"contact_bias{part}" for part in ("", "_standard_error", "_low", "_high"))
 HEALTH = ("worst_energy_drift", "worst_overlap", "departure_time", "pays_from", "pays_to", "may_pay_from", "may_pay_to")
 
 
 def table(dataset):
     """One row per scene and setting: price, biases with intervals, health, and when it pays."""
-    header = (*NUMBERS, *ERRORS, *DISTANCE, *HEALTH)
+    header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *HEALTH)
     rows = []
     for scene in _scenes(dataset):
         for one in settings_of(dataset, scene):
@@ -123,9 +124,22 @@ REMARK = (
 
 def _of_scene(dataset, scene):
     settings = settings_of(dataset, scene)
-    head = ("setting", "runs", "ms a run", "price", "MSD bias", "D bias", "distance", "overlap", "parts", "pays, s")
+    head = (
+        "setting",
+        "runs",
+        "ms a run",
+        "price",
+        "MSD bias",
+        "D bias",
+        "distance",
+        "g(contact)",
+        "overlap",
+        "parts",
+        "pays, s",
+    )
     rows = [head, *(_row(dataset.sel(scene=scene, setting=one.label), settings[0].seconds) for one in settings)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    columns = [one for one in zip(*rows, strict=True) if one[0] != "g(contact)" or set(one[1:]) != {"-"}]
+    rows, widths = list(zip(*columns, strict=True)), [max(map(len, column)) for column in columns]
     yield f"{scene}, N = {int(dataset.sel(scene=scene).particles)}"
     yield from ("  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
     never = [name_of(one.label) for one in settings if np.isnan(_of(dataset, scene, one.label).may_pay_from)]
@@ -149,6 +163,7 @@ def _row(one, exact_seconds):
         "-" if setting == "exact" else _bias(one, "msd_bias"),
         "-" if setting == "exact" else _bias(one, "d_bias"),
         "-" if setting == "exact" else _distance(one),
+        "-" if setting == "exact" else _bias(one, "contact_bias"),
         "-" if np.isnan(one.worst_overlap) else f"{float(one.worst_overlap):.1g}",
         _time(float(one.departure_time)),
         _pays(float(one.pays_from), float(one.pays_to)),

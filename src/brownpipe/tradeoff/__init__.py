@@ -136,6 +136,7 @@ def compare(runs, exact, window, seconds, paired=True):
         "departure_time": np.nan if same is None else departure_time(runs, exact, same),
         **_biases(runs, exact, same, window),
         **_distances(runs, exact, same),
+        **_contact(runs, exact, same),
     }
 
 
@@ -186,6 +187,18 @@ def _distances(runs, exact, same):
     }
 
 
+def _contact(runs, exact, same):
+    """g(r) near contact, where pair counts are in the files."""
+    if runs.pair_counts is None or exact.pair_counts is None:
+        return {}
+    shape = exact.pair_counts.shape[1:]
+    if runs.pair_counts.shape[1:] != shape:  # another box, in which other distances are counted
+        return {}
+    counts = (runs.pair_counts, exact.pair_counts)
+    found = bias.none_of(np.zeros((1,))) if runs is exact else bias.contact_deviation(*counts, same)
+    return {} if found is None else _with_interval("contact_bias", found)
+
+
 def departure_time(runs, exact, same):
     """Median over common seeds of the first sample time with the tracers apart by DEPARTED radii; inf for never."""
     apart = np.linalg.norm(runs.moved[same[0]] - exact.moved[same[1]], axis=-1) > DEPARTED * exact.scene.radius[0]
@@ -227,7 +240,7 @@ def _dataset(measured):
                 full[i] = measured[scene][name]
                 continue
             for label, values in measured[scene]["settings"].items():
-                full[i, labels.index(label)] = values[name]
+                full[i, labels.index(label)] = values.get(name, variable.absent)
         data[name] = (variable.dims, full, variable.attributes)
     coordinates = {
         "scene": ("scene", scenes, {"long_name": "scene, that exact runs stand for"}),

@@ -7,12 +7,15 @@ slope * (mean of all exact runs - mean of the exact runs with the same seeds). W
 this is the difference of two independent means; with all seeds in common it is the mean of the paired differences.
 """
 
+from itertools import pairwise
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.analysis.resampling import replicates, resample
 
+SHELLS, NEAR = 5, 1.25  # of equal width, from contact to so many contact distances, in which g(r) is compared
 RINGS = 10  # of equal probability, in which displacement distributions are compared
 CERTAIN = 0.95
 
@@ -117,6 +120,36 @@ def total_variation(approximate, exact, same=None, rings=RINGS):
     quantile = noise[int(np.ceil(CERTAIN * len(noise))) - 1]
     value = np.sqrt(max(found**2 - noise.mean() ** 2, 0.0))
     return Distance(float(value), float(max(found - quantile, 0.0)), float(found + quantile), float(noise.mean()))
+
+
+def contact_deviation(approximate, exact, same=None):
+    """Largest relative deviation of g(r) near contact, from pair counts (S_a, P, R) and (S_e, P, R) of the same scene.
+
+    Shells of distance between contact and NEAR times that, for each of P pairs of species; of all shells the one whose
+    deviation stands out most from its scatter. Its interval is widened as a choice among so many asks for (Bonferroni).
+    None if the exact runs have no pair near contact.
+    """
+    shells = _shells(np.asarray(exact).sum(axis=0))
+    if not shells:
+        return None
+    pooled = [np.stack([runs[:, p, k:m].sum(axis=1) for p, k, m in shells], axis=1) for runs in (approximate, exact)]
+    found = relative_bias(*pooled, same)
+    size = np.abs(found.value)
+    sure = np.divide(size, found.standard_error, out=np.zeros_like(size), where=found.standard_error > 0.0)
+    value, error, low, high = (part[int(np.nanargmax(sure))] for part in found)
+    tail = (1.0 - CERTAIN) / 2
+    wider = NormalDist().inv_cdf(1.0 - tail / len(shells)) / NormalDist().inv_cdf(1.0 - tail)
+    return Bias(value, error, value - wider * (value - low), value + wider * (high - value))
+
+
+def _shells(counts):
+    """Pair, first bin and end of every shell; contact is the first bin (of R) in which exact runs have a pair."""
+    shells = []
+    for pair, row in enumerate(counts):
+        contact = int(np.argmax(row > 0))
+        edges = np.unique(np.rint(np.linspace(contact, min(NEAR * (contact + 0.5), len(row)), SHELLS + 1)).astype(int))
+        shells += [(pair, k, m) for k, m in pairwise(edges) if row[k:m].sum() > 0]
+    return shells
 
 
 def spread_of_shares(rings=RINGS):

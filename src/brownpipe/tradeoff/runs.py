@@ -22,6 +22,7 @@ class Runs(NamedTuple):
     moved: np.ndarray  # (S, T, 2) displacement of the tracer from its start [length]
     squared: np.ndarray  # (S, T) and its square
     outcomes: dict  # name -> (S,), of OUTCOMES; NaN where an engine has no such thing
+    pair_counts: np.ndarray | None  # (S, P, R) pairs of species by distance, where the runs counted them
     failed: int  # runs that were left out
 
     @property
@@ -69,7 +70,10 @@ def _joined(parts):
     engine = Engine(first.engine, tuple(first.settings.items()))
     outcomes = {name: values[kept] for name, values in outcomes.items()}
     squared, times = (moved**2).sum(axis=-1), first.ensemble.times
-    return Runs(first.scene, engine, seeds[order][kept], times, moved, squared, outcomes, np.count_nonzero(~kept))
+    counts = [read.ensemble.observables.get("pair_counts") for _, read in parts]
+    counts = None if any(one is None for one in counts) else np.concatenate(counts)[order][kept]
+    failed = np.count_nonzero(~kept)
+    return Runs(first.scene, engine, seeds[order][kept], times, moved, squared, outcomes, counts, failed)
 
 
 def _outcome(read, name):

@@ -69,6 +69,7 @@ VARIABLES = {
     "displacement_bias_noise": Variable(SETTING, "1", f"what noise alone makes of the {DISTRIBUTION}"),
     **_usable("displacement", "the distribution of displacements at the end"),
     **_with_interval("msd_curve_bias", (*SETTING, "sample"), "relative bias of the MSD at the sample times"),
+    **_with_interval("contact_bias", SETTING, "largest relative deviation of g(r) near contact, where it was measured"),
     "worst_energy_drift": Variable(SETTING, "1", "largest relative change of the energy in a run"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
     "departure_time": Variable(
