@@ -22,6 +22,7 @@ __all__ = [
     "compare",
     "measure",
     "pareto_front",
+    "read_runs",
     "runs_for",
     "runs_of",
     "settings_of",
