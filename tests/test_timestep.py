@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import exact, timestep
+from brownpipe import exact, kernels, timestep
 from brownpipe.analysis.departure import departure_time
 from brownpipe.collisions import shares
 from brownpipe.scene import SceneError, parse_scene
@@ -292,6 +293,17 @@ def test_the_compiler_changes_no_bit():
         assert run.observables["pair_collisions"][0] > 2
         assert all(np.array_equal(a, b) for a, b in zip(run.whole[3], other.whole[3], strict=True) if a is not None)
         assert run.observables == other.observables
+
+
+def test_an_edit_of_this_engine_leaves_the_machine_code_of_the_exact_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    package = Path(shutil.copytree(kernels.PACKAGE, tmp_path / "brownpipe", ignore=shutil.ignore_patterns("*cache*")))
+    monkeypatch.setattr(kernels, "PACKAGE", package)
+    before = [kernels._cache_folder.__wrapped__(engine) for engine in ("exact", "timestep")]
+    with open(package / "timestep" / "steps.py", "a") as file:
+        file.write("# edited\n")
+    after = [kernels._cache_folder.__wrapped__(engine) for engine in ("exact", "timestep")]
+    assert after[0] == before[0] and after[1] != before[1]
 
 
 # -- what is refused ------------------------------------------------------------------------------------------------

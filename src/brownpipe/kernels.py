@@ -54,7 +54,7 @@ def _private(folder: Path) -> bool:
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
 
 
-CACHE = _cache_folder("exact")
+CACHE = _cache_folder("exact")  # where the lock of all compilers is
 
 
 def kernel(function):
