@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis import AnalysisError
+from brownpipe.analysis.departure import SHARE, departure_time
 from brownpipe.analysis.displacement import per_run_lines
 from brownpipe.tradeoff import bias, cost
 from brownpipe.tradeoff.front import Setting, Stretch, pareto_front, runs_for, settings_of, total_error
@@ -30,7 +31,6 @@ __all__ = [
     "total_error",
 ]
 CURVE = 20  # times of the curve of the MSD's bias, at equal steps of the logarithm
-DEPARTED = 1e-3  # of the tracer's radius: further apart, two trajectories have parted
 SAME_TIME = 1e-9
 
 
@@ -134,7 +134,7 @@ def compare(runs, exact, window, seconds, paired=True):
         "study_seconds": seconds * (len(runs.seeds) + runs.failed),
         "worst_energy_drift": np.abs(drift).max(),
         "worst_overlap": overlap.max(),
-        "departure_time": np.nan if same is None else departure_time(runs, exact, same),
+        "departure_time": np.nan if same is None else _departure(runs, exact, same),
         **_biases(runs, exact, same, window),
         **_distances(runs, exact, same),
         **_contact(runs, exact, same),
@@ -200,11 +200,11 @@ def _contact(runs, exact, same):
     return {} if found is None else _with_interval("contact_bias", found)
 
 
-def departure_time(runs, exact, same):
-    """Median over common seeds of the first sample time with the tracers apart by DEPARTED radii; inf for never."""
-    apart = np.linalg.norm(runs.moved[same[0]] - exact.moved[same[1]], axis=-1) > DEPARTED * exact.scene.radius[0]
-    first = np.where(apart.any(axis=1), exact.times[apart.argmax(axis=1)], np.inf)
-    return float(np.sort(first)[len(first) // 2])
+def _departure(runs, exact, same):
+    """Median over common seeds of the time at which the tracer's track departs from the exact one; inf for never."""
+    tracks = (runs.moved[same[0]].transpose(1, 0, 2), exact.moved[same[1]].transpose(1, 0, 2))
+    each = np.sort(departure_time(exact.times, *tracks, SHARE * exact.scene.radius[0]))
+    return float(each[len(each) // 2])
 
 
 def _note_what_pays(settings):
