@@ -146,13 +146,13 @@ def plan(arguments) -> int:
     By stored results of `brownpipe tradeoff` that hold the same scenes, or else by a pilot of some seconds.
     """
     from brownpipe import plan as planning
-    from brownpipe.reading import Entry, SceneError
-    from brownpipe.study import read_study, read_tolerance
+    from brownpipe.reading import SceneError
+    from brownpipe.study import read_study
 
     study, budget = read_study(arguments.study), arguments.budget
     tolerance, observable = study.tolerance, arguments.observable or study.observable or "msd"
     if arguments.tolerance is not None:
-        tolerance = read_tolerance(Entry(_number_or_text(arguments.tolerance), "", ("--tolerance",)))
+        tolerance = planning.tolerance_of(arguments.tolerance)
     if tolerance is None and budget is None:
         raise SceneError("--tolerance: missing; must be given, or --budget")
     output = None if arguments.write is None else _writable(arguments.write, arguments.study)
@@ -383,13 +383,6 @@ def _seconds(text: str) -> float:
     if text[len(number) :] not in units:
         raise argparse.ArgumentTypeError(f"must be a time like 60s, 5min or 2h, not {text!r}")
     return _positive(number) * units[text[len(number) :]]
-
-
-def _number_or_text(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 def _integer(text: str, least: int = 0, most: int = 999_999_999) -> int:

@@ -13,7 +13,7 @@ from brownpipe.check import in_bytes, in_time
 from brownpipe.engines import Engine, read_engine, refuse_unfit
 from brownpipe.reading import Entry, SceneError
 from brownpipe.scene import Scene
-from brownpipe.study import MOST_JOBS, MOST_SEEDS, Study
+from brownpipe.study import MOST_JOBS, MOST_SEEDS, Study, read_tolerance
 
 PILOT_SEED = 2**40  # first seed of pilots, which no study shares
 PILOT_SECONDS = 4.0  # CPU time of a pilot, as expected
@@ -152,6 +152,15 @@ def cases_of(study: Study, observable: str, results: str | Path = "results") -> 
         source, known = stored(scene, observable, window, results) or trial(scene, observable, window)
         cases.append(Case(scene, source, {one.engine: one for one in known}))
     return cases
+
+
+def tolerance_of(text: str) -> float:
+    """Return the tolerance of a command line, 2% or 0.02. Raises SceneError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = text
+    return read_tolerance(Entry(value, "", ("--tolerance",)))
 
 
 def offers(cases: list[Case], tolerance: float | None, budget: float | None) -> list[Offer]:
