@@ -1,6 +1,6 @@
-# make study | test | bench | lint : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | tradeoff | test | bench | lint : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study test bench lint
+.PHONY: study tradeoff test bench lint
 SHELL := /bin/bash
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
@@ -11,6 +11,9 @@ INSTALLED := .venv/installed
 study: $(INSTALLED)
 	brownpipe check $(STUDY)
 	snakemake --cores $(CORES) --configfile $(STUDY)
+
+tradeoff: $(INSTALLED)
+	snakemake tradeoff_figures --cores $(CORES) --configfile config/tradeoff.yaml
 
 test: $(INSTALLED)
 	python -m pytest

@@ -2,10 +2,12 @@
 #     snakemake -j2                                              the default study, the 2020 note
 #     snakemake -j2 --configfile config/small.yaml               another one
 #     snakemake -j2 --config seeds=100                           the same with another value of one of its keys
+#     snakemake tradeoff_figures -j2 --configfile config/tradeoff.yaml     what its engines cost and are worth
 #     snakemake --report report.html                             all that came out, as one page
 import sys
 from os.path import relpath
 
+from brownpipe.plan import settle
 from brownpipe.provenance import made_with
 from brownpipe.reading import SceneError
 from brownpipe.study import read_study
@@ -13,6 +15,7 @@ from brownpipe.study import read_study
 try:
     study_file = [f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1]
     study = read_study(relpath(study_file), workflow.config_settings.config)
+    study = settle(study, f"results/{study.name}/plan.yaml")
 except SceneError as error:
     sys.exit(f"brownpipe: {error}")
 results = f"results/{study.name}"
@@ -32,3 +35,4 @@ rule all:
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/aggregate.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/tradeoff.smk"

@@ -131,4 +131,4 @@ def test_any_speed_has_a_cost(value):
 
 
 def test_times_are_said_in_digits():
-    assert [check._time(seconds) for seconds in (0.0007, 0.7, 90.0)] == ["0.7 ms", "700 ms", "90 s"]
+    assert [check.in_time(seconds) for seconds in (0.0007, 0.7, 90.0)] == ["0.7 ms", "700 ms", "90 s"]

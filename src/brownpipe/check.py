@@ -1,13 +1,15 @@
 """What a scene or a study asks for, in words and numbers, before anything is run: `brownpipe check`."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from brownpipe import cost, friction, reading
 from brownpipe.engines import Engine, caution, refuse_unfit
 from brownpipe.scene import MOST_BYTES, Scene, parse_scene
 from brownpipe.study import Study, read_study
 
-STUDY_KEYS = {"scenes", "seeds", "engines", "batch", "figures"}  # that no scene has
+STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
 STEPS = 1000  # of a run, to name a cost of the time step engine
 FEWEST = 10  # disks that make a gas
 
@@ -36,8 +38,8 @@ def _scene(scene: Scene) -> list[str]:
         f"run       from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
         f"engine    exact: {_engine(scene)}",
         f"expected  {_expected(scene, one)}",
-        f"cost      some {_time(one.seconds)} of CPU a run, once {cost.START_UP:g} s have passed to start;"
-        f" {_bytes(one.working)} of memory, {_bytes(one.recorded)} of file",
+        f"cost      some {in_time(one.seconds)} of CPU a run, once {cost.START_UP:g} s have passed to start;"
+        f" {in_bytes(one.working)} of memory, {in_bytes(one.recorded)} of file",
         *_others(scene),
     ]
 
@@ -83,13 +85,13 @@ def _engine(scene: Scene) -> str:
 def _others(scene: Scene) -> list[str]:
     """What the other engines would make of the scene."""
     step = Engine("timestep", (("time_step", scene.duration / STEPS), ("precision", "double")))
-    stepping = f"in steps of --time-step; some {_time(cost.of_engine(step, scene).seconds)} a run in {STEPS:,} steps"
+    stepping = f"in steps of --time-step; some {in_time(cost.of_engine(step, scene).seconds)} a run in {STEPS:,} steps"
     engine = Engine("langevin", (("friction", "enskog"),))
     try:
         refuse_unfit(engine, scene)
     except reading.SceneError as error:
         return [f"timestep  {stepping}", f"langevin  no: {str(error).partition('--engine langevin ')[2]}"]
-    stochastic = f"{_model(engine, [scene])}; some {_time(cost.of_engine(engine, scene).seconds)} a run"
+    stochastic = f"{_model(engine, [scene])}; some {in_time(cost.of_engine(engine, scene).seconds)} a run"
     return [f"timestep  {stepping}", f"langevin  --friction enskog: {stochastic}", *_cautions(engine, [scene])]
 
 
@@ -110,28 +112,48 @@ def _cautions(engine: Engine, scenes: Sequence[Scene]) -> list[str]:
 
 
 def _study(study: Study) -> list[str]:
-    runs, batches = len(study.seeds), len(study.batches)
+    study, remarks = _with_seeds(study)
     kept = {study.record}, study.observables, study.average
-    costs = [cost.of_run(case, *kept) for case in study.cases]
+    costs = {case: cost.of_run(case, *kept) for case in study.cases}
     names = max(len(case.name) for case in study.cases)
     lines = [f"{'scene':<{names}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  of a run"]
-    for case, one in zip(study.cases, costs, strict=True):
+    for case, one in costs.items():
         count = _rounded(one.pair_collisions + one.wall_collisions)
-        row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {count:>11} {_time(one.seconds):>9}"
-        lines.append(f"{case.name:<{names}}  {row} {_bytes(one.recorded):>9}")
-    each, engines, jobs = [], len(study.engines), len(study.jobs())
-    for engine in study.engines:
-        takes = [cost.of_engine(engine, case, *kept) for case in study.cases]
-        each.append(sum(batches * (cost.START_UP + one.once) + runs * one.seconds for one in takes))
-        lines.append(f"engine    {engine.label}: {_model(engine, study.cases)}; some {_time(each[-1])} of CPU")
-        lines += _cautions(engine, study.cases)
-    size = engines * sum(runs * one.recorded for one in costs)
-    total = f"{engines * runs * len(costs):,} runs in {jobs} jobs of up to {min(study.batch, runs):,} seeds"
+        row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {count:>11} {in_time(one.seconds):>9}"
+        lines.append(f"{case.name:<{names}}  {row} {in_bytes(one.recorded):>9}")
+    all_runs, seconds, size, most = 0, 0.0, 0.0, 0
+    for engine, seeds, cases in _uses(study):
+        takes, batches = [cost.of_engine(engine, case, *kept) for case in cases], len(study.batches_of(seeds))
+        each = sum(batches * (cost.START_UP + one.once) + len(seeds) * one.seconds for one in takes)
+        where = "" if len(cases) == len(study.cases) else f" in {', '.join(dict.fromkeys(one.name for one in cases))}"
+        lines.append(f"engine    {engine.label}{where}: {_model(engine, cases)}; some {in_time(each)} of CPU")
+        lines += _cautions(engine, cases)
+        all_runs, seconds, most = all_runs + len(seeds) * len(cases), seconds + each, max(most, len(seeds))
+        size += len(seeds) * sum(costs[case].recorded for case in cases)
+    total = f"{all_runs:,} runs in {len(study.jobs())} jobs of up to {min(study.batch, most):,} seeds"
     return [
         *lines,
-        f"total     {total}: some {_time(sum(each))} of CPU, {_bytes(size)} in results/{study.name}",
+        *remarks,
+        f"total     {total}: some {in_time(seconds)} of CPU, {in_bytes(size)} in results/{study.name}",
         f"figures   {', '.join(study.figures)}",
     ]
+
+
+def _uses(study: Study) -> list[tuple[Engine, Sequence[int], list[Scene]]]:
+    """The engines, the seeds and the cases they are used for."""
+    cases = {name: [case for case in study.cases if case.name == name] for name in study.table}
+    return [
+        (one.engine, one.seeds or study.seeds, [c for name in one.scenes for c in cases[name]]) for one in study.uses
+    ]
+
+
+def _with_seeds(study: Study) -> tuple[Study, list[str]]:
+    """A study with a tolerance gets the number of seeds that runs with a scatter of 100 % would need."""
+    if study.tolerance is None:
+        return study, []
+    runs = math.ceil(study.tolerance**-2)
+    asked = f"as many as {study.observable} to {100 * study.tolerance:g} % needs, some {_rounded(runs)}"
+    return replace(study, seeds=range(runs)), [f"seeds     {asked}; brownpipe plan says how many"]
 
 
 def _rounded(count: float) -> str:
@@ -139,14 +161,14 @@ def _rounded(count: float) -> str:
     return f"{float(f'{count:.2g}'):,.0f}" if count < 1e9 else f"{count:.1e}"
 
 
-def _time(seconds: float) -> str:
+def in_time(seconds: float) -> str:
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0), ("s", 1.0)):
         if seconds >= 2 * size or (unit == "s" and seconds >= size):
             return f"{seconds / size:.2g} {unit}" if seconds < 100 * size else f"{seconds / size:,.0f} {unit}"
     return f"{1e3 * seconds:.0f} ms" if seconds >= 0.01 else f"{1e3 * seconds:.2g} ms"
 
 
-def _bytes(count: float) -> str:
+def in_bytes(count: float) -> str:
     for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if count >= size:
             return f"{float(f'{count / size:.2g}'):g} {unit}"

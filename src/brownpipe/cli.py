@@ -23,6 +23,7 @@ def main(argv: list[str] | None = None) -> int:
         signal.signal(signal.SIGTERM, _terminate)
         sys.stdout.reconfigure(errors="backslashreplace")  # any path can be said, in any language
         arguments = _parser().parse_args(argv)
+        arguments.words = sys.argv[1:] if argv is None else argv
         status = arguments.verb(arguments)
         sys.stdout.flush()
         return status
@@ -118,6 +119,9 @@ def figures(arguments) -> int:
     from brownpipe.storage import read_dataset, write_file
 
     dataset = read_dataset(arguments.dataset)
+    if "seconds" in dataset:  # of `tradeoff`, not of `aggregate`
+        drawing.tradeoff.render(dataset, arguments.output)
+        return DONE
     drawing.render(dataset, arguments.output, arguments.figures, arguments.particles)
     write_file(Path(arguments.output) / "summary.txt", drawing.summary(dataset).encode())
     return DONE
@@ -135,6 +139,49 @@ def movie(arguments) -> int:
     trajectories, kind = read_trajectories(arguments.file), Path(output).suffix
     write_file(output, moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps))
     return DONE
+
+
+def tradeoff(arguments) -> int:
+    """Measure what accuracy a CPU time buys: every engine of a study against its exact runs.
+
+    Compares the study's trajectory files, or those of --files, and runs each engine for some seconds to learn its
+    price. `brownpipe figures` makes figures and tables of the dataset.
+    """
+    from brownpipe import tradeoff as prices
+    from brownpipe.storage import write_dataset
+    from brownpipe.study import read_study
+
+    study = read_study(arguments.study)
+    results = f"results/{study.name}"
+    files = arguments.files or [f"{results}/simulate/{job.file}" for job in study.jobs()]
+    output = _writable(arguments.output or f"{results}/tradeoff/{study.name}.nc", arguments.study, *files)
+    write_dataset(output, prices.measure(files, dict(study.instead_of), arguments.fit_window))
+    return DONE
+
+
+def plan(arguments) -> int:
+    """Say which engine and how many runs meet a tolerance at the lowest cost, or what a CPU time buys.
+
+    By stored results of `brownpipe tradeoff` that hold the same scenes, or else by a pilot of some seconds.
+    """
+    from brownpipe import plan as planning
+    from brownpipe.reading import SceneError
+    from brownpipe.study import read_study
+
+    study, budget = read_study(arguments.study), arguments.budget
+    tolerance, observable = study.tolerance, arguments.observable or study.observable or "msd"
+    if arguments.tolerance is not None:
+        tolerance = planning.tolerance_of(arguments.tolerance)
+    if tolerance is None and budget is None:
+        raise SceneError("--tolerance: missing; must be given, or --budget")
+    output = None if arguments.write is None else _writable(arguments.write, arguments.study)
+    cases = planning.cases_of(study, observable)
+    print(planning.describe(cases, observable, tolerance, budget))
+    found = planning.offers(cases, tolerance, budget)
+    if output is not None and found:
+        comment = f"brownpipe plan {' '.join(arguments.words[1:])}"
+        planning.write_yaml(output, planning.study_of(arguments.study, found[0], output), comment)
+    return DONE if found else FAILED
 
 
 def inspect(arguments) -> int:
@@ -324,6 +371,20 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--output", metavar="FILE", help="*.gif, *.mp4 or *.png (default: name of the file, .gif)")
     one.add_argument("--frames", type=_frames, metavar="COUNT", help="samples to show (default: all)")
     one.add_argument("--fps", type=_positive, default=25.0, help="frames a second (default: 25)")
+    one = _verb(verbs, tradeoff, "brownpipe tradeoff config/tradeoff.yaml")
+    one.add_argument("study", metavar="STUDY", help="study file (YAML)")
+    one.add_argument("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
+    one.add_argument("--output", metavar="DATASET.nc", help="(default: results/STUDY/tradeoff/STUDY.nc)")
+    half = "where the line for D is fitted (default: the second half of each run)"
+    one.add_argument("--fit-window", type=_window, metavar="T0:T1", help=half)
+
+    one = _verb(verbs, plan, "brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml")
+    one.add_argument("study", metavar="STUDY", help="study file (YAML)")
+    one.add_argument("--tolerance", metavar="ERROR", help="relative error that will do: 2%% or 0.02")
+    names = ("msd", "d", "displacement")
+    one.add_argument("--observable", choices=names, help="what it is the error of (default: msd, at the end)")
+    one.add_argument("--budget", type=_seconds, metavar="TIME", help="CPU time that may be spent: 60s, 5min, 2h")
+    one.add_argument("--write", metavar="FILE.yaml", help="study file to write, with what is best")
 
     one = _verb(verbs, inspect, "brownpipe inspect seed17.h5")
     one.add_argument("file", metavar="FILE", help="trajectory file or dataset")
@@ -359,6 +420,15 @@ def _positive(text: str) -> float:
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"must be a finite number > 0, not {text!r}")
     return value
+
+
+def _seconds(text: str) -> float:
+    """Seconds of 60s, 5min, 2h or 60."""
+    number = text.rstrip("abcdefghijklmnopqrstuvwxyz")
+    units = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
+    if text[len(number) :] not in units:
+        raise argparse.ArgumentTypeError(f"must be a time like 60s, 5min or 2h, not {text!r}")
+    return _positive(number) * units[text[len(number) :]]
 
 
 def _integer(text: str, least: int = 0, most: int = 999_999_999) -> int:

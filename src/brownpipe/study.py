@@ -38,7 +38,11 @@ FIGURES = {  # name: what it needs
     "health": (),
 }
 RECORDS = ("tracer", "none")
+OBSERVABLES = ("msd", "d", "displacement")  # that a tolerance can be for
 DEFAULTS = {
+    "seeds": None,  # one of the two
+    "tolerance": None,
+    "observable": None,  # the first, with a tolerance
     "particles": None,  # of each scene file
     "engines": ["exact"],
     "batch": 2400,
@@ -49,7 +53,16 @@ DEFAULTS = {
     "displacement_times": [],  # the end of each run
     "fit_windows": None,  # from a tenth and from a half of the shortest duration to its end
     "rings": {"dr": 0.04, "count": 24},
+    "instead_of": {},
 }
+
+
+class Use(NamedTuple):
+    """Where an engine is used, and how often."""
+
+    engine: Engine
+    scenes: tuple[str, ...]  # names
+    seeds: Sequence[int] | None  # None: those of the study
 
 
 class Job(NamedTuple):
@@ -61,6 +74,11 @@ class Job(NamedTuple):
     first: int
     last: int
 
+    @property
+    def file(self) -> str:
+        """Its trajectory file, in the folder `simulate` of the study's results."""
+        return f"{self.scene}/N{self.particles}/{self.engine}/{self.first}-{self.last}.h5"
+
 
 @dataclass(frozen=True)
 class Study:
@@ -69,8 +87,8 @@ class Study:
     name: str
     scenes: tuple[Path, ...]
     cases: tuple[Scene, ...]  # each scene with each particle count, validated
-    engines: tuple[Engine, ...]
-    seeds: Sequence[int]  # ascending; a range where there is no gap
+    uses: tuple[Use, ...]  # of engines
+    seeds: Sequence[int]  # ascending; a range where there is no gap. Empty for a tolerance, until `plan.settle`
     batch: int  # seeds per job
     figures: tuple[str, ...]
     displacement_times: tuple[float, ...]  # of the displacement distribution [time]; empty for the end of each run
@@ -80,11 +98,23 @@ class Study:
     record: str = "tracer"  # or "none": no trajectories, only what is measured in the runs
     observables: tuple[str, ...] = ()  # measured in each run
     average: str = "runs"  # what displacements and autocorrelations among them are averages over
+    tolerance: float | None = None  # relative error that decides how many seeds there are
+    observable: str | None = None  # what it is the error of
+    instead_of: tuple[tuple[str, tuple[str, ...]], ...] = ()  # scenes that may be run instead of another
+
+    @property
+    def engines(self) -> tuple[Engine, ...]:
+        """Every engine that is used."""
+        return tuple(dict.fromkeys(use.engine for use in self.uses))
 
     @property
     def batches(self) -> list[tuple[int, int]]:
         """First and last seed of each batch, cut at multiples of `batch`: more seeds leave whole batches alone."""
-        return [cut for first, last in _runs(self.seeds) for cut in _cuts(first, last, self.batch)]
+        return self.batches_of(self.seeds)
+
+    def batches_of(self, seeds: Sequence[int]) -> list[tuple[int, int]]:
+        """As `batches`, for other seeds."""
+        return [cut for first, last in _runs(seeds) for cut in _cuts(first, last, self.batch)] if seeds else []
 
     @property
     def measuring(self) -> str:
@@ -107,13 +137,27 @@ class Study:
             table[case.name][str(case.particles)] = {"file": files[case.name], "digest": case.digest}
         return table
 
+    @property
+    def compared(self) -> list[str]:
+        """The scenes that have exact runs and others to compare with them, as a price list names them."""
+        others = {name: {use.engine for use in self.uses if name in use.scenes} for name in self.table}
+        stand_ins, exact = dict(self.instead_of), Engine("exact")
+        names = [
+            name
+            for name, all_of_it in others.items()
+            if exact in all_of_it and (len(all_of_it) > 1 or name in stand_ins)
+        ]
+        counts = {name: list(self.table[name]) for name in names}
+        return [name if len(counts[name]) == 1 else f"{name}_N{n}" for name in names for n in counts[name]]
+
     def jobs(self) -> list[Job]:
         """Return one record per call of `brownpipe simulate`."""
         return [
-            Job(case.name, case.particles, engine.label, first, last)
+            Job(case.name, case.particles, use.engine.label, first, last)
             for case in self.cases
-            for engine in self.engines
-            for first, last in self.batches
+            for use in self.uses
+            if case.name in use.scenes
+            for first, last in self.batches_of(use.seeds or self.seeds)
         ]
 
 
@@ -126,18 +170,19 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     mapping, file = reading.read_yaml(path, MOST_STUDY_BYTES), str(path)
     if overrides and isinstance(mapping, dict):
         mapping, file = mapping | overrides, f"{path} with {', '.join(map(str, overrides))} replaced"
-    given = reading.fields(Entry(mapping, file), ("scenes", "seeds"), DEFAULTS)
+    given = reading.fields(Entry(mapping, file), ("scenes",), DEFAULTS)
     scenes = _scenes(given["scenes"], Path(path).parent)
     cases = _cases(scenes, given["particles"])
     ring_width, rings = _rings(given["rings"])
     record = reading.choice(given["record"], RECORDS)
     observables, average = _measures(given["observables"], given["average"], cases)
+    tolerance, observable = _tolerance(given, cases)
     study = Study(
         name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
         scenes=scenes,
         cases=cases,
-        engines=_engines(given["engines"], cases),
-        seeds=_seeds(given["seeds"]),
+        uses=_uses(given["engines"], cases),
+        seeds=_seeds(given["seeds"]) if tolerance is None else (),
         batch=reading.integer(given["batch"], 1, MOST_SEEDS),
         figures=_figures(given["figures"], cases, record, observables),
         displacement_times=_displacement_times(given["displacement_times"], cases),
@@ -147,9 +192,13 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         record=record,
         observables=observables,
         average=average,
+        tolerance=tolerance,
+        observable=observable,
+        instead_of=_instead_of(given["instead_of"], cases),
     )
-    refuse_repetition(cases, study.seeds, given["seeds"])
-    jobs = len(cases) * len(study.engines) * len(study.batches)
+    for seeds in (study.seeds, *(use.seeds for use in study.uses if use.seeds)):
+        refuse_repetition(cases, seeds, given["seeds"])
+    jobs = len(study.jobs())
     if jobs > MOST_JOBS:
         must_be(given["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
     return study
@@ -240,14 +289,69 @@ def _cases(scenes: tuple[Path, ...], particles: Entry) -> tuple[Scene, ...]:
     return tuple(parse_scene(mapping, where, count) for mapping, where in read for count in counts)
 
 
-def _engines(entry: Entry, cases: tuple[Scene, ...]) -> tuple[Engine, ...]:
-    engines = tuple(read_engine(one) for one in _one_or_more(entry))
-    if len(set(engines)) < len(engines):
-        must_be(entry, "engines or settings that differ")
-    for engine in engines:
-        for case in cases:
+def _uses(entry: Entry, cases: tuple[Scene, ...]) -> tuple[Use, ...]:
+    uses = tuple(_use(one, cases) for one in _one_or_more(entry))
+    each = [(use.engine, scene) for use in uses for scene in use.scenes]
+    return uses if len(set(each)) == len(each) else must_be(entry, "engines or settings that differ")
+
+
+def _use(entry: Entry, cases: tuple[Scene, ...]) -> Use:
+    """An engine with its settings; a mapping may also say in which scenes it is used, and for which seeds."""
+    names, own = tuple(dict.fromkeys(case.name for case in cases)), {}
+    if isinstance(entry.value, dict):
+        own = {
+            key: Entry(entry.value[key], entry.file, (*entry.path, key))
+            for key in ("scenes", "seeds")
+            if key in entry.value
+        }
+        entry = entry._replace(value={key: value for key, value in entry.value.items() if key not in own})
+    engine = read_engine(entry)
+    scenes = tuple(reading.choice(one, names) for one in _one_or_more(own["scenes"])) if "scenes" in own else names
+    for case in cases:
+        if case.name in scenes:
             refuse_unfit(engine, case)
-    return engines
+    return Use(engine, scenes, _seeds(own["seeds"]) if "seeds" in own else None)
+
+
+def read_tolerance(entry: Entry) -> float:
+    """Return a relative error: a number, or a text like "2%"; above 0 and below 1. Raises SceneError."""
+    allowed = "a relative error above 0 and below 1, like 0.02 or 2%"
+    text = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+) ?%", entry.value) if isinstance(entry.value, str) else None
+    value = float(text[1]) / 100 if text else entry.value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
+        must_be(entry, allowed)
+    return float(value)
+
+
+def _tolerance(given: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[float | None, str | None]:
+    """Return the tolerance that stands instead of a number of seeds, and what it is for."""
+    tolerance, observable = given["tolerance"], given["observable"]
+    if (tolerance.value is None) == (given["seeds"].value is None):
+        missing = "missing; must be given, or a tolerance instead"
+        twice = "must not be given with a tolerance, which says how many"
+        refuse(given["seeds"], missing if tolerance.value is None else twice)
+    if tolerance.value is None:
+        if observable.value is not None:
+            refuse(observable, "must not be given without a tolerance, which is for it")
+        return None, None
+    fixed = [case.name for case in cases if case.disks or not case.particles]
+    if fixed:
+        refuse(tolerance, f"{fixed[0]} leaves nothing to chance; must be seeds: 1")
+    value = read_tolerance(tolerance)
+    return value, reading.choice(observable, OBSERVABLES) if observable.value is not None else OBSERVABLES[0]
+
+
+def _instead_of(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Return which scenes of the study may be run instead of which; with the same sample times."""
+    known = {case.name: case for case in cases}
+    given = []
+    for scene, one in reading.fields(entry, (), dict.fromkeys(known)).items():
+        names = () if one.value is None else tuple(reading.choice(name, tuple(known)) for name in _one_or_more(one))
+        for name in names:
+            if name == scene or not np.array_equal(known[name].times, known[scene].times):
+                must_be(one, f"other scenes with the sample times of {scene}")
+        given += [(scene, names)] if names else []
+    return tuple(given)
 
 
 def _measures(observables: Entry, average: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[str, ...], str]:

@@ -23,6 +23,7 @@ FEWEST_RUNS = 10  # below this an interval of a skewed quantity means nothing
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
 _AT_ONCE = 512  # columns
+_OTHER = 2**62  # a seed that no run has: there a second set of weights begins
 _NORMAL_975 = 1.959963984540054
 
 # A weight is how many of these bounds 16 random bits reach: P(w <= k) of the Poisson law of mean 1, to 2^-17.
@@ -194,10 +195,27 @@ def resample(samples, seeds=None):
     runs, shape = len(samples), samples.shape[1:]
     if not runs:
         return Estimate(*np.full((4, *shape), np.nan))
-    seeds, columns, sums = np.arange(runs) if seeds is None else np.asarray(seeds), samples.reshape(runs, -1), None
-    for rows in np.split(np.arange(runs), np.flatnonzero(np.diff(seeds // BLOCK)) + 1):
-        sums = add_block(sums, seeds[rows], columns[rows], columns.shape[1])
+    columns = samples.reshape(runs, -1)
+    sums = _added_up(np.arange(runs) if seeds is None else np.asarray(seeds), columns, columns.shape[1])
     return Estimate(*(values.reshape(shape) for values in estimate(sums)))
+
+
+def replicates(samples, other=False):
+    """What resampling the runs of `samples` (runs, Q) does to their mean: (REPLICATES, Q) deviations from it.
+
+    `other` takes a second set of replicates, independent of the first. To the bit as in `resample`.
+    """
+    samples = np.asarray(samples, float)
+    sums = _added_up(np.arange(len(samples)) + _OTHER * other, samples, 0)
+    return drawn_mean(sums) - mean_of(sums)
+
+
+def _added_up(seeds, columns, squares):
+    """Sums over all runs, seeds ascending."""
+    sums = None
+    for rows in np.split(np.arange(len(seeds)), np.flatnonzero(np.diff(seeds // BLOCK)) + 1):
+        sums = add_block(sums, seeds[rows], columns[rows], squares)
+    return sums
 
 
 def wilson_interval(count, total):

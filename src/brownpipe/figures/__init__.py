@@ -15,6 +15,7 @@ from brownpipe.figures import (
     pair_distribution,
     particle_counts,
     thermodynamics,
+    tradeoff,
     velocity_autocorrelation,
     velocity_distribution,
 )
@@ -23,7 +24,7 @@ from brownpipe.figures.cases import FigureError, cases_of, check_count, has, one
 from brownpipe.figures.style import drawing, image_bytes
 from brownpipe.figures.tables import to_csv
 
-__all__ = ["FigureError", "render", "summary"]
+__all__ = ["FigureError", "render", "summary", "tradeoff"]
 MODULES = {
     module.__name__.rpartition(".")[2]: module
     for module in (

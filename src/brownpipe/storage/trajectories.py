@@ -53,7 +53,7 @@ MEANING = {
     "worst_overlap": ("1", "deepest overlap seen, in contact distances"),
     "momentum_residual": ("1", "relative error of momentum change plus impulse given to the walls"),
     "kinetic_energy": ("energy", "kinetic energy at t = 0, conserved"),
-    "virial": ("energy", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
+    "virial": ("energy*time", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
     "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
     "missed_collisions": ("1", "pairs that a time step led past each other, or out of each other on the far side"),
     "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),

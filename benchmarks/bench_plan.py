@@ -1,0 +1,65 @@
+"""Does a plan come true? Plans three studies, runs them as planned, and compares error and CPU time with what was said.
+
+    python benchmarks/bench_plan.py
+
+The error achieved is the relative standard error of MSD(end) over the runs; if the engine chosen is an approximate one,
+its bias as the plan has it joins. The CPU time is that of `brownpipe simulate`, all jobs, start-up and files included.
+"""
+
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from brownpipe import plan, tradeoff
+from brownpipe.study import read_study
+
+ROOT = Path(__file__).parent.parent
+SCENES = (("harrison2020", 0.02), ("heavy", 0.05), ("dense", 0.08))  # and the tolerances of MSD(end)
+
+
+def main():
+    print(
+        "| scene | tolerance | engine | runs | error planned | achieved | ratio | CPU planned, s | taken, s | ratio |"
+    )
+    print("|---" * 10 + "|")
+    for scene, tolerance in SCENES:
+        with tempfile.TemporaryDirectory() as folder:
+            words = [sys.executable, "-m", "brownpipe", "simulate", f"{ROOT}/config/scenes/{scene}.yaml"]
+            subprocess.run([*words, "--output", f"{folder}/first.h5.none"], check=True)  # compiles, if need be
+            print(row(scene, tolerance, Path(folder)), flush=True)
+
+
+def row(scene, tolerance, folder):
+    study = folder / "study.yaml"
+    study.write_text(f"scenes: {ROOT / 'config' / 'scenes' / scene}.yaml\ntolerance: {tolerance}\n")
+    cases = plan.cases_of(read_study(study), "msd", folder)
+    chosen = plan.offers(cases, tolerance, None)[0]
+    plan.write_yaml(folder / "planned.yaml", plan.study_of(study, chosen, folder / "planned.yaml"), "planned")
+    planned, taken = read_study(folder / "planned.yaml"), 0.0
+    for job in planned.jobs():
+        words = [f"{ROOT / 'config' / 'scenes' / job.scene}.yaml", "--seeds", f"{job.first}-{job.last}"]
+        words += ["--engine", *chosen.engine.words.split(), "--output", str(folder / f"{job.first}.h5")]
+        taken += seconds([sys.executable, "-m", "brownpipe", "simulate", *words])
+    (runs,) = tradeoff.read_runs(sorted(folder.glob("*.h5")))
+    known = cases[0].known[chosen.engine]
+    scatter = tradeoff.spread_of(runs, "msd", (0.0, runs.times[-1])) / np.sqrt(len(runs.seeds))
+    achieved = float(np.hypot(scatter, np.sqrt(known.bias_square)))
+    first = f"| {scene} | {tolerance} | {chosen.engine.label} | {chosen.runs} | {chosen.error:.4f} | {achieved:.4f} "
+    ratios = f"| {achieved / chosen.error:.2f} | {chosen.seconds:.2f} | {taken:.2f} | {taken / chosen.seconds:.2f} |"
+    return first + ratios
+
+
+def seconds(words):
+    """CPU seconds of a command."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(words, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""What is in a trade-off dataset: every variable with its dimensions, unit and meaning.
+
+Biases, spreads and distances are relative to the exact result: 0.01 is 1 %. "95 %" intervals are those of `bias`.
+"""
+
+import numpy as np
+
+from brownpipe.analysis.variables import Variable
+
+KIND = "Price list of engines: error against CPU time"
+ATTRIBUTES = {
+    "Conventions": "CF-1.11",
+    "title": KIND,
+    "comment": (
+        "CPU times, and with them what pays when, are measured anew whenever this is made and differ from one machine "
+        "and one time to another: these variables do not come out the same to the byte. Everything else does. "
+        "Biases are relative to exact runs of the same scene; where an interval holds 0, the bias is not resolved."
+    ),
+}
+SCENE, SETTING = ("scene",), ("scene", "setting")
+
+
+def _with_interval(name, dims, meaning):
+    return {
+        name: Variable(dims, "1", meaning),
+        f"{name}_standard_error": Variable(dims, "1", f"standard error of the {meaning}"),
+        f"{name}_low": Variable(dims, "1", f"lower end of the 95 % interval of the {meaning}"),
+        f"{name}_high": Variable(dims, "1", f"upper end of the 95 % interval of the {meaning}"),
+    }
+
+
+def _usable(name, meaning):
+    """What the total error is made of."""
+    return {
+        f"{name}_bias_square": Variable(SETTING, "1", f"square of the relative bias of {meaning}, scatter taken off"),
+        f"{name}_bias_bound": Variable(SETTING, "1", f"what the size of the bias of {meaning} is below, 95 %"),
+        f"{name}_spread": Variable(SETTING, "1", f"relative scatter of {meaning} in one run; that of n runs / sqrt(n)"),
+    }
+
+
+BEST = "no setting has a smaller total error of the MSD"
+MSD, D = "MSD at the end", "D in the window"
+DISTRIBUTION = "total variation distance of the distribution of displacements at the end, in ten rings"
+
+VARIABLES = {
+    "digest": Variable(SCENE, "1", "digest of the scene's physics", object, ""),
+    "particles": Variable(SCENE, "1", "number of disks", np.int64, 0),
+    "duration": Variable(SCENE, "time", "duration of a run"),
+    "window_start": Variable(SCENE, "time", "start of the window of time in which D is fitted"),
+    "window_end": Variable(SCENE, "time", "end of the window of time in which D is fitted"),
+    "sample_time": Variable((*SCENE, "sample"), "time", "times of the curve of the bias of the MSD"),
+    "engine": Variable(SETTING, "1", "name and settings of the engine, as in a study (JSON)", object, ""),
+    "runs": Variable(SETTING, "1", "number of runs that did not fail", np.int64, 0),
+    "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", np.int64, 0),
+    "paired_runs": Variable(SETTING, "1", "number of runs that an exact one begins like", np.int64, 0),
+    "seconds": Variable(SETTING, "s", "CPU time of a run on this machine, start-up and files not counted"),
+    "study_seconds": Variable(SETTING, "s", "CPU time of all these runs at that price"),
+    "pays_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, every bias at its worst"),
+    "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, every bias at its worst"),
+    "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, biases as found"),
+    "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, biases as found"),
+    **_with_interval("msd_bias", SETTING, f"relative bias of the {MSD}"),
+    **_usable("msd", f"the {MSD}"),
+    **_with_interval("d_bias", SETTING, f"relative bias of {D}"),
+    **_usable("d", D),
+    "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise taken off"),
+    "displacement_bias_low": Variable(SETTING, "1", f"lower end of the 95 % interval of the {DISTRIBUTION}"),
+    "displacement_bias_high": Variable(SETTING, "1", f"upper end of the 95 % interval of the {DISTRIBUTION}"),
+    "displacement_bias_noise": Variable(SETTING, "1", f"what noise alone makes of the {DISTRIBUTION}"),
+    **_usable("displacement", "the distribution of displacements at the end"),
+    **_with_interval("msd_curve_bias", (*SETTING, "sample"), "relative bias of the MSD at the sample times"),
+    **_with_interval("contact_bias", SETTING, "largest relative deviation of g(r) near contact, where it was measured"),
+    "worst_energy_drift": Variable(SETTING, "1", "largest relative change of the energy in a run"),
+    "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
+    "departure_time": Variable(
+        SETTING, "time", "median time at which the tracer is 0.001 of its radius from that of the exact run; inf: never"
+    ),
+}

@@ -1,0 +1,270 @@
+"""Plans: so many runs for a tolerance, the same each time; the cheapest engine; what cannot be is refused."""
+
+import math
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from brownpipe import cli, exact, plan, storage, tradeoff
+from brownpipe.analysis import squared_displacement
+from brownpipe.engines import Engine
+from brownpipe.plan import Case, Known
+from brownpipe.reading import SceneError
+from brownpipe.study import read_study
+from ensembles import make_runs, make_scene, write
+
+EXACT = Engine("exact")
+COARSE = Engine("timestep", (("time_step", 0.03), ("precision", "double")))
+FINE = Engine("timestep", (("time_step", 0.001), ("precision", "double")))
+SCENE = """\
+box: {x: [-3.0, 3.0], y: [-3.0, 3.0]}
+particles: 12
+disks:
+  tracer: {radius: 0.3, mass: 1.0, position: [0.0, 0.0]}
+  species: [{name: bath, count: rest, radius: 0.1, mass: 0.4}]
+velocities: {standard_deviation: 2.0}
+duration: 0.5
+sample_interval: 0.05
+"""
+
+
+def case_of(*known, **scene):
+    return Case(make_scene(**scene), "a test", {one.engine: one for one in known})
+
+
+@pytest.fixture
+def study_file(tmp_path):
+    """A function that writes a study of one small scene; returns its path."""
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "few.yaml").write_text(SCENE)
+
+    def make(**keys):
+        path = tmp_path / "study.yaml"
+        path.write_text(yaml.safe_dump({"scenes": "scenes/few.yaml"} | keys))
+        return path
+
+    return make
+
+
+# -- the choice -----------------------------------------------------------------------------------------------------
+
+
+def test_cheapest_that_meets_the_tolerance_comes_first():
+    """Biases of 1 % in half the time: for 2 % it is cheaper, 1/(1 - 1/4) = 4/3 of the runs; for 1 % it cannot do."""
+    case = case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(COARSE, 0.01, 1e-4, 1.0, 0.01))
+    first, second = plan.offers([case], 0.02, None)
+    assert (first.engine, first.runs, second.engine, second.runs) == (COARSE, 3334, EXACT, 2500)
+    assert first.error == pytest.approx(0.02, rel=1e-3) and second.error == pytest.approx(0.02)
+    assert [one.engine for one in plan.offers([case], 0.01, None)] == [EXACT]
+
+
+def test_what_is_not_known_of_a_bias_counts_as_error():
+    case = case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(COARSE, 0.001, 0.03, 1.0, 0.01))
+    assert [one.engine for one in plan.offers([case], 0.02, None)] == [EXACT]
+    assert plan.offers([case], 0.05, None)[0].runs == math.ceil(1 / (0.05**2 - 0.03**2))
+
+
+def test_dearer_engines_that_were_not_compared_offer_nothing():
+    case = case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(FINE, math.nan, math.nan, 1.0, 0.05))
+    assert [one.engine for one in plan.offers([case], 0.02, None)] == [EXACT]
+    assert "never      timestep-0.001: a run costs 2.5 times" in plan.describe([case], "msd", 0.02, None)
+
+
+def test_a_budget_buys_the_smallest_error_and_may_be_too_small_for_a_tolerance():
+    case = case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(COARSE, 0.05, 1e-4, 1.0, 0.002))
+    best, other = plan.offers([case], None, 10.0)
+    assert best.engine == EXACT and best.seconds <= 10.0 and best.error == pytest.approx(1 / math.sqrt(best.runs))
+    assert other.error > 0.05
+    assert plan.offers([case], None, 2.0)[0].engine == COARSE
+    assert plan.offers([case], 0.02, 10.0) == []
+    text = plan.describe([case], "msd", 0.02, 10.0)
+    assert "cannot be met within 10 s of CPU" in text and f"instead    exact: {best.runs:,} runs" in text
+
+
+def test_one_engine_for_all_cases_has_the_most_runs_of_any():
+    cases = [
+        case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(COARSE, 0.01, 1e-4, 1.0, 0.01)),
+        case_of(Known(EXACT, 0.0, 0.0, 1.2, 0.05)),
+    ]
+    (only,) = plan.offers(cases, 0.02, None)
+    assert (only.engine, only.runs, only.error) == (EXACT, 3600, pytest.approx(0.02))
+    assert only.seconds == pytest.approx(3600 * 0.07, rel=0.15)  # and some starts of processes
+    assert "one engine for all" in plan.describe(cases, "msd", 0.02, None)
+
+
+def test_jobs_are_neither_too_short_to_start_nor_too_long_to_lose():
+    for seconds in (1e-4, 1e-2, 1.0):
+        (one,) = plan.offers([case_of(Known(EXACT, 0.0, 0.0, 1.0, seconds))], 0.01, None)
+        job = one.batch * seconds
+        assert one.batch == one.runs or plan.JOB_SECONDS * 0.9 < job < plan.LONG_JOB * 1.1
+        assert one.runs / one.batch <= 1000
+
+
+# -- the number of runs of a study ----------------------------------------------------------------------------------
+
+
+def test_number_of_runs_is_a_function_of_scene_tolerance_and_observable(study_file, tmp_path, monkeypatch):
+    study = read_study(study_file(tolerance="4%"))
+    settled = plan.settle(study, tmp_path / "plan.yaml")
+    again = plan.settle(study, tmp_path / "again.yaml")
+    assert (
+        settled.seeds == again.seeds and (tmp_path / "plan.yaml").read_bytes() == (tmp_path / "again.yaml").read_bytes()
+    )
+    half = plan.settle(read_study(study_file(tolerance=0.08)), tmp_path / "half.yaml")
+    assert len(settled.seeds) / len(half.seeds) == pytest.approx(4, rel=0.02)  # rounded up to whole runs
+    monkeypatch.setattr(plan, "pilot", None)  # what is written down is not worked out again
+    assert plan.settle(study, tmp_path / "plan.yaml").seeds == settled.seeds
+
+
+def test_number_of_runs_is_worked_out_again_when_the_scene_or_the_wish_changes(study_file, tmp_path):
+    first = plan.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
+    other = plan.settle(read_study(study_file(tolerance=0.1, observable="displacement")), tmp_path / "plan.yaml")
+    assert len(other.seeds) == math.ceil((tradeoff.bias.spread_of_shares() / 0.1) ** 2) != len(first.seeds)
+    (tmp_path / "scenes" / "few.yaml").write_text(SCENE.replace("12", "13"))
+    again = plan.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
+    digests = yaml.safe_load((tmp_path / "plan.yaml").read_text())["scenes"]
+    assert digests == {"few, N = 13": again.cases[0].digest} and again.seeds != ()
+
+
+def test_achieved_error_is_the_tolerance(study_file, tmp_path):
+    """400 runs of the pilot and those of the study each know a spread of exponential r^2 to sqrt(2/n): 8 % here."""
+    study = plan.settle(read_study(study_file(tolerance=0.05)), tmp_path / "plan.yaml")
+    (scene,) = study.cases
+    track = exact.simulate(scene, study.seeds).tracer
+    end = squared_displacement(track.position)[:, -1]
+    achieved = end.std(ddof=1) / end.mean() / math.sqrt(len(end))
+    known_to = math.sqrt(2 / plan.pilot_runs(scene) + 2 / len(end))
+    assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000
+
+
+def test_too_many_jobs_take_larger_batches(study_file, tmp_path):
+    study = replace(read_study(study_file(tolerance=0.05)), batch=1)
+    settled = plan.settle(study, tmp_path / "plan.yaml")
+    assert len(settled.jobs()) <= 1000 and len(settled.seeds) == sum(job.last - job.first + 1 for job in settled.jobs())
+
+
+# -- refusals -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"seeds": 5, "tolerance": 0.02}, "seeds: must not be given with a tolerance, which says how many"),
+        ({}, "seeds: missing; must be given, or a tolerance instead"),
+        ({"tolerance": 0}, "tolerance: must be a relative error above 0 and below 1, like 0.02 or 2%, not 0"),
+        ({"tolerance": "0%"}, "tolerance: must be a relative error above 0"),
+        ({"tolerance": "200%"}, "tolerance: must be a relative error above 0"),
+        ({"tolerance": True}, "tolerance: must be a relative error above 0"),
+        (
+            {"tolerance": 0.02, "observable": "energy"},
+            "observable: 'energy' is unknown; must be msd or d or displacement",
+        ),
+        ({"seeds": 5, "observable": "msd"}, "observable: must not be given without a tolerance, which is for it"),
+        ({"seeds": 5, "instead_of": {"many": "few"}}, "instead_of: unknown key 'many'"),
+        (
+            {"seeds": 5, "instead_of": {"few": "few"}},
+            "instead_of.few: must be other scenes with the sample times of few",
+        ),
+        ({"seeds": 5, "engines": [{"name": "exact", "scenes": "many"}]}, "engines[0].scenes: 'many' is unknown"),
+        (
+            {"seeds": 5, "engines": ["exact", {"name": "exact", "seeds": 3}]},
+            "engines: must be engines or settings that",
+        ),
+    ],
+)
+def test_studies_that_cannot_be_are_refused(study_file, keys, message):
+    with pytest.raises(SceneError) as refusal:
+        read_study(study_file(**keys))
+    assert message in str(refusal.value)
+
+
+def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_path):
+    (tmp_path / "scenes" / "equal.yaml").write_text(SCENE.replace("radius: 0.3, mass: 1.0", "radius: 0.1, mass: 0.4"))
+    engines = ["exact", {"name": "langevin", "friction": "enskog", "scenes": "few", "seeds": 3}]
+    keys = {"scenes": ["scenes/few.yaml", "scenes/equal.yaml"], "seeds": 7}
+    study = read_study(study_file(**keys, engines=engines))
+    jobs = [(job.scene, job.engine, job.last) for job in study.jobs()]
+    assert jobs == [("few", "exact", 6), ("few", "langevin-enskog", 2), ("equal", "exact", 6)]
+    assert study.compared == ["few"]
+    with pytest.raises(SceneError, match="langevin is for a heavy tracer"):  # equal disks
+        read_study(study_file(**keys, engines=["exact", {"name": "langevin", "friction": "enskog"}]))
+
+
+# -- the command ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def prices_of(scene, folder):
+    """A stored price list of a scene in which steps are half the price and off by 5 %."""
+    runs = make_runs(scene, range(300))
+    track = runs.ensemble.tracer._replace(position=runs.ensemble.tracer.position * math.sqrt(1.05))
+    coarse = runs._replace(
+        engine="timestep", settings=dict(COARSE.settings), ensemble=runs.ensemble._replace(tracer=track)
+    )
+    files = [write(folder, one) for one in (runs, coarse)]
+    found = tradeoff.measure(files, seconds_per_run=lambda engine, _: 0.02 if engine == EXACT else 0.01)
+    storage.write_dataset(folder / "prices.nc", found)
+    return found
+
+
+def test_stored_prices_of_the_same_scene_are_used_and_a_study_is_written(study_file, here, monkeypatch, capsys):
+    path, stored = study_file(seeds=5, rings={"dr": 0.1, "count": 9}), here / "results" / "old" / "tradeoff"
+    stored.mkdir(parents=True)
+    prices_of(read_study(path).cases[0], stored)
+    monkeypatch.setattr(plan, "trial", None)
+    assert cli.main(["plan", str(path), "--tolerance", "20%", "--write", "sub/mine.yaml"]) == cli.DONE
+    said = capsys.readouterr().out
+    assert "by results/old/tradeoff/prices.nc" in said and "use        timestep-0.03" in said
+    mine = read_study("sub/mine.yaml")
+    assert [use.engine for use in mine.uses] == [COARSE] and mine.cases == read_study(path).cases and mine.rings == 9
+    assert cli.main(["plan", str(path), "--tolerance", "4%"]) == cli.DONE
+    said = capsys.readouterr().out
+    assert "use        exact" in said and "no         timestep-0.03: off by 5" in said
+    assert cli.main(["plan", str(path), "--tolerance", "1%", "--budget", "5s", "--write", "not.yaml"]) == cli.FAILED
+    assert "cannot be met within 5 s" in capsys.readouterr().out and not os.path.exists("not.yaml")
+
+
+def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys):
+    monkeypatch.setattr(tradeoff.cost, "seconds_per_run", lambda engine, *_, **__: 1.0 if engine == EXACT else 2.0)
+    path = study_file(tolerance=0.1)
+    assert cli.main(["plan", str(path)]) == cli.DONE
+    said = capsys.readouterr().out
+    assert "MSD at the end to 10 %, by a pilot of 400 runs" in said
+    assert said.count("never      timestep-") == 3 and "never      langevin-enskog: a run costs 2 times" in said
+    number = plan.settle(read_study(path), "plan.yaml").seeds[-1] + 1
+    assert f"exact: {number:,} runs" in said  # as its workflow will have it
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--tolerance", "0"], "--tolerance: must be a relative error above 0 and below 1, like 0.02 or 2%, not 0.0"),
+        (["--tolerance", "much"], "--tolerance: must be a relative error"),
+        ([], "--tolerance: missing; must be given, or --budget"),
+        (["--tolerance", "2%", "--observable", "energy"], "argument --observable: invalid choice"),
+        (["--budget", "5 weeks"], "argument --budget: must be a time like 60s, 5min or 2h"),
+        (["--budget", "0s"], "argument --budget: must be a finite number > 0"),
+    ],
+)
+def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, words, message):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan, "cases_of", None)
+        try:
+            status = cli.main(["plan", str(study_file(seeds=5)), *words])
+        except SystemExit as end:
+            status = end.code
+    said = capsys.readouterr().err
+    assert status == cli.WRONG and message in said and said.count("\n") == 1
+
+
+def test_times_are_understood():
+    assert [cli._seconds(text) for text in ("60s", "5min", "2h", "1.5")] == [60.0, 300.0, 7200.0, 1.5]
+    assert np.isclose(cli._seconds("0.1s"), 0.1)

@@ -1,0 +1,80 @@
+"""The price list as a user starts it: a study with a tolerance instead of seeds, from scenes to figures."""
+
+import csv
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+import yaml
+
+from brownpipe import storage
+from test_workflow import SCENE, SNAKEMAKE, environment
+
+STUDY = """\
+scenes: [scenes/full.yaml, scenes/half.yaml]
+tolerance: 20%
+instead_of: {full: half}
+engines:
+  - exact
+  - {name: timestep, time_step: 0.03, scenes: full}
+  - {name: langevin, friction: boltzmann, scenes: full, seeds: 300}
+"""
+
+
+def snakemake(folder, *words, study="prices"):
+    """What snakemake printed."""
+    command = [*SNAKEMAKE, *words, "--directory", str(folder), "--configfile", str(folder / f"{study}.yaml")]
+    done = subprocess.run(
+        command, cwd=folder, env=environment(), capture_output=True, text=True, timeout=300, check=True
+    )
+    return done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder of a study with its price list, and what was printed meanwhile."""
+    folder = tmp_path_factory.mktemp("prices")
+    (folder / "scenes").mkdir()
+    (folder / "prices.yaml").write_text(STUDY)
+    scene = SCENE.replace("particles: 10", "particles: 12")
+    (folder / "scenes" / "full.yaml").write_text(scene)
+    (folder / "scenes" / "half.yaml").write_text(scene.replace("particles: 12", "particles: 6"))
+    return folder, snakemake(folder, "tradeoff_figures", "--cores", "1")
+
+
+def test_every_engine_has_a_price_in_its_scenes(finished):
+    folder, printed = finished
+    made = folder / "results" / "prices"
+    text = (made / "tradeoff" / "tradeoff.txt").read_text()
+    assert text in printed and "never pays" in text
+    names = {path.name for path in (made / "tradeoff").iterdir()}
+    pictures = {f"tradeoff_full.{kind}" for kind in ("png", "svg")}
+    assert names == pictures | {"prices.nc", "tradeoff.csv", "tradeoff.txt"}
+    rows = list(csv.DictReader((made / "tradeoff" / "tradeoff.csv").read_text().splitlines()))
+    settings = {(row["scene"], row["setting"]) for row in rows}
+    engines = ("exact", "timestep-0.03", "langevin-boltzmann", "exact in half")
+    assert settings == {("full", engine) for engine in engines}
+    assert all(float(row["seconds"]) > 0 for row in rows)
+
+
+def test_seeds_are_as_many_as_the_tolerance_needs(finished):
+    folder, _ = finished
+    made = folder / "results" / "prices"
+    plan = yaml.safe_load((made / "plan.yaml").read_text())
+    assert plan["runs"] == max(plan["needed"].values()) and set(plan["needed"]) == {"full, N = 12", "half, N = 6"}
+    prices = storage.read_dataset(made / "tradeoff" / "prices.nc").sel(scene="full")
+    assert [int(n) for n in prices.runs.sel(setting=["exact", "langevin-boltzmann"])] == [plan["runs"], 300]
+    # r^2 of one run scatters by s, and 20 % were asked for; the pilot's s and this one are known to some 20 % together
+    achieved = float(prices.msd_spread.sel(setting="exact")) / np.sqrt(plan["runs"])
+    assert achieved == pytest.approx(0.2, rel=0.6)
+
+
+def test_nothing_is_run_again_until_the_tolerance_changes(finished, tmp_path):
+    folder = shutil.copytree(finished[0], tmp_path / "copy")
+    assert "Nothing to be done" in snakemake(folder, "tradeoff_figures", "--dry-run")
+    (folder / "prices.yaml").write_text(STUDY.replace("20%", "15%"))
+    planned = snakemake(folder, "tradeoff_figures", "--dry-run").partition("Job stats:")[2]
+    counts = dict(re.findall(r"^(\w+) +(\d+)$", planned, re.MULTILINE))
+    assert counts["simulate"] == "3" and counts["tradeoff"] == "1"  # all but the engine with seeds of its own

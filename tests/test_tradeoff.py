@@ -1,0 +1,282 @@
+"""The price list: estimators on made-up runs with known answers, and the study of them from end to end."""
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from brownpipe import storage, tradeoff
+from brownpipe.analysis import AnalysisError
+from brownpipe.tradeoff import bias, cost, front
+from brownpipe.tradeoff.front import Setting, Stretch
+from ensembles import make_runs, make_scene, write
+
+ENSEMBLES = 300
+
+
+def skewed(rng, correlation, runs, others, mean):
+    """Squared displacements of two engines, exponential ones: (S_a, 1) of the given mean, (S_e, 1) of mean 1.
+
+    The first runs of both begin alike: their Gaussian displacements have this correlation.
+    """
+    exact = rng.standard_normal((max(runs, others), 2))
+    mixed = correlation * exact + math.sqrt(1 - correlation**2) * rng.standard_normal(exact.shape)
+    return mean * (mixed[:runs] ** 2).sum(axis=1, keepdims=True) / 2, (exact[:others] ** 2).sum(1, keepdims=True) / 2
+
+
+@pytest.mark.parametrize(("correlation", "runs", "others"), [(0.99, 100, 100), (0.7, 100, 400), (0.0, 200, 100)])
+def test_bias_covers_the_truth_in_95_of_100_ensembles(correlation, runs, others):
+    """300 ensembles of a bias of 10 %; a coverage of 95 % is missed by 4.5 % (3.6 standard errors) once in 3,000."""
+    rng, covered, errors, values = np.random.default_rng(1), 0, [], []
+    same = None if correlation == 0.0 else (np.arange(min(runs, others)),) * 2
+    for _ in range(ENSEMBLES):
+        one = bias.relative_bias(*skewed(rng, correlation, runs, others, 1.1), same)
+        covered += one.low.item() <= 0.1 <= one.high.item()
+        errors.append(one.standard_error.item())
+        values.append(one.value.item())
+    assert abs(covered / ENSEMBLES - 0.95) < 0.045
+    # the scatter of 300 values is known to 4.1 % for Gaussian ones; four of that
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(values), rel=0.17)
+    assert abs(np.mean(values) - 0.1) < 4 * np.std(values) / math.sqrt(ENSEMBLES)
+
+
+def test_pairs_and_more_exact_runs_sharpen_the_bias():
+    rng = np.random.default_rng(2)
+    approximate, exact = skewed(rng, 0.995, 500, 5000, 1.02)
+    same = (np.arange(500),) * 2
+    alone = bias.relative_bias(approximate, exact[:500]).standard_error.item()
+    more = bias.relative_bias(approximate, exact).standard_error.item()
+    paired = bias.relative_bias(approximate, exact, same).standard_error.item()
+    assert alone == pytest.approx(math.sqrt(1.02**2 * 2 / 500), rel=0.2)  # exponential: the spread is the mean
+    assert more == pytest.approx(1.02 * math.sqrt(1 / 500 + 1 / 5000), rel=0.2)
+    # r^2 of both has the correlation c^2: 1 - c^4 = 0.02 of the variance is left
+    assert paired == pytest.approx(math.sqrt(1.02**2 * 0.02 / 500 + 0.02**2 / 5000), rel=0.25)
+
+
+def test_equal_runs_have_no_bias_and_a_vanishing_mean_has_none_that_is_defined():
+    exact = np.random.default_rng(3).exponential(size=(50, 2)) * [1.0, 0.0]
+    one = bias.relative_bias(exact.copy(), exact, (np.arange(50),) * 2)
+    assert abs(one.value[0]) < 1e-15 and one.standard_error[0] < 1e-15
+    assert np.isnan(one.value[1]) and not one.resolved[1]
+
+
+def test_the_part_of_a_square_that_is_scatter_is_taken_off():
+    found = bias.Bias(*map(np.array, (0.05, 0.03, -0.01, 0.11)))
+    assert not found.resolved and found.bound == 0.11
+    assert found.square == pytest.approx(0.05**2 - 0.03**2)
+    assert found._replace(standard_error=np.array(0.06)).square == 0.0
+
+
+def test_partners_are_found_by_seed():
+    mine, theirs = bias.same_seeds(np.array([4, 9, 2]), np.array([2, 3, 4]))
+    assert (mine.tolist(), theirs.tolist()) == ([2, 0], [0, 2])
+
+
+# -- distributions --------------------------------------------------------------------------------------------------
+
+
+def radial(rng, runs, width=1.0):
+    """Displacements of free diffusers: Rayleigh."""
+    return width * np.sqrt(2 * rng.exponential(size=runs))
+
+
+def distance_of_shares(width, rings=bias.RINGS):
+    """Between Rayleigh laws of widths 1 and `width`, in rings that hold equal shares of the first."""
+    tail = (1 - np.arange(rings) / rings) ** (1 / width**2)
+    return np.abs(-np.diff(tail, append=0.0) - 1 / rings).sum() / 2
+
+
+@pytest.mark.parametrize(("width", "same"), [(1.0, False), (1.0, True), (1.3, False)])
+def test_distance_of_distributions(width, same):
+    """An interval that covers in 95 % of the cases misses more than 8 of 60 ensembles once in 300."""
+    rng, truth, pairs = np.random.default_rng(4), distance_of_shares(width), (np.arange(400),) * 2 if same else None
+    found = []
+    for _ in range(60):
+        exact = radial(rng, 800)
+        own = np.where(rng.random(800) < 0.9, exact, radial(rng, 800)) if same else radial(rng, 800, width)
+        found.append(bias.total_variation(own[:400], exact, pairs))
+    assert sum(one.low <= truth <= one.high for one in found) > 51
+    noise = np.mean([one.noise for one in found])
+    # independent: 400 and 800 runs scatter together like 400 * 800 / 1200 of one
+    expected = bias.spread_of_shares() / math.sqrt(400 * 800 / 1200)
+    assert noise == pytest.approx(expected, rel=0.1) if not same else noise < 0.5 * expected
+    values = np.array([one.value for one in found])
+    if width > 1.0:  # squares add up if all rings differ alike; they do not, and a tenth remains
+        assert values.mean() == pytest.approx(truth, abs=0.1 * truth + 4 * values.std() / math.sqrt(60))
+    else:
+        assert np.median(values) < 0.5 * noise
+
+
+def test_largest_deviation_near_contact():
+    """Poisson counts of two pairs of species, contact in bins 40 and 60; one is 10 % off in its first shell."""
+    rng, mean = np.random.default_rng(6), np.zeros((2, 100))
+    mean[0, 40:], mean[1, 60:] = 30.0, 20.0
+    exact = rng.poisson(mean, (400, 2, 100))
+    shift = mean.copy()
+    shift[1, 60:63] *= 1.1
+    found = bias.contact_deviation(rng.poisson(shift, (200, 2, 100)), exact)
+    assert found.low < 0.1 < found.high and found.resolved
+    assert found.standard_error == pytest.approx(math.sqrt(1.1 / 200 / 60 + 1.1**2 / 400 / 60), rel=0.2)
+    same = [bias.contact_deviation(rng.poisson(mean, (100, 2, 100)), exact).resolved for _ in range(40)]
+    assert sum(same) <= 6  # of 40 ensembles 5 % may stand out: more than 6 once in 300
+    assert bias.contact_deviation(exact, 0 * exact) is None
+
+
+# -- the front ------------------------------------------------------------------------------------------------------
+
+
+def test_cheap_and_biased_pays_until_exact_is_as_good():
+    exact, fast = Setting("exact", 0.0, 1.0, 1e-3), Setting("fast", 0.02**2, 1.0, 1e-4)
+    dear = Setting("dear", 0.01**2, 1.0, 2e-3)
+    stretches = front.pareto_front([exact, fast, dear])
+    crossing = (1e-3 - 1e-4) / 0.02**2  # where 1/n of exact runs = bias^2 + 1/n of fast ones
+    assert [(one.label, one.start, one.end) for one in stretches] == [
+        ("fast", pytest.approx(1e-3), pytest.approx(crossing)),
+        ("exact", pytest.approx(crossing), np.inf),
+    ]
+    assert front.total_error(fast, 1e-4 * 400) == pytest.approx(math.hypot(0.02, 1 / 20))
+    assert np.isnan(front.total_error(fast, 9e-4))
+
+
+def test_front_is_the_smallest_error_at_every_time():
+    rng = np.random.default_rng(5)
+    settings = [Setting("exact", 0.0, 1.0, 0.01)]
+    settings += [Setting(f"{k}", b**2, 1.0, c) for k, (b, c) in enumerate(rng.lognormal(-5, 2, (12, 2)))]
+    stretches = front.pareto_front(settings)
+    by_label = {one.label: one for one in settings}
+    assert stretches[-1].end == np.inf and all(a.end == b.start for a, b in pairwise(stretches))
+    for time in np.geomspace(stretches[0].start * 1.001, 1e6, 999):
+        (best,) = [one.label for one in stretches if one.start <= time < one.end]
+        errors = [front.total_error(one, time) for one in settings]
+        assert front.total_error(by_label[best], time) == pytest.approx(np.nanmin(errors))
+
+
+def test_equally_good_settings_count_for_the_first():
+    twins = [Setting("exact", 0.0, 1.0, 1.0), Setting("other", 0.0, 1.0, 1.0)]
+    assert front.pareto_front(twins) == [Stretch("exact", 10.0, np.inf)]
+
+
+def test_runs_for_a_tolerance():
+    assert front.runs_for(0.02, 0.0, 1.0) == 2500
+    assert front.runs_for(0.02, 0.01**2, 1.0) == math.ceil(1 / (0.02**2 - 0.01**2))
+    assert front.runs_for(0.02, 0.02**2, 1.0) is None
+    assert front.runs_for(0.9, 0.0, 1.0) == front.FEWEST_RUNS
+
+
+# -- from trajectory files to a dataset -----------------------------------------------------------------------------
+
+STEP = {"time_step": 0.01, "precision": "double"}
+PRICES = {"exact": 1e-3, "timestep-0.01": 2e-4}
+
+
+def price(engine, scene):
+    return PRICES[engine.label] * scene.particles / 20
+
+
+def stretched(trajectories, by, settings=STEP):
+    """The same runs by an engine whose displacements are larger by a factor."""
+    ensemble = trajectories.ensemble
+    track = ensemble.tracer._replace(position=ensemble.tracer.position * by)
+    return trajectories._replace(engine="timestep", settings=settings, ensemble=ensemble._replace(tracer=track))
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """400 exact runs, the first 200 of them again with 5 % larger steps, and other exact runs to be taken instead."""
+    folder, scene, small = tmp_path_factory.mktemp("files"), make_scene("full"), make_scene("small", particles=10)
+    exact = [make_runs(scene, range(300), failed=(7,)), make_runs(scene, range(300, 400))]
+    fast = stretched(make_runs(scene, range(200), failed=(11,)), 1.05)
+    runs = [*exact, fast, make_runs(small, range(1000, 1300))]
+    return [write(folder / str(k), one) for k, one in enumerate(runs) if (folder / str(k)).mkdir() is None]
+
+
+@pytest.fixture(scope="module")
+def prices(files):
+    return tradeoff.measure(files, {"full": ["small"]}, seconds_per_run=price)
+
+
+def test_bias_of_paired_runs_is_found_to_the_last_digits(prices):
+    one = prices.sel(scene="full", setting="timestep-0.01")
+    assert (one.runs, one.failed_runs, one.paired_runs) == (199, 1, 198)  # seed 7 failed in the exact engine
+    # the same runs, stretched: regression leaves nothing but what 198 of them say about 399
+    assert one.msd_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.msd_bias_standard_error))
+    assert one.msd_bias_standard_error < 0.2 * float(one.msd_spread) / math.sqrt(199)
+    assert one.d_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.d_bias_standard_error))
+    assert one.msd_curve_bias.values[:5] == pytest.approx(1.05**2 - 1, abs=0.05)
+    assert one.departure_time == pytest.approx(0.05)  # the first sample
+
+
+def test_stand_in_is_compared_unpaired(prices):
+    one = prices.sel(scene="full", setting="exact in small")
+    assert (one.runs, one.paired_runs) == (300, 0) and np.isnan(one.departure_time)
+    assert abs(one.msd_bias) < 4 * one.msd_bias_standard_error
+    assert one.msd_bias_standard_error == pytest.approx(math.sqrt(1 / 300 + 1 / 399), rel=0.2)
+    assert one.seconds == pytest.approx(0.5e-3)
+
+
+def test_exact_runs_are_off_by_nothing(prices):
+    one = prices.sel(scene="full", setting="exact")
+    assert one.msd_bias == one.msd_bias_square == one.displacement_bias == one.d_bias == 0.0
+    assert one.departure_time == np.inf and one.study_seconds == pytest.approx(0.4)
+    assert one.msd_spread == pytest.approx(1.0, rel=0.2)  # r^2 of a Gaussian displacement; 400 runs say so to 7 %
+
+
+def test_what_pays_is_the_front_of_the_settings(prices):
+    for name, at_worst in (("pays", True), ("may_pay", False)):
+        settings = tradeoff.settings_of(prices, "full", at_worst=at_worst)
+        assert [one.label for one in settings] == ["exact", "exact in small", "timestep-0.01"]
+        stretches = {one.label: one for one in tradeoff.pareto_front(settings)}
+        for one in settings:
+            found = prices.sel(scene="full", setting=one.label)
+            stretch = stretches.get(one.label, Stretch("", np.nan, np.nan))
+            times = [float(found[f"{name}_{end}"]) for end in ("from", "to")]
+            assert times == pytest.approx([stretch.start, stretch.end], nan_ok=True)
+    # the stand-in is cheaper and its bias not resolved: it may pay in the end, and is not known to
+    small = prices.sel(scene="full", setting="exact in small")
+    assert np.isnan(small.pays_to) and small.may_pay_to == np.inf
+
+
+def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, prices, tmp_path):
+    again = tradeoff.measure(files[::-1], {"full": ["small"]}, seconds_per_run=lambda *_: 1.0)
+    timed = ["seconds", "study_seconds", "pays_from", "pays_to", "may_pay_from", "may_pay_to"]
+    assert again.drop_vars(timed).identical(prices.drop_vars(timed))
+    storage.write_dataset(tmp_path / "prices.nc", prices)
+    assert storage.read_dataset(tmp_path / "prices.nc").identical(prices)
+
+
+def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
+    with pytest.raises(AnalysisError, match=r"^full: no runs of the exact engine to compare with"):
+        tradeoff.measure(files[2:3], seconds_per_run=price)
+    with pytest.raises(AnalysisError, match="seed 300 is there twice"):
+        tradeoff.measure([*files, files[1]], seconds_per_run=price)
+    with pytest.raises(
+        AnalysisError, match=r"^nowhere: no runs of the exact engine, and so it cannot stand in for full"
+    ):
+        tradeoff.measure(files, {"full": ["nowhere"]}, seconds_per_run=price)
+    short = write(tmp_path, make_runs(make_scene("short", duration=0.5), range(10)))
+    with pytest.raises(AnalysisError, match=r"^short: has other sample times than full"):
+        tradeoff.measure([*files, short], {"full": ["short"]}, seconds_per_run=price)
+
+
+class Clocked(NamedTuple):
+    """An engine whose runs take 3 ms each by a clock of its own; the first call compiles, and one call is disturbed."""
+
+    clock: list
+    calls: list
+
+    def simulate(self, scene, seeds, record):
+        late = {0: 5.0, 3: 1.0}.get(len(self.calls), 0.0)
+        self.calls.append(list(seeds))
+        self.clock[0] += late + 3e-3 * len(seeds)
+
+
+def test_a_price_leaves_out_compiling_and_what_disturbs(monkeypatch):
+    engine = Clocked([0.0], [])
+    monkeypatch.setattr(cost.time, "process_time", lambda: engine.clock[0])
+    assert cost.seconds_per_run(engine, None) == pytest.approx(3e-3)
+    stretches = engine.calls[2:]
+    assert len(stretches) == cost.STRETCHES and {len(seeds) for seeds in stretches} == {math.ceil(cost.LEAST / 3e-3)}
+    seeds = [seed for call in engine.calls for seed in call]
+    assert len(set(seeds)) == len(seeds) and min(seeds) > 10**9  # new runs each time, none of a study

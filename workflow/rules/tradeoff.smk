@@ -1,0 +1,38 @@
+# CPU times are measured here: the rule has all cores to itself.
+rule tradeoff:
+    input:
+        [f"{results}/simulate/{job.file}" for job in study.jobs()],
+    output:
+        f"{results}/tradeoff/{study.name}.nc",
+    log:
+        f"{results}/logs/tradeoff/{study.name}.log",
+    benchmark:
+        f"{results}/benchmarks/tradeoff/{study.name}.tsv"
+    threads: workflow.cores
+    params:
+        study=relpath(study_file),
+        instead_of=study.instead_of,
+        made_with=made_with("tradeoff"),
+    shell:
+        "brownpipe tradeoff {params.study:q} --files {input} --output {output} 2> {log}"
+
+
+rule tradeoff_figures:
+    input:
+        f"{results}/tradeoff/{study.name}.nc",
+    output:
+        prices=report(f"{results}/tradeoff/tradeoff.txt", caption="../report/tradeoff.rst", category="Trade-off"),
+        numbers=f"{results}/tradeoff/tradeoff.csv",
+        figures=[
+            report(f"{results}/tradeoff/tradeoff_{name}.svg", caption="../report/tradeoff.rst", category="Trade-off")
+            for name in study.compared
+        ],
+        others=expand("{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.compared),
+    log:
+        f"{results}/logs/tradeoff_figures/{study.name}.log",
+    benchmark:
+        f"{results}/benchmarks/tradeoff_figures/{study.name}.tsv"
+    params:
+        made_with=made_with("figures"),
+    shell:
+        "brownpipe figures {input} --output $(dirname {output.prices}) 2> {log} && cat {output.prices}"
