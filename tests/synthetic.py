@@ -67,7 +67,6 @@ def _over_time(dataset, rng):
             "species_energy", (*time, "species"), _spread(dataset, hot.shape, hot), np.array([0.03, 0.002]), rng
         ),
         "enskog_diffusion": (EACH, 0.21 * each),
-        "langevin_diffusion": (EACH, 0.2 * each),
         "accessible_half_width": (EACH, 2.7 * each),
     }
 
@@ -75,28 +74,14 @@ def _over_time(dataset, rng):
 def _distributions(dataset, rng):
     v, u, r = np.arange(-5.95, 6, 0.1), np.arange(0.05, 8, 0.1), np.arange(0.0025, 1.5, 0.005)
     normal, maxwell = np.exp(-(v**2) / 2) / np.sqrt(2 * np.pi), u * np.exp(-(u**2) / 2)
-    count = np.array([[3e3], [4e5]])
-    sigma, g = np.array(CONTACT)[:, None], []
-    x = r / sigma
+    x = r / np.array(CONTACT)[:, None]
     g = np.where(x >= 1, 1 + 0.35 * np.exp(-2.5 * (x - 1)) * np.cos(6 * (x - 1)), 0.0)
     g[0] = np.nan
     pair, contact = (*EACH, "species_pair"), np.array([np.nan, 1.36, 1.34])
     noise = np.where(x >= 1, 0.03 / np.sqrt(x), 0.0) * np.array([[1], [1], [0.2]])
     return {
-        **_estimate(
-            "velocity_density",
-            (*EACH, "species", "velocity"),
-            _spread(dataset, (2, 120), normal),
-            np.sqrt(normal / count / 0.1),
-            rng,
-        ),
-        **_estimate(
-            "speed_density",
-            (*EACH, "species", "speed"),
-            _spread(dataset, (2, 80), maxwell),
-            np.sqrt(maxwell / count / 0.1),
-            rng,
-        ),
+        **_density("velocity", dataset, normal, rng),
+        **_density("speed", dataset, maxwell, rng),
         **_estimate("pair_distribution", (*pair, "distance"), _spread(dataset, g.shape, g), noise, rng),
         **_estimate("contact_value", pair, _spread(dataset, (3,), contact), 0.02, rng),
         **_estimate("contact_value_rate", pair, _spread(dataset, (3,), contact), 0.006, rng),
@@ -105,6 +90,14 @@ def _distributions(dataset, rng):
         "speed": ("speed", u),
         "distance": ("distance", r),
     }
+
+
+def _density(dim, dataset, density, rng):
+    """A density of 3,000 tracers and of 400,000 disks of the bath, in bins of width 0.1; nothing is in the tails."""
+    counts = density * np.array([[3e3], [4e5]]) * 0.1
+    mean = np.where(counts > 0.5, density, 0.0)
+    error = mean / np.sqrt(np.maximum(counts, 0.5))
+    return _estimate(f"{dim}_density", (*EACH, "species", dim), _spread(dataset, error.shape, mean), error, rng)
 
 
 def _thermodynamics(dataset, rng):
