@@ -162,7 +162,7 @@ def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> 
         "momentum_residual": _momentum_residual(w, first, last),
         "failed": np.uint8(not sound),
         "kinetic_energy": 0.5 * before * unit * (frame.length / frame.time),
-        "virial": float(w.tally[ws.VIRIAL]) * unit * (frame.length / frame.time),
+        "virial": float(w.tally[ws.VIRIAL]) * unit * frame.length,
     }
     if not scene.box.periodic:
         found["wall_impulse"] = float(w.tally[ws.WALL_IMPULSE :].sum()) * unit
