@@ -357,7 +357,7 @@ def starts(monkeypatch):
 def test_a_run_that_needs_more_room_leaves_no_trace_in_those_after_it(monkeypatch, starts):
     """In a batch the workspace is handed on; one run in which a cell or a list is too small must not tell."""
     squares = setup._squares
-    monkeypatch.setattr(setup, "_squares", lambda *given: (squares(*given)[0], 16))
+    monkeypatch.setattr(setup, "_squares", lambda *given: (1.3 * squares(*given)[0], 16))
     scene = binary()
     batch = simulate(scene, range(8, 13))
     assert 5 < starts[0] < 10  # some had too little room
@@ -389,7 +389,7 @@ def test_lists_are_right_from_block_to_block():
 
     5 of 9 runs like these had overlaps of 1e-3 to 0.1 then.
     """
-    for n, side in ((64, 9.15), (100, 11.45)):
+    for n, side in ((56, 8.53), (81, 10.26)):
         scene = crowded(box(side, side, P), [(n, 0.5, 1.0)], 2000.0)
         assert setup.prepare(scene, setup.frame_of(scene)).lists is not None
         seen = simulate(scene, [0], frozenset()).observables

@@ -290,6 +290,7 @@ def run(w, r, until, most):
             if (clock[BUCKET_NOW] + 1) * w.calendar.width > until:
                 return DONE, left
             calendar.open_next_bucket(w)
+            lists.read_ahead(w.lists, w)
         soon = clock[SOON] - 1
         now, i = w.soon_time[soon], w.soon_disk[soon]
         if now > until:

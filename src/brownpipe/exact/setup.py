@@ -29,10 +29,11 @@ from brownpipe.state import State
 EVENTS_PER_BUCKET = 8.0  # in the mean
 COLLISIONS_PER_BLOCK = 128.0  # of one disk: a block begins with predicting everything afresh, which should cost little
 LARGEST_RATIO = 1e12  # of masses, up to which the light disks are given time for speeds they may reach
-LISTS_FROM = 0.58  # packing fraction from which neighbour lists are faster than cells alone
+LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than cells alone
 LINES_OF_LIST = (16, 32)  # uint32: how many neighbours a disk has, and which
 DENSEST = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice
-FITS_CACHE = 20_000  # disks: with more, a short ring is worth more than one that few events are too far ahead for
+# Disks. With more, a short ring is worth more than one that few events are too far ahead for, and reading ahead pays.
+FITS_CACHE = 20_000
 PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
 
 
@@ -112,7 +113,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
         shift=shift if scene.box.periodic else None,
         big=big,
-        lists=Lists(half, line, np.zeros(2 * n), np.zeros(line * n, np.uint32)) if half else None,
+        lists=Lists(half, line, n >= FITS_CACHE, np.zeros(2 * n), np.zeros(line * n, np.uint32)) if half else None,
         bucket=np.zeros(BUCKET_LINE * (calendar.ring + 1), np.uint32),
         soon_time=np.empty(2 * n + 16),
         soon_disk=np.empty(2 * n + 16, np.uint32),
@@ -169,7 +170,7 @@ def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, int]:
         return 0.0, 0
     smallest, largest = radius.min(), radius.max()
     gap = math.sqrt(DENSEST / phi) - 1  # mean, between the edges of neighbours, in contact distances
-    half = 2 * largest * min(max(2 * gap, 0.02), 0.4)
+    half = 2 * radius.mean() * min(max(2 * gap, 0.02), 0.35)
     reach = largest + 2 * smallest  # beyond two squares next to each other, of the edge of a small disk
     most = _crowd(scene, smallest, (4 * half) ** 2 + 16 * half * reach + math.pi * reach**2)
     line = next((line for line in LINES_OF_LIST if most < line), 0)

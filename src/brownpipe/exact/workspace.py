@@ -19,8 +19,8 @@ PAIR, LEFT, RIGHT, DOWN, UP, WALL = 0, 1, 2, 3, 4, 4
 DISK_BITS = 28
 DISK_MASK = (1 << DISK_BITS) - 1
 # Columns of `tally` and `count`: what a run reports.
-# STRAY: how far a disk was outside its cell or square, in cells.
-NOW, NEAREST, STRAY, VIRIAL, WALL_IMPULSE = range(5)  # WALL_IMPULSE + side - 1: four of them
+# STRAY: how far a disk was outside its cell or square, in cells. AHEAD means nothing (`lists.read_ahead`).
+NOW, NEAREST, STRAY, VIRIAL, AHEAD, WALL_IMPULSE = range(6)  # WALL_IMPULSE + side - 1: four of them
 TALLY = WALL_IMPULSE + 4
 PAIRS, WALLS, TRACER_PAIRS, STALE, CROSSINGS = range(5)
 COUNTS = 5
@@ -70,6 +70,7 @@ class Lists(NamedTuple):
 
     half: float  # half the side of a square
     line: int  # of one disk in `neighbour`: a power of two
+    ahead: bool  # whether memory is so much slower than the processor's cache that it pays to read ahead
     centre: object  # (2 N,) float64, of the squares
     neighbour: object  # (line * N,) uint32, how many neighbours and which
 
