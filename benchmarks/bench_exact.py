@@ -1,17 +1,20 @@
-"""How fast the exact engine is: pair collisions per CPU second, and bytes per disk, against N and packing fraction.
+"""How fast the exact engine is: pair collisions per CPU second and bytes per disk, and what each feature costs.
 
-    make bench                      writes docs/benchmarks.md
+    make bench                      writes docs/benchmarks.md and docs/figures/speed.png
     python benchmarks/bench_exact.py --quick
 
-Every figure is the median of five stretches of one run that was melted before, in CPU time of one core. Compare figures
-of one table with each other: machines differ, and a busy one has less cache to itself.
+A figure is the median over stretches of one run that was melted before, in CPU time of one core. Compare figures of one
+table with each other: machines differ, and a busy one has less cache to itself.
 """
 
 import argparse
 import math
+import multiprocessing
 import platform
 import time
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,30 +22,57 @@ from brownpipe import exact
 from brownpipe.exact import workspace as ws
 from brownpipe.exact.events import advance
 from brownpipe.exact.recording import recorder
-from brownpipe.exact.setup import fill
-from brownpipe.scene import parse_scene, read_scene
+from brownpipe.exact.setup import begin, motion_of
+from brownpipe.figures import style
+from brownpipe.scene import SceneError, parse_scene, read_scene
 from brownpipe.state import draw
 
 ROOT = Path(__file__).parent.parent
 FOR_EVER = np.array([1e9])
-CASES = [
-    (n, phi, boundary, kinds)
-    for boundary, kinds in (("periodic", "equal"), ("reflecting", "equal"), ("periodic", "two masses"))
-    for n in (1_000, 10_000, 100_000, 1_000_000)
-    for phi in (0.14, 0.5, 0.7)
-    if n < 1_000_000 or (boundary, kinds) == ("periodic", "equal")
-]
+NOTE = ROOT / "config/scenes/harrison2020.yaml"
+NUMBERS, FRACTIONS = (1_000, 10_000, 100_000, 1_000_000), (0.14, 0.5, 0.7)
+# Radius and mass of the species, in equal numbers; a big disk comes on top. A lattice has room for 1.25 at phi = 0.7.
+KINDS = {
+    "equal": [(0.5, 1.0)],
+    "two masses": [(0.5, 1.0), (0.5, 2.0)],
+    "radii 1 and 1.25": [(0.5, 1.0), (0.625, 1.5625)],
+    "one of radius 50": [(0.5, 1.0)],
+}
+BIG = {"radius": 25.0, "mass": 1000.0}
 
 
-def scene_of(n, phi, boundary, kinds):
-    """A scene of n disks of diameter 1 and kT = 1."""
-    side = math.sqrt(n * math.pi / 4 / phi) + (boundary == "reflecting")
-    masses = [1.0] if kinds == "equal" else [1.0, 2.0]
-    species = [{"name": f"m{mass:g}", "count": n // len(masses), "radius": 0.5, "mass": mass} for mass in masses]
+class Case(NamedTuple):
+    """One cell of the table."""
+
+    n: int
+    phi: float  # of the big disk's bath, without it
+    boundary: str
+    kinds: str
+
+
+class Speed(NamedTuple):
+    """What was measured of a case."""
+
+    rate: float  # pair collisions per CPU second
+    size: float  # bytes of the workspace per disk
+
+
+WALLED = ("equal", "radii 1 and 1.25", "one of radius 50")
+ROWS = [("periodic", kinds) for kinds in KINDS if kinds != WALLED[-1]] + [("reflecting", kinds) for kinds in WALLED]
+
+
+def scene_of(case):
+    """A scene with small disks of diameter 1 and kT = 1."""
+    n, phi, boundary, kinds = case
+    each, big = n // len(KINDS[kinds]), kinds == "one of radius 50"
+    area = sum(each * math.pi * radius**2 for radius, _ in KINDS[kinds]) / phi
+    side = math.sqrt(area + big * math.pi * (BIG["radius"] + 0.5) ** 2) + (boundary == "reflecting")
+    species = [{"name": f"s{j}", "count": each, "radius": r, "mass": m} for j, (r, m) in enumerate(KINDS[kinds])]
+    tracer = {"tracer": BIG | {"position": [side / 2, side / 2]}} if big else {}
     return parse_scene(
         {
             "box": {"x": [0.0, side], "y": [0.0, side], "boundary": boundary},
-            "disks": {"species": species, "placement": "lattice"},
+            "disks": tracer | {"species": species, "placement": "random" if phi < 0.3 else "lattice"},
             "velocities": {"temperature": 1.0},
             "duration": FOR_EVER[0],
         },
@@ -50,37 +80,124 @@ def scene_of(n, phi, boundary, kinds):
     )
 
 
-def collisions_per_second(scene, stretches=5):
-    """Median over stretches of pair collisions per CPU second, and the bytes of the workspace per disk."""
+def started(scene, change=None, record=()):
+    """A melted run: workspace and recorder. `change` takes a workspace and returns it with more to do."""
     engine = exact.prepared(scene)
-    w, room = engine.workspace, recorder(engine.frame, engine.workspace, FOR_EVER, ())
-    fill(w, draw(scene, 0), engine.frame)
-    events = max(300_000, 4 * scene.particles)
-    advance(w, room, 3 * events)
-    rates = []
-    for _ in range(stretches):
-        done, begun = w.count[ws.PAIRS], time.process_time()
-        advance(w, room, events)
-        rates.append((w.count[ws.PAIRS] - done) / (time.process_time() - begun))
-    arrays = [array for array in (*w, *(w.big or ())) if isinstance(array, np.ndarray)]
-    return float(np.median(rates)), sum(array.nbytes for array in arrays) / scene.particles
+    w = engine.workspace if change is None else change(engine.workspace)
+    room = recorder(engine.frame, w, FOR_EVER, record)
+    begin(w, motion_of(draw(scene, 0), engine.frame))
+    go_on(w, room, max(400_000, 4 * scene.particles))
+    return w, room
 
 
-def milliseconds_per_run(scene, runs=400, repeats=5):
+def go_on(w, room, events):
+    """Let so many events happen, and return the rate of pair collisions per CPU second."""
+    done, begun, until = w.count[ws.PAIRS], time.process_time(), w.count.sum() + events
+    while (left := int(until - w.count.sum())) > 0:
+        outcome = advance(w, room, left)
+        w.clock[ws.LOGGED] = 0
+        if outcome == ws.CELL_FULL:
+            raise RuntimeError("a cell or a list has too little room")
+    return (w.count[ws.PAIRS] - done) / (time.process_time() - begun)
+
+
+def speed_of(case, stretches=5):
+    """Return the Speed of a case."""
+    w, room = started(scene_of(case))
+    rates = [go_on(w, room, max(150_000, case.n // 4)) for _ in range(stretches)]
+    arrays = [array for array in (*w, *(w.big or ()), *(w.lists or ())) if isinstance(array, np.ndarray)]
+    return Speed(float(np.median(rates)), sum(array.nbytes for array in arrays) / case.n)
+
+
+# -- what a feature costs -------------------------------------------------------------------------------------------
+
+
+def with_masses(w):
+    """A workspace that looks up the radius and the mass of each disk, equal as they are."""
+    return w._replace(mass=np.ones(len(w.disk) // ws.ROW))
+
+
+def with_big_disks(w):
+    """A workspace that asks of each disk whether it is a big one; there is none."""
+    none = np.zeros((0, 2), np.int64)
+    return w._replace(big=ws.BigDisks(0, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none))
+
+
+FEATURES = {
+    "radius and mass of each disk": (with_masses, ()),
+    "big disks, and radius and mass of each": (lambda w: with_big_disks(with_masses(w)), ()),
+    "log of all collisions": (None, {"events"}),
+}
+
+
+def cost_of_features(n, phi, stretches=9):
+    """Yield each feature with the CPU time a collision takes with it, relative to the same run without; alternating."""
+    scene = scene_of(Case(n, phi, "periodic", "equal"))
+    plain = started(scene)
+    for name, (change, record) in FEATURES.items():
+        other = started(scene, change, record)
+        ratios = [go_on(*plain, 150_000) / go_on(*other, 150_000) for _ in range(stretches)]
+        yield name, float(np.median(ratios))
+
+
+# -- runs of the note's scene, and two processes --------------------------------------------------------------------
+
+
+def milliseconds_per_run(runs=400, repeats=5):
     """Median CPU time of a run of the note's scene: the engine alone, and with drawing, sampling and reporting."""
+    scene = read_scene(NOTE)
     engine, states = exact.prepared(scene), [draw(scene, seed) for seed in range(runs)]
     w, room = engine.workspace, recorder(engine.frame, engine.workspace, scene.times, ())
     alone, whole, pairs = [], [], 0
     for _ in range(repeats):
         begun = time.process_time()
         for state in states:
-            fill(w, state, engine.frame)
+            begin(w, motion_of(state, engine.frame))
             advance(w, room, 10**9)
         alone.append((time.process_time() - begun) / runs * 1e3)
         begun = time.process_time()
         pairs = exact.simulate(scene, range(runs)).observables["pair_collisions"].mean()
         whole.append((time.process_time() - begun) / runs * 1e3)
     return float(np.median(alone)), float(np.median(whole)), pairs
+
+
+def note_rate(barrier):
+    """Pair collisions per second of wall time in runs of the note's scene, all processes beginning together."""
+    scene, pairs = read_scene(NOTE), 0
+    exact.simulate(scene, range(10))
+    barrier.wait()
+    begun = time.monotonic()
+    for first in range(0, 4000, 400):
+        pairs += exact.simulate(scene, range(first, first + 400)).observables["pair_collisions"].sum()
+    return pairs / (time.monotonic() - begun)
+
+
+def case_rate(case, barrier):
+    """Pair collisions per second of wall time in a large box, all processes beginning together."""
+    w, room = started(scene_of(case))
+    barrier.wait()
+    begun, done = time.monotonic(), w.count[ws.PAIRS]
+    go_on(w, room, 2_000_000)
+    return (w.count[ws.PAIRS] - done) / (time.monotonic() - begun)
+
+
+def together(work, processes):
+    """The sum of the rates of so many processes at once."""
+    context = multiprocessing.get_context("spawn")
+    with context.Manager() as manager, context.Pool(processes) as pool:
+        barrier = manager.Barrier(processes)
+        return sum(pool.map(work, [barrier] * processes, chunksize=1))
+
+
+def ensembles():
+    """Yield what is run, the rate of one process and that of two at once."""
+    yield "the note's scene, N = 150", together(note_rate, 1), together(note_rate, 2)
+    for n in (1_000, 100_000):
+        work = partial(case_rate, Case(n, 0.5, "periodic", "equal"))
+        yield f"periodic, equal, phi = 0.5, N = {n}", together(work, 1), together(work, 2)
+
+
+# -- the report -----------------------------------------------------------------------------------------------------
 
 
 def processor():
@@ -91,34 +208,71 @@ def processor():
     return platform.processor() or platform.machine()
 
 
-def report(quick):
-    """The results as Markdown, a line at a time."""
+def report(quick, speeds):
+    """The results as Markdown, a line at a time; the Speed of each case is put into `speeds`."""
     yield f"# Speed of the exact engine\n\nOne core of an {processor()}; made by `make bench`.\n"
-    alone, whole, pairs = milliseconds_per_run(read_scene(ROOT / "config/scenes/harrison2020.yaml"))
+    alone, whole, pairs = milliseconds_per_run(*((50, 3) if quick else ()))
     yield (
         f"The note's scene (N = 150, t = 1): {alone:.3f} ms of CPU a run for the engine, {pairs / alone / 1e3:.2f} "
         f"million pair collisions a second; {whole:.3f} ms with drawing the state and reporting.\n"
     )
-    yield "| N | phi | box | disks | million pair collisions per CPU second | bytes per disk |"
-    yield "|---|---|---|---|---|---|"
-    for case in CASES[:2] if quick else CASES:
-        rate, size = collisions_per_second(scene_of(*case))
-        n, phi, boundary, kinds = case
-        yield f"| {n} | {phi} | {boundary} | {kinds} | {rate / 1e6:.2f} | {size:.0f} |"
+    yield "Million pair collisions per CPU second, and bytes of working memory per disk:\n"
+    yield "| N | box | disks | phi = 0.14 | 0.5 | 0.7 | bytes per disk |"
+    yield "|---|---|---|---|---|---|---|"
+    for boundary, kinds in ROWS[:1] if quick else ROWS:
+        for n in NUMBERS[:1] if quick else NUMBERS:
+            cases = [Case(n, phi, boundary, kinds) for phi in FRACTIONS]
+            speeds |= {case: speed_of(case) for case in cases if can_be_placed(case)}
+            rates = [f"{speeds[case].rate / 1e6:.2f}" if case in speeds else "" for case in cases]
+            size = max(speeds[case].size for case in cases if case in speeds)
+            yield f"| {n} | {boundary} | {kinds} | {' | '.join(rates)} | {size:.0f} |"
+    yield "\nCPU time of a collision with what the scene does not need, to that without (N = 1000, periodic, equal):\n"
+    yield "| | phi = 0.14 | 0.5 |\n|---|---|---|"
+    for (name, dilute), (_, dense) in zip(cost_of_features(1_000, 0.14), cost_of_features(1_000, 0.5), strict=True):
+        yield f"| {name} | {dilute:.2f} | {dense:.2f} |"
+    if not quick:
+        yield "\nProcesses at once, million pair collisions per second of wall time:\n\n| | one | two |\n|---|---|---|"
+        for name, one, two in ensembles():
+            yield f"| {name} | {one / 1e6:.2f} | {two / 1e6:.2f} |"
+
+
+def can_be_placed(case):
+    """Whether its disks find places: the densest may not, beside a big disk or between walls."""
+    try:
+        return len(draw(scene_of(case), 0).position) > 0
+    except SceneError:
+        return False
+
+
+def draw_speed(path, speeds):
+    """Draw the cost of a collision against the number of disks."""
+    with style.drawing():
+        figure, axes = style.grid(1, 1, 5.6, 4.2)
+        axes = axes[0, 0]
+        for colour, phi in zip((style.DATA, style.FIT, style.FREE), FRACTIONS, strict=True):
+            for dashes, row in (("-", ("periodic", "equal")), (style.DASHED, ("periodic", "radii 1 and 1.25"))):
+                there = [case for case in speeds if case.phi == phi and case[2:] == row]
+                cost = [1e6 / speeds[case].rate for case in there]
+                label = rf"$\varphi$ = {phi:g}" if dashes == "-" else None
+                axes.plot(
+                    [case.n for case in there], cost, color=colour, linestyle=dashes, marker="o", ms=4, label=label
+                )
+        axes.set(xscale="log", ylim=(0, None), xlabel="number of disks", ylabel="CPU time of a pair collision [µs]")
+        style.head(axes, "Periodic box: equal disks; dashed: two radii")
+        figure.savefig(path, **style.SAVE[path.suffix[1:]])
 
 
 def main():
-    """Print the table, and keep it unless it is a quick one."""
+    """Print the report, and keep it unless it is a quick one."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two cases only, nothing written")
-    quick = parser.parse_args().quick
-    lines = []
-    for line in report(quick):
+    parser.add_argument("--quick", action="store_true", help="a few cases only, nothing written")
+    quick, lines, speeds = parser.parse_args().quick, [], {}
+    for line in report(quick, speeds):
         print(line, flush=True)
         lines.append(line)
     if not quick:
-        (ROOT / "docs").mkdir(exist_ok=True)
-        (ROOT / "docs" / "benchmarks.md").write_text("\n".join(lines) + "\n")
+        (ROOT / "docs/benchmarks.md").write_text("\n".join(lines) + "\n")
+        draw_speed(ROOT / "docs/figures/speed.png", speeds)
 
 
 if __name__ == "__main__":
