@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from brownpipe.figures.cases import plus_minus
 from brownpipe.figures.style import DATA, DOTTED, FIT, FREE, INK, START, grid
 from brownpipe.figures.tables import Table
 from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
@@ -14,7 +15,7 @@ POINTS = 400
 
 def draw(dataset, scene):
     """Total error of the MSD at the end against CPU time in one scene; the best buy is bold and coloured."""
-    settings, stretches = settings_of(dataset, scene), pareto_front(settings_of(dataset, scene, at_worst=True))
+    settings, stretches = settings_of(dataset, scene), pareto_front(settings_of(dataset, scene, careful=True))
     times = np.geomspace(FEWEST_RUNS * min(one.seconds for one in settings), _last_time(settings, stretches), POINTS)
     figure, axes = grid(1, 1, 8.2, 5.4)
     axes = axes[0, 0]
@@ -42,7 +43,9 @@ def _last_time(settings, stretches):
 
 def _unresolved_below(one):
     """The size that a bias may have (95 %) that was not told from 0; 0 if it was."""
-    return float(one.msd_bias_bound) if one.msd_bias_low < 0.0 < one.msd_bias_high else 0.0
+    return (
+        max(-float(one.msd_bias_low), float(one.msd_bias_high)) if one.msd_bias_low < 0.0 < one.msd_bias_high else 0.0
+    )
 
 
 def _line(axes, times, setting, unresolved, colour):
@@ -116,7 +119,7 @@ def summary(dataset):
 
 
 REMARK = (
-    "Bias: relative to exact, +- one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
+    "Bias: relative to exact, ± one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
     "Distance: of the displacement distributions at the end. Parts: median time at which the tracer leaves the exact\n"
     "trajectory. Pays: CPU times of a study between which nothing has a smaller error of the MSD, on this machine.\n"
 )
@@ -142,11 +145,13 @@ def _of_scene(dataset, scene):
     rows, widths = list(zip(*columns, strict=True)), [max(map(len, column)) for column in columns]
     yield f"{scene}, N = {int(dataset.sel(scene=scene).particles)}"
     yield from ("  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-    never = [name_of(one.label) for one in settings if np.isnan(_of(dataset, scene, one.label).may_pay_from)]
+    pays, may = (
+        {one.label: _of(dataset, scene, one.label)[f"{kind}_from"] for one in settings} for kind in ("pays", "may_pay")
+    )
+    never = [name_of(label) for label in pays if np.isnan(pays[label]) and np.isnan(may[label])]
+    unsure = [name_of(label) for label in pays if np.isnan(pays[label]) and not np.isnan(may[label])]
     yield f"  never pays: {'; '.join(never) or 'none of them'}"
-    open_ = [one.label for one in settings if np.isnan(_of(dataset, scene, one.label).pays_from)]
-    open_ = [name_of(label) for label in open_ if name_of(label) not in never]
-    yield f"  pays only if its bias is smaller than is known: {'; '.join(open_)}\n" if open_ else ""
+    yield f"  may pay if its bias is smaller than could be seen: {'; '.join(unsure)}\n" if unsure else ""
 
 
 def _of(dataset, scene, label):
@@ -174,14 +179,19 @@ def _bias(one, name):
     value, error, low, high = (float(one[f"{name}{part}"]) for part in ("", "_standard_error", "_low", "_high"))
     if np.isnan(value):
         return "-"
-    if low <= 0.0 <= high or value**2 <= error**2:
-        return f"< {100 * max(-low, high):.2g} %"
-    return f"{100 * value:+.2g} +- {100 * error:.1g} %"
+    if low <= 0.0 <= high:
+        return f"< {_percent(max(-low, high))}"
+    return f"{'+' if value > 0 else ''}{plus_minus(100 * value, 100 * error)} %"
 
 
 def _distance(one):
     low, high = float(one.displacement_bias_low), float(one.displacement_bias_high)
-    return f"{100 * float(one.displacement_bias):.2g} %" if low > 0.0 else f"< {100 * high:.2g} %"
+    return _percent(float(one.displacement_bias)) if low > 0.0 else f"< {_percent(high)}"
+
+
+def _percent(share):
+    """Two digits, and all before the point."""
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
 def _time(value):

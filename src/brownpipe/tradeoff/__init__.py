@@ -158,7 +158,7 @@ def _biases(runs, exact, same, window):
         one = bias.Bias(*(part[column] for part in found))
         spread = samples[0][:, column].std(ddof=1) / abs(samples[1][:, column].mean())
         values |= _with_interval(f"{name}_bias", one) | {f"{name}_spread": spread}
-        values |= {f"{name}_bias_square": one.square, f"{name}_bias_bound": one.bound}
+        values |= {f"{name}_bias_square": one.square, f"{name}_bias_careful": one.careful}
     room = CURVE - len(curve)
     curves = bias.Bias(*(np.append(part[2:], np.full(room, np.nan)) for part in found))
     return values | _with_interval("msd_curve_bias", curves)
@@ -179,11 +179,11 @@ def _distances(runs, exact, same):
     """The displacement distribution at the end."""
     ends = [np.sqrt(one.squared[:, -1]) for one in (runs, exact)]
     found = bias.NO_DISTANCE if runs is exact else bias.total_variation(*ends, same)
-    name = "displacement_bias"
+    name, careful = "displacement_bias", found.value**2 if found.low > 0.0 else found.high**2
     values = {name: found.value, f"{name}_low": found.low, f"{name}_high": found.high, f"{name}_noise": found.noise}
     return values | {
         f"{name}_square": found.value**2,
-        f"{name}_bound": found.high,
+        f"{name}_careful": careful,
         "displacement_spread": bias.spread_of_shares(),
     }
 
@@ -210,15 +210,14 @@ def _departure(runs, exact, same):
 def _note_what_pays(settings):
     """Enter for each setting of a scene between which CPU times it is the best for the MSD; NaN for never.
 
-    `pays`: with every bias at its worst; `may_pay`: with biases as found.
+    `pays`: a bias that is not resolved counts with all that it may be; `may_pay`: as found.
     """
-    for name, bias_square in (
-        ("pays", lambda one: one["msd_bias_bound"] ** 2),
-        ("may_pay", lambda one: one["msd_bias_square"]),
-    ):
+    for name, kind in (("pays", "careful"), ("may_pay", "square")):
         for values in settings.values():
             values |= {f"{name}_from": np.nan, f"{name}_to": np.nan}
-        known = [Setting(key, bias_square(one), one["msd_spread"], one["seconds"]) for key, one in settings.items()]
+        known = [
+            Setting(key, one[f"msd_bias_{kind}"], one["msd_spread"], one["seconds"]) for key, one in settings.items()
+        ]
         for stretch in pareto_front(sorted(known, key=lambda one: one.label != "exact")):
             one = settings[stretch.label]
             one[f"{name}_from"], one[f"{name}_to"] = np.fmin(one[f"{name}_from"], stretch.start), stretch.end

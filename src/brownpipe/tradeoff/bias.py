@@ -43,6 +43,11 @@ class Bias(NamedTuple):
         """b^2 without the part that the scatter of b alone would give: max(b^2 - se^2, 0)."""
         return np.maximum(self.value**2 - self.standard_error**2, 0.0)
 
+    @property
+    def careful(self):
+        """As `square` for a bias that is resolved; the square of its bound for one that is not."""
+        return np.where(self.resolved, self.square, self.bound**2)
+
 
 class Distance(NamedTuple):
     """The total variation distance of two distributions over rings."""

@@ -13,18 +13,26 @@ FIRST_SEED = 2**41  # of no study
 def seconds_per_run(engine, scene, stretches=STRETCHES):
     """CPU seconds of a run, from drawing its state to its last sample; the file is not written.
 
-    The median over `stretches` of runs of different seeds, all in this process and after a first one that does not
-    count, as it may have to compile. Other work on the machine still shows: it takes cache and memory away.
+    The median over `stretches` of runs of different seeds, all in this process and after a first call that does not
+    count, as it may have to compile. What every call takes once (a friction that is measured, say) is left out: it is
+    the difference of a call with many runs and one with a single run. Other work on the machine still shows: it takes
+    cache and memory away.
     """
-    _timed(engine, scene, 0, 1)
-    one = _timed(engine, scene, 1, 1)
-    runs = int(np.clip(np.ceil(LEAST / max(one, 1e-9)), 1, MOST_RUNS))
-    stretches = min(stretches, FEWER) if one > LONG else stretches
-    return float(np.median([_timed(engine, scene, 2 + k * runs, runs) for k in range(stretches)]))
+    seeds = iter(range(FIRST_SEED, FIRST_SEED + 10**9))
+    _seconds(engine, scene, seeds, 1)
+    single, few = _seconds(engine, scene, seeds, 1), _seconds(engine, scene, seeds, 5)
+    each = max((few - single) / 4, 1e-6)
+    runs = int(np.clip(np.ceil(LEAST / each), 1, MOST_RUNS))
+    taken = []
+    for _ in range(min(stretches, FEWER) if each > LONG else stretches):
+        single = _seconds(engine, scene, seeds, 1)
+        taken.append((_seconds(engine, scene, seeds, 1 + runs) - single) / runs)
+    return float(np.median(taken))
 
 
-def _timed(engine, scene, after, runs):
-    seeds = range(FIRST_SEED + after, FIRST_SEED + after + runs)
+def _seconds(engine, scene, seeds, runs):
+    """CPU seconds of a call with so many runs of the next seeds."""
+    mine = [next(seeds) for _ in range(runs)]
     begun = time.process_time()
-    engine.simulate(scene, seeds, frozenset({"tracer"}))
-    return (time.process_time() - begun) / runs
+    engine.simulate(scene, mine, frozenset({"tracer"}))
+    return time.process_time() - begun

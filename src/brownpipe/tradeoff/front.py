@@ -63,20 +63,18 @@ def pareto_front(settings):
     return stretches
 
 
-def settings_of(dataset, scene, observable="msd", at_worst=False):
+def settings_of(dataset, scene, observable="msd", careful=False):
     """The settings of a scene of the dataset, the exact one first, as they are for `msd`, `d` or `displacement`.
 
-    `at_worst`: every bias as large as its 95 % interval allows, so that nothing is taken for better than it is known
-    to be. Else as found, with the scatter taken off.
+    `careful`: a bias that was not told from 0 is as large as its 95 % interval allows, so that nothing is taken for
+    better than it is known to be. Else all are as found, with the scatter taken off.
     """
     of_scene = dataset.sel(scene=scene)
     settings = []
     for label in of_scene.setting.values:
         one = of_scene.sel(setting=label)
         if one.runs > 0:
-            square = (
-                float(one[f"{observable}_bias_bound"]) ** 2 if at_worst else float(one[f"{observable}_bias_square"])
-            )
+            square = float(one[f"{observable}_bias_{'careful' if careful else 'square'}"])
             settings.append(Setting(str(label), square, float(one[f"{observable}_spread"]), float(one.seconds)))
     return sorted(settings, key=lambda one: one.label != "exact")
 

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis import AnalysisError
-from brownpipe.engines import Engine
+from brownpipe.engines import Engine, read_engine
+from brownpipe.reading import Entry
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import Trajectories
 
@@ -42,8 +43,8 @@ def read_runs(paths) -> list[Runs]:
         read = read_trajectories(path)
         if read.ensemble.tracer is None:
             raise AnalysisError(f"{path}: holds no tracer; make it again without --record none")
-        label = Engine(read.engine, tuple(read.settings.items())).label
-        parts.setdefault((read.scene.name, read.scene.particles, label), []).append((path, read))
+        key = (read.scene.name, read.scene.particles, _engine(read).label)
+        parts.setdefault(key, []).append((path, read))
     return [_joined(parts[key]) for key in sorted(parts)]
 
 
@@ -67,13 +68,17 @@ def _joined(parts):
     outcomes = {name: np.concatenate([_outcome(read, name) for _, read in parts])[order] for name in OUTCOMES}
     kept = outcomes["failed"] == 0
     moved = np.concatenate([_moved(read) for _, read in parts])[order][kept]
-    engine = Engine(first.engine, tuple(first.settings.items()))
     outcomes = {name: values[kept] for name, values in outcomes.items()}
     squared, times = (moved**2).sum(axis=-1), first.ensemble.times
     counts = [read.ensemble.observables.get("pair_counts") for _, read in parts]
     counts = None if any(one is None for one in counts) else np.concatenate(counts)[order][kept]
     failed = np.count_nonzero(~kept)
-    return Runs(first.scene, engine, seeds[order][kept], times, moved, squared, outcomes, counts, failed)
+    return Runs(first.scene, _engine(first), seeds[order][kept], times, moved, squared, outcomes, counts, failed)
+
+
+def _engine(read):
+    """The engine of a file, its settings in their usual order."""
+    return read_engine(Entry({"name": read.engine, **read.settings}, ""))
 
 
 def _outcome(read, name):

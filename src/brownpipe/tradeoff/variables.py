@@ -33,7 +33,9 @@ def _usable(name, meaning):
     """What the total error is made of."""
     return {
         f"{name}_bias_square": Variable(SETTING, "1", f"square of the relative bias of {meaning}, scatter taken off"),
-        f"{name}_bias_bound": Variable(SETTING, "1", f"what the size of the bias of {meaning} is below, 95 %"),
+        f"{name}_bias_careful": Variable(
+            SETTING, "1", f"the same; where the bias of {meaning} is not resolved, the square of what it may be (95 %)"
+        ),
         f"{name}_spread": Variable(SETTING, "1", f"relative scatter of {meaning} in one run; that of n runs / sqrt(n)"),
     }
 
@@ -55,8 +57,10 @@ VARIABLES = {
     "paired_runs": Variable(SETTING, "1", "number of runs that an exact one begins like", np.int64, 0),
     "seconds": Variable(SETTING, "s", "CPU time of a run on this machine, start-up and files not counted"),
     "study_seconds": Variable(SETTING, "s", "CPU time of all these runs at that price"),
-    "pays_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, every bias at its worst"),
-    "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, every bias at its worst"),
+    "pays_from": Variable(
+        SETTING, "s", f"CPU time from which on {BEST}, an unresolved bias counting with all it may be"
+    ),
+    "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, an unresolved bias counting with all it may be"),
     "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, biases as found"),
     "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, biases as found"),
     **_with_interval("msd_bias", SETTING, f"relative bias of the {MSD}"),
