@@ -375,8 +375,8 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("study", metavar="STUDY", help="study file (YAML)")
     one.add_argument("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
     one.add_argument("--output", metavar="DATASET.nc", help="(default: results/STUDY/tradeoff/STUDY.nc)")
-    half = "where the line for D is fitted (default: the second half of each run)"
-    one.add_argument("--fit-window", type=_window, metavar="T0:T1", help=half)
+    fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
+    one.add_argument("--fit-window", type=_window, metavar="T0:T1", help=fitted)
 
     one = _verb(verbs, plan, "brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml")
     one.add_argument("study", metavar="STUDY", help="study file (YAML)")

@@ -46,7 +46,7 @@ def measure(paths, instead_of=None, window=None, seconds_per_run=cost.seconds_pe
     """All engines of the trajectory files `paths` against the exact runs of the same scenes: an `xarray.Dataset`.
 
     `instead_of` names scenes that may be run instead of another, {scene: [others]}; exact runs of these are settings of
-    that scene. D is that of the `window` (start, end), or of the second half of each scene's duration.
+    that scene. D is that of the `window` (start, end), or from a tenth of each scene's duration to its end.
     `seconds_per_run(engine, scene)` measures the CPU time. Raises AnalysisError for a scene without exact runs, for
     stand-ins without runs or with other sample times, and what `read_runs` raises.
     """
@@ -55,7 +55,7 @@ def measure(paths, instead_of=None, window=None, seconds_per_run=cost.seconds_pe
     measured = {}
     for exact in (one for one in groups if one.engine.name == "exact"):
         name = _scene_label(exact, several)
-        between = window or (exact.times[-1] / 2, exact.times[-1])
+        between = window or (exact.times[-1] / 10, exact.times[-1])
         cases = _cases(exact, groups, (instead_of or {}).get(exact.scene.name, ()))
         measured[name] = _scene(exact, between) | {
             "settings": {
