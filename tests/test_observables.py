@@ -8,7 +8,7 @@ import pytest
 import xarray
 from scipy import stats
 
-from brownpipe import cost, observables, storage
+from brownpipe import cost, observables, storage, theory
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.batch import Run
 from brownpipe.cli import DONE, WRONG, main
@@ -91,6 +91,59 @@ def test_pairs_are_counted_as_one_by_one(boundary, tracer, kinds):
     expected = plain_pair_counts(scene, run.whole.position)
     assert expected.sum() > 200
     assert np.array_equal(found["pair_counts"], expected)
+
+
+@pytest.mark.parametrize("small", [0.1, 0.5])
+def test_pairs_expected_around_the_tracer_are_those_of_many_points(small):
+    """In all samples, against 20,000 points a sample; with 0.5 it is nearer the walls than the others can be."""
+    scene = make(W, [BATH[0] | {"radius": small}, BATH[1]], {"radius": 0.3, "mass": 2.0})
+    run, rng = made_up(scene), np.random.default_rng(3)
+    found = observe(scene, run, ("pair_distribution",))["pair_expected"]
+    assert np.isnan(found[[0, 3, 4, 5]]).all()  # pairs without the tracer
+    middles = observables.axes(scene, "pair_counts")["distance"]
+    edges = np.append(middles - middles[0], middles[-1] + middles[0])
+    for number, radius, expected in ((12, small, found[1]), (3, 0.1, found[2])):
+        counts = 0
+        for at in run.whole.position[:, 0]:
+            points = [1.5, 4.0] + (rng.random((20_000, 2)) - 0.5) * [5 - 2 * radius, 4 - 2 * radius]
+            counts = counts + np.histogram(np.hypot(*(points - at).T), edges)[0]
+        points_expected = expected / number * 20_000
+        assert points_expected.sum() > 1e5
+        assert (np.abs(counts - points_expected) < SIGMAS * np.sqrt(points_expected) + 4).all()
+
+
+def test_expected_pairs_of_lone_disks_in_a_list():
+    """Of two lone disks the first is the one that the gas is around; disks of a kind of two have no such pairs."""
+    disks = [
+        {"position": at, "velocity": [0.0, 0.0], "radius": radius, "mass": 1.0}
+        for at, radius in (([0.0, 3.0], 0.2), ([2.0, 3.5], 0.1), ([2.0, 5.0], 0.3), ([3.0, 5.0], 0.2))
+    ]
+    scene = make(W, disks=disks, velocities=None, equilibrate=None, duration=1e-3, sample_interval=None)
+    found = simulate(scene, [0], {"none"}, observables=("pair_distribution",)).observables["pair_expected"][0]
+    reach = 2 * observables.axes(scene, "pair_counts")["distance"][0] * found.shape[1]
+    middle = [1.5, 4.0]
+    for place, number, at, room in (
+        (1, 2, disks[1], (4.6, 3.6)),
+        (2, 2, disks[2], (4.6, 3.6)),
+        (4, 1, disks[1], (4.4, 3.4)),
+    ):
+        off = np.subtract(at["position"], middle)
+        share = theory.disk_area_in_rectangle(reach, *off, *room) / np.prod(room)
+        assert found[place].sum() == pytest.approx(number * share, rel=1e-12)
+    assert np.isnan(found[[0, 3, 5]]).all()
+
+
+@pytest.mark.parametrize(
+    ("scene", "there"),
+    [
+        (make(P), False),
+        (make(W), True),
+        (make(W, tracer=None), False),
+        (make(W, [BATH[0] | {"count": 1}], tracer=None), False),  # one disk alone
+    ],
+)
+def test_expected_pairs_are_there_between_walls_and_around_a_lone_disk(scene, there):
+    assert ("pair_expected" in observables.variables_of(scene, ("pair_distribution",))) == there
 
 
 def test_reach_of_the_pair_distribution():
@@ -326,11 +379,12 @@ def test_what_needs_every_disk():
         assert observables.variables_of(scene, names) == tuple(name for name in VARIABLES if name in found.observables)
 
 
-def test_cost_knows_the_arrays_and_the_run_that_is_held():
-    scene = make()
+@pytest.mark.parametrize("boundary", [W, P])
+def test_cost_knows_the_arrays_and_the_run_that_is_held(boundary):
+    scene = make(boundary)
     usual, measured = cost.of_run(scene), cost.of_run(scene, {"none"}, ALL)
     seed = simulate(scene, [0], {"none"}, observables=ALL).observables
-    size = sum(seed[name].size for name in VARIABLES)
+    size = sum(seed[name].size for name in VARIABLES if name in seed)
     assert measured.recorded == 8 * size
     assert measured.working - usual.working == cost.BYTES_PER_SAMPLE * len(scene.times) * 16
     assert cost.of_run(scene, {"none"}, ("displacement",)).working == usual.working  # of the tracer alone
@@ -342,8 +396,9 @@ def test_cost_knows_the_arrays_and_the_run_that_is_held():
 # -- in files -------------------------------------------------------------------------------------------------------
 
 
-def test_arrays_in_a_file(tmp_path):
-    scene = make()
+@pytest.mark.parametrize("boundary", [W, P])
+def test_arrays_in_a_file(boundary, tmp_path):
+    scene = make(boundary)
     ensemble = simulate(scene, [3, 4, 9], {"none"}, observables=ALL, average="origins")
     storage.write_trajectories(tmp_path / "x.h5", scene, "exact", {}, ensemble)
     again = storage.read_trajectories(tmp_path / "x.h5").ensemble
@@ -351,9 +406,10 @@ def test_arrays_in_a_file(tmp_path):
     assert again.times.tobytes() == scene.times.tobytes()
     assert again.observables.keys() == ensemble.observables.keys()
     for name, values in ensemble.observables.items():
-        assert np.array_equal(again.observables[name], values)
+        assert np.array_equal(again.observables[name], values, equal_nan=True)
     with xarray.open_dataset(tmp_path / "x.h5", group="observables/run") as run:
-        for name, variable in VARIABLES.items():
+        for name in observables.variables_of(scene, ALL):
+            variable = VARIABLES[name]
             assert run[name].dims == ("seed", *variable.dims)
             assert run[name].attrs == {"units": variable.units, "long_name": variable.long_name}
             for dim, values in observables.axes(scene, name).items():
@@ -369,7 +425,7 @@ def test_arrays_in_words(tmp_path):
     storage.write_trajectories(tmp_path / "x.h5", scene, "exact", {}, ensemble)
     text = storage.describe(tmp_path / "x.h5")
     assert "average over origins" in text
-    for name in VARIABLES:
+    for name in observables.variables_of(scene, ALL):
         assert sum(line.startswith(f"  {name} ") for line in text.splitlines()) == 1
     assert "kinetic energy per disk (seed 2, time 22, species 3)" in text
 

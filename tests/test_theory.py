@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.polynomial.legendre import leggauss
 
 from brownpipe import theory
 
@@ -281,3 +282,40 @@ def test_collisions_of_a_mixture_balance():
     n = np.array([0.2, 0.5])
     rates = theory.mixture_collision_rates(n, [1.0, 0.4], [3.0, 0.5], 1.1)
     assert n[0] * rates[0, 1] == pytest.approx(n[1] * rates[1, 0])
+
+
+# --- an ideal gas around a disk in a box
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0), (0.9, -0.3), (1.5, 0.2), (1.7, -0.8), (-0.4, 2.0)])
+def test_area_of_a_disk_in_a_rectangle_against_random_points(at):
+    """400,000 points, from within the smallest disk to beyond the farthest corner; the last three centres are outside
+    or on the side."""
+    rng, size, runs = np.random.default_rng(21), np.array([3.0, 1.0]), 400_000
+    distance = np.hypot(*((rng.random((runs, 2)) - 0.5) * size - at).T)
+    r = np.linspace(0.0, 4.2, 22)
+    share = theory.disk_area_in_rectangle(r, *at, *size) / size.prod()
+    within = np.count_nonzero(distance[:, None] < r, axis=0)
+    assert (np.abs(within - runs * share) <= SIGMAS * np.sqrt(runs * share * (1 - share).clip(0)) + 1).all()
+    assert share[0] == 0 and share[-1] == pytest.approx(1.0, rel=1e-14)
+
+
+def test_area_of_a_disk_within_and_around_a_rectangle():
+    """The whole disk, half of it, a quarter, nothing, and the whole rectangle."""
+    for at, r, area in (
+        ((0.2, -0.1), 1.3, np.pi * 1.3**2),
+        ((2.0, 0.0), 1.0, np.pi / 2),
+        ((2.0, -1.5), 1.0, np.pi / 4),
+        ((3.5, 0.0), 1.0, 0.0),
+        ((0.2, -0.1), 2.8, 12.0),
+    ):
+        assert theory.disk_area_in_rectangle(r, *at, 4.0, 3.0) == pytest.approx(area, rel=1e-14, abs=1e-14)
+
+
+def test_rings_around_a_uniform_centre_are_those_of_two_uniform_points():
+    edges, first, second = np.linspace(0, 3, 13), (4.0, 3.0), (3.4, 2.4)
+    (x, wx), (y, wy) = ((node * side / 2, weight / 2) for side in first for node, weight in [leggauss(200)])
+    area = theory.disk_area_in_rectangle(edges, x[:, None, None], y[:, None], *second)
+    mean = np.einsum("i,j,ijk->k", wx, wy, area) / np.prod(second)
+    # a kink per wall: quadrature is off by some 200^-2
+    assert np.diff(mean) == pytest.approx(theory.pair_distance_probability(edges, first, second), abs=1e-5)

@@ -290,6 +290,33 @@ def pair_distance_probability(edges, first, second):
     return (weight * half * pair_distance_density_between(r, first, second)).sum(axis=-1)
 
 
+# --- an ideal gas around a disk in a box
+
+
+def disk_area_in_rectangle(r, x, y, width, height):
+    """Area [length^2] that a disk of radius `r` >= 0 around (x, y) shares with a rectangle around (0, 0).
+
+    N times its growth from r to r + dr, over width * height, is how many of N uniform points of the rectangle are at
+    such distances from (x, y), which may be outside. The sum over the four quadrants of the disk, with walls at (a, b),
+    of the integral over 0 <= u <= min(a, r) of min(b, sqrt(r^2 - u^2)): a b if the corner is within the disk, else
+    F(a) + F(b) - pi r^2/4, with F(u) = (u sqrt(r^2 - u^2) + r^2 asin(u/r))/2 the area up to u, all of it from r on.
+    Odd in a and in b, so that a wall on the far side takes away.
+    """
+    r = np.asarray(r, float)
+    square, safe = r**2, np.where(r > 0.0, r, 1.0)
+    excess = np.pi / 8 * square
+
+    def less_half(wall):  # F less half a quarter of the disk
+        u = np.minimum(abs(wall), r)
+        return (u * np.sqrt(square - u**2) + square * np.arcsin(u / safe)) / 2 - excess
+
+    def quadrant(a, b, half_a, half_b):
+        return np.where(a**2 + b**2 <= square, a * b, np.sign(a) * np.sign(b) * (half_a + half_b))
+
+    across, along = ([(d, less_half(d)) for d in (s / 2 - at, s / 2 + at)] for s, at in ((width, x), (height, y)))
+    return sum(quadrant(a, b, half_a, half_b) for a, half_a in across for b, half_b in along)
+
+
 # --- tests
 
 

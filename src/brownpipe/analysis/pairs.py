@@ -4,7 +4,7 @@ import numpy as np
 
 from brownpipe import theory
 from brownpipe.analysis.conditions import accessible
-from brownpipe.analysis.measure import Columns, Measure, with_interval
+from brownpipe.analysis.measure import Columns, Measure, scaled, with_interval
 from brownpipe.analysis.thermodynamics import temperature
 from brownpipe.analysis.variables import EACH, Variable, estimate_of
 
@@ -26,7 +26,8 @@ def ideal(scene, edges):
     """Pairs (P, R) of every pair of kinds expected between `edges` (R + 1,) [length] in an ideal gas in this box.
 
     Periodic: the area of the ring over that of the box. Walls: two uniform points, each in the rectangle accessible to
-    its kind, so that g(r) = 1 for a gas of points and nothing is lost at the walls.
+    its kind, so that g(r) = 1 for a gas of points and nothing is lost at the walls. A lone disk need not be uniform:
+    see `_of_ideal`.
     """
     kinds, pairs = pairs_of(scene)
     if scene.box.periodic:
@@ -102,23 +103,50 @@ def _edges(case):
 
 
 def _sample(case, runs):
-    by_rate = _by_rate(case, runs)
-    if "pair_counts" not in runs.observables:
+    by_rate, seen = _by_rate(case, runs), runs.observables
+    if "pair_counts" not in seen:
         return Columns(by_rate)
     edges = _edges(case)
     kinds, pairs = pairs_of(case.scene)
-    expected = ideal(case.scene, edges) * np.asarray(runs.observables["pair_snapshots"], float)[:, None, None]
-    counts = np.asarray(runs.observables["pair_counts"], float)
-    g = np.divide(counts, expected, out=np.full(counts.shape, np.nan), where=expected > 0)
     weights = np.array([contact_weights(edges, kinds.radius[a] + kinds.radius[b]) for a, b, _ in pairs])
-    at_contact = np.where(np.isnan(weights), np.nan, g * np.nan_to_num(weights)).sum(axis=-1)
-    return Columns({"pair_distribution": g, "contact_value": at_contact} | by_rate)
+
+    def at_contact(g):
+        return np.where(np.isnan(weights), np.nan, g * np.nan_to_num(weights)).sum(axis=-1)
+
+    uniform = ideal(case.scene, edges) * np.asarray(seen["pair_snapshots"], float)[:, None, None]
+    g = _over(np.asarray(seen["pair_counts"], float), uniform)
+    means = {"pair_distribution": g, "contact_value": at_contact(g)} | by_rate
+    if "pair_expected" not in seen:
+        return Columns(means)
+    around = _over(np.asarray(seen["pair_expected"], float), uniform)
+    return Columns(means, {"pair_distribution_ideal": around, "contact_value_ideal": at_contact(around)})
+
+
+def _over(number, expected):
+    return np.divide(number, expected, out=np.full(number.shape, np.nan), where=expected > 0)
+
+
+def _of_ideal(found, name):
+    """Estimate of the mean, over that of an ideal gas around the lone disks where they were.
+
+    Both are relative to uniform points. The error is that of the counts alone, the ideal gas being taken as known. It
+    is not too small: what the place of the lone disk does to the counts of a run it does to the ideal gas, too, and
+    would cancel in part.
+    """
+    estimate = found.estimate(name)
+    if f"{name}_ideal" not in found:
+        return estimate
+    of_ideal = found.mean(f"{name}_ideal")
+    lone = np.isfinite(of_ideal)
+    return scaled(estimate, np.where(lone, _over(np.ones_like(of_ideal), of_ideal), 1.0))
 
 
 def _estimate(case, found):
     values = {}
-    for name in (name for name in ("pair_distribution", "contact_value", "contact_value_rate") if name in found):
-        values |= with_interval(name, found.estimate(name))
+    for name in (name for name in ("pair_distribution", "contact_value") if name in found):
+        values |= with_interval(name, _of_ideal(found, name))
+    if "contact_value_rate" in found:
+        values |= with_interval("contact_value_rate", found.estimate("contact_value_rate"))
     if values:
         kinds, pairs = pairs_of(case.scene)
         values["contact_distance"] = [kinds.radius[a] + kinds.radius[b] for a, b, _ in pairs]

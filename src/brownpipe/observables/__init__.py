@@ -74,6 +74,9 @@ VARIABLES = {
     "speed_counts": Variable(("species", "speed"), "1", "speeds of the disks, counted"),
     "pair_counts": Variable(("species_pair", "distance"), "1", "pairs of disks, counted by their distance"),
     "pair_snapshots": Variable((), "1", "samples that pair_counts is summed over"),
+    "pair_expected": Variable(
+        ("species_pair", "distance"), "1", "pairs that an ideal gas shows around a lone disk where it was; else NaN"
+    ),
 }
 OBSERVABLES = {
     "displacement": Observable(displacement.square_displacement, ("square_displacement",)),
@@ -82,7 +85,7 @@ OBSERVABLES = {
     ),
     "kinetic_energy": Observable(velocity.kinetic_energy, ("species_energy",)),
     "velocity_distribution": Observable(velocity.distribution, ("velocity_counts", "speed_counts")),
-    "pair_distribution": Observable(pairs.distribution, ("pair_counts", "pair_snapshots")),
+    "pair_distribution": Observable(pairs.distribution, ("pair_counts", "pair_snapshots", "pair_expected")),
 }
 
 
@@ -110,9 +113,9 @@ def of_tracer(names: tuple[str, ...], average: str = "runs") -> tuple[tuple[str,
 def variables_of(scene: Scene, names: tuple[str, ...]) -> tuple[str, ...]:
     """The arrays that are made of a scene when the names are asked for."""
     made = tuple(name for asked in names for name in OBSERVABLES[asked].variables)
-    if "velocity_autocorrelation" in names and not len(bath_disks(scene)):
-        return tuple(name for name in made if name != "bath_velocity_autocorrelation")
-    return made
+    lacking = set() if len(bath_disks(scene)) else {"bath_velocity_autocorrelation"}
+    lacking |= set() if pairs.has_expected(scene) else {"pair_expected"}
+    return tuple(name for name in made if name not in lacking)
 
 
 def asked_for(variables) -> tuple[str, ...]:

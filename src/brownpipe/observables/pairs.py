@@ -4,6 +4,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
+from brownpipe import theory
 from brownpipe.observables.kinds import Kinds, kinds_of
 from brownpipe.observables.origins import is_stationary
 from brownpipe.scene import Scene
@@ -36,7 +37,8 @@ def bins(scene: Scene) -> tuple[int, float]:
 def distribution(scene: Scene, run, _) -> dict[str, np.ndarray | int]:
     """Counts (P, R) of pairs by kinds and distance, and the number of samples they are summed over.
 
-    All samples if the run is stationary, the last one otherwise.
+    All samples if the run is stationary, the last one otherwise. Between walls also how many pairs with a lone disk an
+    ideal gas would show in these samples: `expected_around`.
     """
     kinds, (number, width) = kinds_of(scene), bins(scene)
     which = np.zeros((len(kinds.name),) * 2, np.int64)
@@ -50,7 +52,37 @@ def distribution(scene: Scene, run, _) -> dict[str, np.ndarray | int]:
         inside = place < number
         a, b = kinds.label[pair[inside]].T
         counts += np.bincount(which[a, b] * number + place[inside], minlength=len(counts))
-    return {"pair_counts": counts.reshape(-1, number), "pair_snapshots": len(position)}
+    found = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": len(position)}
+    return found | ({"pair_expected": expected_around(scene, position)} if has_expected(scene) else {})
+
+
+def lone_pairs(kinds: Kinds) -> list[tuple[int, int, int]]:
+    """(place among the pairs, lone, other) of the pairs of two kinds of which one, `lone`, is a single disk."""
+    found = [(place, *pair) for place, pair in enumerate(pairs_of(kinds)) if pair[0] != pair[1]]
+    in_turn = [(place, a, b) if kinds.number[a] == 1 else (place, b, a) for place, a, b in found]
+    return [each for each in in_turn if kinds.number[each[1]] == 1]
+
+
+def has_expected(scene: Scene) -> bool:
+    """Must the expected pairs be added up in the run? Where the walls leave less than a ring around a lone disk."""
+    return not scene.box.periodic and bool(lone_pairs(kinds_of(scene)))
+
+
+def expected_around(scene: Scene, position: np.ndarray) -> np.ndarray:
+    """Pairs (P, R) that an ideal gas shows around the lone disks of samples `position` (T, N, 2), summed over them.
+
+    Of N uniform points in the rectangle accessible to their kind, N times the share of it in a ring around where the
+    lone disk is: it need not have spread over the box. NaN for pairs of kinds without a lone disk.
+    """
+    kinds, box, (number, width) = kinds_of(scene), scene.box, bins(scene)
+    size, edges = np.array([box.width, box.height]), np.arange(number + 1) * width
+    expected = np.full((len(pairs_of(kinds)), number), np.nan)
+    for place, lone, other in lone_pairs(kinds):
+        room, disk = size - 2 * kinds.radius[other], np.flatnonzero(kinds.label == lone)[0]
+        off_centre = position[:, disk] - box.origin - size / 2
+        area = sum(theory.disk_area_in_rectangle(edges, *at, *room) for at in off_centre)
+        expected[place] = kinds.number[other] * np.diff(area) / np.prod(room)
+    return expected
 
 
 def near_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
