@@ -7,13 +7,23 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from brownpipe import storage, tradeoff
+from brownpipe import cli, storage, tradeoff
 from brownpipe.analysis import AnalysisError
 from brownpipe.tradeoff import bias, cost, front
 from brownpipe.tradeoff.front import Setting, Stretch
 from ensembles import make_runs, make_scene, write
 
 ENSEMBLES = 300
+CROWD = """\
+box: {x: [-1.0, 1.0], y: [-1.0, 1.0]}
+disks:
+  species: [{name: fluid, count: 50, radius: 0.1, mass: 0.4}]
+  placement: lattice
+velocities: {temperature: 1.6}
+duration: 0.5
+equilibrate: {time: 0.5, tracer: free}
+sample_interval: 0.05
+"""
 
 
 def skewed(rng, correlation, runs, others, mean):
@@ -283,3 +293,17 @@ def test_a_price_leaves_out_compiling_what_a_call_takes_once_and_what_disturbs(m
     assert {len(seeds) for seeds in stretches} == {1 + math.ceil(cost.LEAST / 3e-3)}
     seeds = [seed for call in engine.calls for seed in call]
     assert len(set(seeds)) == len(seeds) and min(seeds) > 10**9  # new runs each time, none of a study
+
+
+def test_pairs_counted_in_the_runs_are_compared(tmp_path):
+    """Steps as long as a disk takes across its radius let pairs overlap and thin them out near contact."""
+    scene = tmp_path / "crowd.yaml"
+    scene.write_text(CROWD)
+    words = ["simulate", str(scene), "--seeds", "0-99", "--observables", "pair_distribution", "--output"]
+    files = [str(tmp_path / f"{name}.h5") for name in ("exact", "steps")]
+    assert (
+        cli.main([*words, files[0]]) == cli.main([*words, files[1], "--engine", "timestep", "--time-step", "0.03"]) == 0
+    )
+    found = tradeoff.measure(files, seconds_per_run=lambda *_: 1.0).sel(scene="crowd", setting="timestep-0.03")
+    assert found.contact_bias_high < 0.0 or found.contact_bias_low > 0.0
+    assert found.contact_bias_standard_error < 0.1

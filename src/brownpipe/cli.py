@@ -120,6 +120,8 @@ def figures(arguments) -> int:
 
     dataset = read_dataset(arguments.dataset)
     if "seconds" in dataset:  # of `tradeoff`, not of `aggregate`
+        if arguments.figures or arguments.particles is not None:
+            raise drawing.FigureError(f"{arguments.dataset}: a price list; it is shown as a whole")
         drawing.tradeoff.render(dataset, arguments.output)
         return DONE
     drawing.render(dataset, arguments.output, arguments.figures, arguments.particles)

@@ -18,7 +18,9 @@ from brownpipe.study import MOST_JOBS, MOST_SEEDS, Study, read_tolerance
 PILOT_SEED = 2**40  # first seed of pilots, which no study shares
 PILOT_SECONDS = 4.0  # CPU time of a pilot, as expected
 MOST_PILOT, FEWEST_PILOT = 400, 10  # runs
-JOB_SECONDS = 20 * cost.START_UP  # of a job at least, so that starting it takes 5 % of its time at most
+START_UP = 0.9  # CPU seconds of a job besides its runs: a process, its imports, a cached kernel, an empty file
+SECONDS_PER_BYTE = 4e-8  # to compress, verify and write trajectories
+JOB_SECONDS = 20 * START_UP  # of a job at least, so that starting it takes 5 % of its time at most
 STEPS = (0.5, 0.15, 0.05)  # of the largest time step allowed, in a trial
 LONG_JOB = 60.0  # CPU seconds that may be lost if a job is interrupted
 
@@ -175,7 +177,11 @@ def offers(cases: list[Case], tolerance: float | None, budget: float | None) -> 
         known = [case.known.get(engine) for case in cases]
         if any(one is None or np.isnan(one.bias_square) for one in known):
             continue
-        runs = _runs_for_budget(known, budget) if tolerance is None else _runs_for_tolerance(known, tolerance)
+        runs = (
+            _runs_for_budget(_prices(cases, engine), budget)
+            if tolerance is None
+            else _runs_for_tolerance(known, tolerance)
+        )
         if runs:
             found.append(offer(cases, engine, runs))
     if tolerance is None:
@@ -185,17 +191,24 @@ def offers(cases: list[Case], tolerance: float | None, budget: float | None) -> 
 
 def offer(cases: list[Case], engine: Engine, runs: int) -> Offer:
     """Return what so many runs of an engine in each case come to."""
-    known = [case.known[engine] for case in cases]
-    work, cores = runs * max(one.seconds for one in known), _cores()
+    known, prices, cores = [case.known[engine] for case in cases], _prices(cases, engine), _cores()
+    work = runs * max(prices)
     jobs = int(np.clip(max(np.ceil(work / LONG_JOB), min(cores, work // JOB_SECONDS)), 1, min(runs, MOST_JOBS)))
     batch = -(-runs // jobs)
     jobs = -(-runs // batch)
-    seconds = [runs * one.seconds + jobs * cost.START_UP for one in known]
-    error = max(float(np.sqrt(one.bias_square + one.spread**2 / runs)) for one in known)
+    seconds = [runs * price + jobs * START_UP for price in prices]
     wall = max(sum(seconds) / cores, max(seconds) / jobs)
-    return Offer(
-        engine, runs, error, sum(seconds), batch, wall, sum(runs * cost.of_run(c.scene).recorded for c in cases)
-    )
+    error = max(float(np.sqrt(one.bias_square + one.spread**2 / runs)) for one in known)
+    return Offer(engine, runs, error, sum(seconds), batch, wall, runs * sum(map(_recorded, cases)))
+
+
+def _prices(cases: list[Case], engine: Engine) -> list[float]:
+    """CPU seconds of a run in each case, with its share of the file."""
+    return [case.known[engine].seconds + SECONDS_PER_BYTE * _recorded(case) for case in cases]
+
+
+def _recorded(case: Case) -> float:
+    return cost.of_run(case.scene).recorded
 
 
 def _runs_for_tolerance(known: list[Known], tolerance: float) -> int | None:
@@ -205,9 +218,9 @@ def _runs_for_tolerance(known: list[Known], tolerance: float) -> int | None:
     return None if None in needed or max(needed) > MOST_SEEDS else max(needed)
 
 
-def _runs_for_budget(known: list[Known], budget: float) -> int | None:
-    left, each = budget - len(known) * cost.START_UP, sum(one.seconds for one in known)
-    runs = int(min(left / (each * (1 + cost.START_UP / JOB_SECONDS)), MOST_SEEDS))
+def _runs_for_budget(prices: list[float], budget: float) -> int | None:
+    left = budget - len(prices) * START_UP
+    runs = int(min(left / (sum(prices) * (1 + START_UP / JOB_SECONDS)), MOST_SEEDS))
     return runs if runs >= FEWEST_PILOT else None
 
 
@@ -221,6 +234,8 @@ def stored(scene: Scene, observable: str, window, results: str | Path) -> tuple[
 
     for path in sorted(Path(results).glob("*/tradeoff/*.nc")):
         dataset = read_dataset(path)
+        if not {"digest", "engine", f"{observable}_bias_careful"} <= set(dataset.data_vars):
+            continue  # of another version
         here = np.flatnonzero(dataset.digest.values == scene.digest)
         if here.size:
             of_scene = dataset.isel(scene=here[0])

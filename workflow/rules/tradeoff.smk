@@ -33,6 +33,6 @@ rule tradeoff_figures:
     benchmark:
         f"{results}/benchmarks/tradeoff_figures/{study.name}.tsv"
     params:
-        made_with=made_with("figures"),
+        made_with=made_with("tradeoff_figures"),
     shell:
         "brownpipe figures {input} --output $(dirname {output.prices}) 2> {log} && cat {output.prices}"

@@ -19,7 +19,8 @@ def draw(dataset, scene):
     times = np.geomspace(FEWEST_RUNS * min(one.seconds for one in settings), _last_time(settings, stretches), POINTS)
     figure, axes = grid(1, 1, 8.2, 5.4)
     axes = axes[0, 0]
-    colours = dict(zip(dict.fromkeys(one.label for one in stretches), COLOURS * 9, strict=False))
+    paying = dict.fromkeys(["exact", *(one.label for one in stretches)])
+    colours = dict(zip(paying, COLOURS * 9, strict=False))
     for one in settings:
         _line(axes, times, one, _unresolved_below(_of(dataset, scene, one.label)), colours.get(one.label, START))
     for stretch in stretches:
@@ -62,18 +63,17 @@ def _bold(axes, times, stretch, settings, colour):
 
 
 def _direct_labels(axes, end, settings, colours):
-    """The name of every line at its end, moved apart where they would cover each other."""
+    """The name of every line at its end, moved apart where they would cover each other; those off the scale by name."""
     low, high = np.log(axes.get_ylim())
-    ends = sorted(
-        (float(np.log(total_error(one, end))), one.label) for one in settings if one.seconds < end / FEWEST_RUNS
-    )
+    known = [(float(np.log(total_error(one, end))), one.label) for one in settings if one.seconds < end / FEWEST_RUNS]
     place = -np.inf
-    for at, label in ends:
-        place = max((at - low) / (high - low), place + MOST_LABELS_APART)
+    for at, label in sorted(one for one in known if one[0] <= high):
+        end_of_line = (at - low) / (high - low)
+        place = max(end_of_line, place + MOST_LABELS_APART)
         colour = colours.get(label, INK)
         axes.annotate(
             name_of(label),
-            (1.0, (at - low) / (high - low)),
+            (1.0, end_of_line),
             (1.03, place),
             xycoords="axes fraction",
             va="center",
@@ -83,6 +83,10 @@ def _direct_labels(axes, end, settings, colours):
             arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
             annotation_clip=False,
         )
+    beyond = [name_of(label) for at, label in sorted(known) if at > high]
+    if beyond:
+        text = "off by more than 100 %:\n" + "\n".join(beyond)
+        axes.text(0.98, 0.98, text, transform=axes.transAxes, ha="right", va="top", fontsize=8.5, color=START)
 
 
 def name_of(label):
