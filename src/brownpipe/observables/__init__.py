@@ -114,7 +114,7 @@ def variables_of(scene: Scene, names: tuple[str, ...]) -> tuple[str, ...]:
     """The arrays that are made of a scene when the names are asked for."""
     made = tuple(name for asked in names for name in OBSERVABLES[asked].variables)
     lacking = set() if len(bath_disks(scene)) else {"bath_velocity_autocorrelation"}
-    lacking |= set() if pairs.has_expected(scene) else {"pair_expected"}
+    lacking |= set() if pairs.lone_pairs(scene, kinds_of(scene)) else {"pair_expected"}
     return tuple(name for name in made if name not in lacking)
 
 
