@@ -121,7 +121,7 @@ def test_same_bytes_with_two_cores_in_another_folder_zone_and_language(finished,
     one, two = (contents(each, *PHYSICS, *PICTURES) for each in (finished[0], folder))
     assert one.keys() == two.keys()
     assert [path for path in one if one[path] != two[path]] == []
-    assert len(one) == 8 + 1 + 14
+    assert len(one) == 8 + 1 + 2 + 3 * 6  # runs, dataset, summary, six figures in three forms
 
 
 def test_batches_change_neither_trajectories_nor_results(finished, tmp_path):

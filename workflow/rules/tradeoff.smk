@@ -8,7 +8,7 @@ rule tradeoff:
         f"{results}/logs/tradeoff/{study.name}.log",
     benchmark:
         f"{results}/benchmarks/tradeoff/{study.name}.tsv"
-    threads: workflow.cores
+    threads: 1000  # as many as there are
     params:
         study=relpath(study_file),
         instead_of=study.instead_of,

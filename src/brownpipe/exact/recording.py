@@ -73,7 +73,7 @@ def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) 
     moving = slice(None) if w.mass is None else np.isfinite(w.mass)  # all but a pinned tracer
     mass = np.ones(len(last)) if w.mass is None else w.mass[moving]
     first, last = first[moving], last[moving]
-    before, after = (float(mass @ np.sum(v * v, axis=1)) for v in (first, last))
+    before, after = (float(np.sum(mass * np.sum(v * v, axis=1))) for v in (first, last))
     drift = (after - before) / before if before > 0 else 0.0
     overlap = 1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0)))
     if w.tally[ws.STRAY] > HEALTH_BOUND:  # then overlaps may have gone unseen
@@ -101,6 +101,6 @@ def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) 
 def _momentum_residual(w: ws.Workspace, mass, first, last) -> float:
     """Return by how much momentum is not what the walls gave, relative to all momentum there was and was given."""
     left, right, bottom, top = w.tally[ws.WALL_IMPULSE :]
-    missing = mass @ (last - first) - (left - right, bottom - top)
-    scale = float(mass @ np.sqrt(np.sum(first * first, axis=1))) + left + right + bottom + top
+    missing = np.sum(mass[:, None] * (last - first), axis=0) - (left - right, bottom - top)
+    scale = float(np.sum(mass * np.sqrt(np.sum(first * first, axis=1)))) + left + right + bottom + top
     return float(np.abs(missing).max() / scale) if scale > 0 else 0.0

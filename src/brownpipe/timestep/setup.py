@@ -148,7 +148,7 @@ def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> 
     """Return what is reported of a run that began with velocities `first` (N, 2), in the engine's units and order."""
     last = np.empty((len(w.disk), 2))
     last[w.disk, 0], last[w.disk, 1] = w.vx, w.vy
-    before, after = (float(w.mass @ np.sum(v * v, axis=1)) for v in (first, last))
+    before, after = (float(np.sum(w.mass * np.sum(v * v, axis=1))) for v in (first, last))
     drift = (after - before) / before if before > 0 else 0.0
     sound = abs(drift) <= ENERGY_BOUND[w.x.dtype.type] and _inside(w)
     unit = frame.mass * (frame.length / frame.time)
@@ -183,6 +183,6 @@ def _inside(w: Workspace) -> bool:
 def _momentum_residual(w: Workspace, first, last) -> float:
     """Return by how much momentum is not what the walls gave, relative to all momentum there was and was given."""
     left, right, bottom, top = w.tally[ws.WALL_IMPULSE :]
-    missing = w.mass @ (last - first) - (left - right, bottom - top)
-    scale = float(w.mass @ np.sqrt(np.sum(first * first, axis=1))) + left + right + bottom + top
+    missing = np.sum(w.mass[:, None] * (last - first), axis=0) - (left - right, bottom - top)
+    scale = float(np.sum(w.mass * np.sqrt(np.sum(first * first, axis=1)))) + left + right + bottom + top
     return float(np.abs(missing).max() / scale) if scale > 0 else 0.0
