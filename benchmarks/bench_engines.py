@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.engines import Engine
-from brownpipe.figures.style import DATA, FIT, drawing, grid, image, shades
+from brownpipe.figures.style import DATA, FIT, drawing, grid, image_bytes, shades
 from brownpipe.scene import parse_scene
 from brownpipe.timestep import largest_step
 
@@ -91,7 +91,7 @@ def picture(table, names):
         axes.set(xscale="log", yscale="log", xlabel="number of disks N", title="Price of a unit of time")
         axes.set_ylabel("CPU time per disk and unit of time ($\\mu$s)")
         axes.legend()
-        return image(figure, "png")
+        return image_bytes(figure, "png")
 
 
 if __name__ == "__main__":
