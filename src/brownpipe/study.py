@@ -124,6 +124,11 @@ class Study:
         return " ".join(f"--{key} {value}" for key, value in words.items() if value != usual[key])
 
     @property
+    def counting(self) -> str:
+        """When to count where the runs are, as an option of `brownpipe aggregate`; nothing for the end of each run."""
+        return " ".join(["--displacement-times", *map(str, self.displacement_times)]) if self.displacement_times else ""
+
+    @property
     def ring_edges(self) -> np.ndarray:
         """(rings + 1,) radii [length] that bound the rings of the displacement distribution."""
         return np.arange(self.rings + 1) * self.ring_width

@@ -15,7 +15,7 @@ rule aggregate:
         windows=[f"{start}:{end}" for start, end in study.fit_windows],
         width=study.ring_width,
         rings=study.rings,
-        times=" ".join(["--displacement-times", *map(str, study.displacement_times)]) if study.displacement_times else "",
+        times=study.counting,
         made_with=made_with("aggregate"),
     shell:
         "brownpipe aggregate {input} --output {output} --fit-windows {params.windows}"
