@@ -18,6 +18,12 @@ def small(**overrides):
     return read_study(CONFIG / "small.yaml", overrides)
 
 
+@pytest.mark.parametrize("file", sorted(CONFIG.glob("*.yaml")), ids=lambda file: file.stem)
+def test_every_study_that_is_there_is_valid_and_named_in_the_readme(file):
+    assert read_study(file).jobs()
+    assert f"`{file.name}`" in (CONFIG.parent / "README.md").read_text()
+
+
 def test_default_study_is_the_note():
     study = read_study(CONFIG / "harrison2020.yaml")
     assert study.name == "harrison2020"
