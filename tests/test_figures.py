@@ -6,11 +6,13 @@ import warnings
 import matplotlib
 import numpy as np
 import pytest
+import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 
 from brownpipe import cli, figures, state, storage
 from brownpipe.analysis import aggregate
-from brownpipe.figures import cases, style
+from brownpipe.figures import cases, pair_distribution, style
 from brownpipe.figures.tables import Table, to_csv
 from brownpipe.study import FIGURES
 from ensembles import make_runs, make_scene, study, write
@@ -139,6 +141,12 @@ def test_figures_asked_for(dataset, tmp_path):
     assert not (tmp_path / "other").exists()
 
 
+def title(axes):
+    """The title of a panel, which stands at its left; None if it has none."""
+    said = axes.get_title("left")
+    return next((text for text in axes.findobj(Text) if said and text.get_text() == said), None)
+
+
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in ("particle_counts", "health")])
 def test_words_cover_no_data_and_no_words(dataset, name):
     """Titles and keys stand above their panels, inside the figure, and on nothing else."""
@@ -147,14 +155,102 @@ def test_words_cover_no_data_and_no_words(dataset, name):
         drawn = figures.MODULES[name].draw(cases.one_count(cases.cases_of(at_times(named, (0.5, 1.0)))))
         FigureCanvasAgg(drawn).draw()
     panels = [axes.get_window_extent() for axes in drawn.axes]
-    words = [axes.title for axes in drawn.axes if axes.title.get_text()]
-    words += [axes.get_legend() for axes in drawn.axes if axes.get_legend() and axes.get_title()]
+    words = [title(axes) for axes in drawn.axes if title(axes)]
+    words += [axes.get_legend() for axes in drawn.axes if axes.get_legend() and title(axes)]
     words += [axes.xaxis.label for axes in drawn.axes if axes.get_xlabel()]
     boxes = [one.get_window_extent() for one in words]
     assert boxes
     for k, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in (*panels, *boxes[:k])), words[k]
         assert box.x0 >= 0 and box.x1 <= drawn.bbox.x1 and box.y0 >= 0 and box.y1 <= drawn.bbox.y1, words[k]
+
+
+def drawn(name, data):
+    """The figure and its panels."""
+    with style.drawing():
+        figure = figures.MODULES[name].draw(figures._cases_shown(data, None)[name])
+        FigureCanvasAgg(figure).draw()
+    return figure, [axes for axes in figure.axes if axes.get_visible()]
+
+
+def only_hot(dataset, *names):
+    """The dataset without these variables in the other scenes."""
+    return dataset.assign({name: dataset[name].where(dataset.scene == "hot") for name in names})
+
+
+@pytest.mark.parametrize("name", ["msd", "diffusion", "energy", "pair_distribution", "displacement_distribution"])
+def test_more_than_four_cases_begin_a_new_row(dataset, name):
+    six = dataset.isel(scene=[0, 1] * 3).assign_coords(scene=list("abcdef"))
+    (few, panels), (many, more) = drawn(name, dataset), drawn(name, six)
+    assert many.get_figwidth() == 2 * few.get_figwidth()
+    assert many.get_figheight() == 2 * few.get_figheight()
+    named = [axes for axes in more if title(axes)]
+    per_case = len([axes for axes in panels if title(axes)]) // 2
+    assert len(named) == 6 * per_case
+    heights = {round(axes.get_position().height * many.get_figheight(), 1) for axes in named}
+    assert max(heights) - min(heights) < 0.3
+
+
+def test_titles_of_a_row_stand_at_one_height(dataset):
+    _, panels = drawn("diffusion", only_hot(dataset, "enskog_diffusion"))
+    assert len({len(axes.get_legend().get_texts()) for axes in panels}) == 2
+    assert len({title(axes).get_window_extent().y1 for axes in panels}) == 1
+
+
+def test_green_and_kubo_need_a_temperature(dataset, tmp_path):
+    data = only_hot(dataset, "enskog_diffusion")
+    shown = [{line.get_label() for line in axes.lines} for axes in drawn("diffusion", data)[1]]
+    assert [any("Green" in label for label in labels) for labels in shown] == [True, False]
+    figures.render(data, tmp_path, ["diffusion"])
+    assert all(row["green_kubo"] for row in rows(tmp_path / "diffusion.csv"))
+
+
+def test_residuals_only_where_theory_expects_something(dataset):
+    def panels(data):
+        return len(drawn("thermodynamics", data)[0].axes)
+
+    theory = [name for name in dataset.data_vars if name.startswith(("enskog", "compressibility_rate"))]
+    assert panels(dataset) == 6
+    assert panels(dataset.drop_vars(theory)) == 3
+
+
+def test_equations_of_state_end_where_they_are_known(dataset):
+    dense = dataset.assign(
+        packing_fraction=0 * dataset.packing_fraction + xarray.DataArray([0.68, 0.75], dims="particles")
+    )
+    main = drawn("thermodynamics", dense)[1][0]
+    curves = [line for line in main.lines if "equal disks" in line.get_label()]
+    assert [line.get_xdata().max() for line in curves] == [0.7, 0.7]
+    residuals = [len(one.lines[0].get_xdata()) for one in drawn("thermodynamics", dense)[0].axes[3].containers]
+    assert residuals == [1, 1]  # of the two particle counts of each scene
+
+
+def test_correlation_ends_where_its_band_reaches_zero(dataset):
+    low = drawn("velocity_autocorrelation", dataset)[1][2]
+    case = dataset.sel(scene="hot", particles=20, engine="exact")
+    end = low.lines[0].get_xdata()[-1]
+    least = case.velocity_autocorrelation_low
+    assert (least.sel(time=slice(0, end)) > 0).all()
+    assert least.values[case.time.values > end][0] <= 0
+
+
+def test_uncertain_bins_are_pooled_for_drawing_alone(dataset):
+    """The number of pairs stays, and so does the chance of the interval: errors add in squares."""
+    case = dataset.sel(scene="hot", particles=20, engine="exact", species_pair=PAIRS[1])
+    case = case.isel(distance=case.distance.values > CONTACT[1])
+    edges, value, down, up = pair_distribution._pooled(case, 4)
+    r, g = case.distance.values, case.pair_distribution.values
+    assert [edges[0], edges[-1]] == pytest.approx([CONTACT[1], 1.5])
+    ring = [r[k : k + 4].sum() for k in range(0, r.size, 4)]
+    assert value @ ring == pytest.approx(g @ r)
+    single = 1.96 * case.pair_distribution_standard_error.values
+    assert down[:-1] == pytest.approx(up[:-1])
+    assert (up[:-1] / single[: 4 * (value.size - 1) : 4]) == pytest.approx(0.5, rel=0.05)
+    unsure = case.assign(pair_distribution_standard_error=0.05 * case.pair_distribution)
+    assert pair_distribution._together(unsure, CONTACT[1]) == 7  # 0.05 / sqrt(7) is the first below 0.02
+    assert pair_distribution._together(unsure, 0.11) == 5  # within a quarter of the contact distance
+    surer = case.assign(pair_distribution_standard_error=0.019 * case.pair_distribution)
+    assert pair_distribution._together(surer, CONTACT[1]) == 1
 
 
 def test_msd_table_is_the_dataset(dataset, folder):

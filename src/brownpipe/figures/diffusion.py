@@ -3,7 +3,20 @@
 import numpy as np
 
 from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DASH_DOT, DASHED, DATA, DOTTED, FIT, FREE, INK, START, band, grid, head, time_axis
+from brownpipe.figures.style import (
+    DASH_DOT,
+    DASHED,
+    DATA,
+    DOTTED,
+    FIT,
+    FREE,
+    INK,
+    START,
+    band,
+    columns,
+    heads,
+    time_axis,
+)
 from brownpipe.figures.tables import long_table
 
 ROUTES = {
@@ -19,7 +32,7 @@ LACKING = "no run with a tracer was kept"
 
 def draw(cases):
     """One column per case: every D(t) that there is with its 95 % band, Enskog's D, and D = slope/4 in its window."""
-    figure, axes = grid(1, len(cases), 4.8, 4.6, sharey=True)
+    figure, axes = columns(["$D(t)$ (reduced units)"], len(cases), [4.6])
     for case, panel in zip(map(over_time, cases), axes[0], strict=True):
         _routes(panel, case)
         for fit in fits_of(case)[:1]:
@@ -27,17 +40,21 @@ def draw(cases):
         if has(case, "enskog_diffusion"):
             panel.axhline(float(case.enskog_diffusion), color=START, linestyle=DOTTED, label=_enskog(case))
         time_axis(panel, case.time.values)
-        head(panel, title_of(case))
     axes[0, 0].set_ylim(min(0.0, _extreme(cases, min)), ROOM * _extreme(cases, max) or 1.0)
-    axes[0, 0].set_ylabel("$D(t)$ (reduced units)")
+    heads(axes[0], map(title_of, cases))
     return figure
 
 
 def _routes(axes, case):
     later = case.isel(time=case.time.values > 0)
-    for name in (name for name in ROUTES if has(case, name)):
+    for name in (name for name in ROUTES if has(case, name) and (name in SPREADING or _in_equilibrium(case))):
         label, colour, line = ROUTES[name]
         band(axes, later.time.values, later, name, colour, linestyle=line, label=label)
+
+
+def _in_equilibrium(case):
+    """Does theory know its temperature? Out of equilibrium the integral of Green and Kubo is no D."""
+    return has(case, "enskog_diffusion")
 
 
 def _window(axes, fit):

@@ -6,7 +6,7 @@ from itertools import chain
 import numpy as np
 
 from brownpipe.figures.cases import distributions_of, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, FREE, INK, START, head, tall_and_low
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, FREE, INK, MOST_COLUMNS, START, heads, tall_and_low
 from brownpipe.figures.tables import Table
 
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (FREE, DASHED, "s"), "square": (INK, DOTTED, "^")}  # by where D comes from
@@ -22,10 +22,12 @@ def draw(cases):
     """Counts per ring with what is expected above, deviations with the runs beyond the last ring below.
 
     One column per case or, if the distribution was taken at several times, one row per case and one column per time.
+    What is more than MOST_COLUMNS goes on in a new row.
     """
     table = [distributions_of(case) for case in cases]
     if all(len(row) == 1 for row in table):
         table = [[row[0] for row in table]]
+    table = [row[k : k + MOST_COLUMNS] for row in table for k in range(0, len(row), MOST_COLUMNS)]
     figure, axes = tall_and_low(max(map(len, table)), rows=len(table), ratio=2.2, height=HEIGHT)
     for k, row in enumerate(table):
         _row(axes[2 * k : 2 * k + 2], row)
@@ -36,11 +38,11 @@ def _row(axes, cases):
     for case, (main, low) in zip(cases, axes.T, strict=False):
         _counts(main, case)
         _deviations(low, case)
-        head(main, f"{title_of(case)}, $t$ = {_time(case):g}")
         low.tick_params(labelbottom=True)
         low.set_xlabel("distance $r$ from the start (reduced units)")
         below = {"xycoords": ("axes fraction", low.xaxis.label), "fontsize": 8.8, "va": "top"}
         low.annotate(_words(case), (0, 0), (0, -5), textcoords="offset points", **below)
+    heads(axes[0, : len(cases)], [f"{title_of(case)}, $t$ = {_time(case):g}" for case in cases])
     for main, low in axes.T[len(cases) :]:
         main.set_axis_off()
         low.set_axis_off()

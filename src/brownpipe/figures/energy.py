@@ -5,7 +5,7 @@ from itertools import cycle
 import numpy as np
 
 from brownpipe.figures.cases import has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DOTTED, INK, KINDS, band, grid, head, time_axis
+from brownpipe.figures.style import DOTTED, INK, KINDS, band, columns, heads, time_axis
 from brownpipe.figures.tables import long_table
 
 NAME = "species_energy"
@@ -15,7 +15,7 @@ LACKING = "the observable kinetic_energy was not asked for"
 
 def draw(cases):
     """One column per case, one curve with its 95 % band per species, and the mean over all disks."""
-    figure, axes = grid(1, len(cases), 4.8, 4.2, sharey=True)
+    figure, axes = columns(["kinetic energy per disk (reduced units)"], len(cases), [4.2])
     for case, panel in zip(cases, axes[0], strict=True):
         case = over_time(case, NAME)
         _curves(panel, case)
@@ -23,9 +23,8 @@ def draw(cases):
             mean = float(case.kinetic_temperature)
             panel.axhline(mean, color=INK, linestyle=DOTTED, label=f"equipartition, $kT$ = {mean:.4g}")
         time_axis(panel, case.time.values)
-        head(panel, title_of(case))
     axes[0, 0].set_ylim(0, max(_top(case) for case in cases) or 1.0)
-    axes[0, 0].set_ylabel("kinetic energy per disk (reduced units)")
+    heads(axes[0], map(title_of, cases))
     return figure
 
 

@@ -4,12 +4,13 @@ import numpy as np
 
 from brownpipe import theory
 from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, FREE, START, band, head, tall_and_low
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, FREE, START, band, columns, heads
 from brownpipe.figures.tables import Table
 
 ROOM = 1.12  # of a vertical axis, times the largest value
 MOST_DOTS = 60  # of samples shown one by one
-HEIGHT, RATIO = 7.6, 1.35  # of a column [inch]; of its upper panel to the lower
+LABELS = ("mean squared displacement $\\langle r^2 \\rangle$\n(reduced units)", "the same, logarithmic")
+HEIGHTS = (4.4, 3.2)  # of the two panels of a column [inch]
 NEEDS = ("msd",)
 LACKING = "no run with a tracer was kept"
 
@@ -17,17 +18,15 @@ LACKING = "no run with a tracer was kept"
 def draw(cases):
     """One column per case: MSD(t) with the fit and what diffusion would do above, all decades of it below."""
     cases = [over_time(case) for case in cases]
-    figure, axes = tall_and_low(len(cases), ratio=RATIO, sharex=False, height=HEIGHT)
+    figure, axes = columns(LABELS, len(cases), HEIGHTS)
     top = ROOM * max(float(case.msd_high.fillna(case.msd).max()) for case in cases) or 1.0
     for case, (main, low) in zip(cases, axes.T, strict=True):
         _linear(main, case, top)
         _decades(low, case)
-        head(main, title_of(case))
         main.set_xlabel("time $t$ (reduced units)")
         low.set_xlabel("time $t$ (reduced units, logarithmic)")
     axes[0, 0].set_ylim(0, top)
-    axes[0, 0].set_ylabel("mean squared displacement $\\langle r^2 \\rangle$\n(reduced units)")
-    axes[1, 0].set_ylabel("the same, logarithmic")
+    heads(axes[0], map(title_of, cases))
     return figure
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from brownpipe.figures.cases import by_series, fits_of, over_time
-from brownpipe.figures.style import DATA, FIT, START, band, bars, grid, head, say, shades
+from brownpipe.figures.style import DATA, FIT, START, band, bars, grid, heads, say, shades
 from brownpipe.figures.tables import Table
 
 LOOKS = ((FIT, "o"), (DATA, "s"), (START, "^"))  # of the windows
@@ -25,8 +25,7 @@ def draw(cases):
     for (name, mine), (left, right) in zip(series.items(), axes, strict=True):
         _curves(left, [over_time(case) for case in mine], top)
         _diffusion(right, mine)
-        left.set_title(name)
-        head(right, "D over a window of time, 95 % intervals")
+        heads((left, right), (name, "D over a window of time, 95 % intervals"))
         left.set_ylabel("$\\langle r^2 \\rangle$ (reduced units)")
         right.set_ylabel("D, slope/4 (reduced units)")
     axes[-1, 0].set_xlabel("time $t$ (reduced units)")
@@ -62,7 +61,8 @@ def _diffusion(axes, cases):
         d = [float(fit.diffusion_coefficient) for fit in fits]
         looks = {"fmt": marker, "color": colour, "markersize": 5, "elinewidth": 1.3}
         axes.errorbar(n, d, bars(fits, "diffusion_coefficient"), label=f"window {window}", **looks)
-    axes.set_xticks(counts)
+    far = _apart(counts, APART * max(counts)) == counts
+    axes.set_xticks(counts, [f"{n}" if named else "" for n, named in zip(counts, far, strict=True)])
 
 
 def table(cases):

@@ -9,7 +9,8 @@ DATA, FIT, FREE, START = "#0072B2", "#D55E00", "#009E73", "#6B6B6B"
 INK = "#222222"
 DASHED, DOTTED, DASH_DOT = (0, (5, 2.5)), (0, (1, 1.2)), (0, (4, 1.5, 1, 1.5))
 KINDS = ((DATA, "-", "o"), (FIT, DASHED, "s"), (FREE, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D"))  # of disks, of scenes
-TITLE = 48  # characters of a title that a panel has room for; longer ones are set smaller
+MOST_COLUMNS = 4  # side by side; further ones begin a new row
+TITLE = 45  # characters of a title that a panel has room for; longer ones are set smaller
 FILL = 0.22  # opacity of a band
 SAVE = {"png": {"dpi": 160, "metadata": {"Software": None}}, "svg": {"metadata": {"Date": None, "Creator": None}}}
 
@@ -105,12 +106,42 @@ def grid(rows, columns, width, height, **sharing):
     return figure, figure.subplots(rows, columns, squeeze=False, **sharing)
 
 
-def head(axes, title):
-    """Title and legend above the panel, where they cover no data."""
-    legend = axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), borderaxespad=0.2, labelspacing=0.35)
-    legend.set_in_layout(False)
-    size = 11 * min(1, TITLE / len(title))
-    axes.set_title(title, pad=9 + 13.5 * len(legend.get_texts()), fontsize=size)
+def columns(labels, count, heights, sharey=True):
+    """`count` stacks of panels, at most MOST_COLUMNS side by side: (figure, axes (panels of a stack, count)).
+
+    `labels` name the vertical axes of the panels of a stack, `heights` [inch] are theirs. With `sharey` the panels at
+    the same place of all stacks have one axis, with numbers at the left of each row alone.
+    """
+    from matplotlib.figure import Figure
+
+    wide = min(count, MOST_COLUMNS)
+    rows, panels = -(-count // wide), len(heights)
+    figure = Figure((PANEL[0] * wide, sum(heights) * rows), layout="constrained")
+    axes = figure.subplots(panels * rows, wide, squeeze=False, height_ratios=tuple(heights) * rows)
+    stacks = axes.reshape(rows, panels, wide).swapaxes(0, 1).reshape(panels, rows * wide)
+    for panel in stacks[:, count:].flat:
+        panel.remove()
+    for label, row in zip(labels, stacks[:, :count], strict=True):
+        for k, panel in enumerate(row):
+            if k % wide == 0:
+                panel.set_ylabel(label)
+            if sharey and k > 0:
+                panel.sharey(row[0])
+                panel.tick_params(labelleft=k % wide == 0)
+    return figure, stacks[:, :count]
+
+
+def heads(panels, titles):
+    """Titles and legends above panels, where they cover no data; all titles as high as the longest legend needs."""
+    from matplotlib.transforms import ScaledTranslation
+
+    room = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)
+    for axes, title in zip(panels, titles, strict=True):
+        axes.set_title(title, pad=room, fontsize=11 * min(1, TITLE / len(title)))
+        if axes.get_legend_handles_labels()[1]:
+            above = axes.transAxes + ScaledTranslation(0, (room - 5) / 72, axes.figure.dpi_scale_trans)
+            place = {"loc": "upper left", "bbox_to_anchor": (-0.02, 1.0), "bbox_transform": above, "borderaxespad": 0}
+            axes.legend(**place, labelspacing=0.35).set_in_layout(False)
 
 
 def shades(count):

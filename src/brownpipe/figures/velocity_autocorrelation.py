@@ -7,36 +7,34 @@ from brownpipe.figures.style import (
     DASHED,
     DATA,
     DOTTED,
-    FILL,
     FIT,
     INK,
     START,
     band,
-    head,
-    tall_and_low,
+    columns,
+    heads,
     time_axis,
 )
 from brownpipe.figures.tables import long_table
 
 TRACER, BATH = "velocity_autocorrelation", "bath_velocity_autocorrelation"
 LOOKS = {TRACER: ("tracer", DATA, "-"), BATH: ("bath", FIT, DASHED)}
+LABELS = ("$\\langle v(0) v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$", "the same, logarithmic")
 NEEDS = (TRACER,)
 LACKING = "the observable velocity_autocorrelation was not asked for"
 
 
 def draw(cases):
     """One column per case: the correlation and how it must begin above, its decay on logarithmic axes below."""
-    figure, axes = tall_and_low(len(cases), ratio=1.15, sharex=False, height=7.2)
+    figure, axes = columns(LABELS, len(cases), (3.85, 3.35))
     for case, (main, low) in zip(cases, axes.T, strict=True):
         case = over_time(case, TRACER)
         curves = {name: _normalised(case, name) for name in LOOKS if has(case, name)}
         _decay(main, case, curves)
         _tail(low, curves)
-        head(main, title_of(case))
         time_axis(main, case.time.values)
         low.set_xlabel("time $t$ (reduced units, logarithmic)")
-    axes[0, 0].set_ylabel("$\\langle v(0) v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$")
-    axes[1, 0].set_ylabel("the same, logarithmic")
+    heads(axes[0], map(title_of, cases))
     return figure
 
 
@@ -70,35 +68,29 @@ def _measured_rate(case):
 
 
 def _tail(axes, curves):
-    """The decay on logarithmic axes, down to half of its error, with the slope of 1/t that it has in the plane."""
-    floor, seen = 1.0, []
+    """The decay on logarithmic axes as far as it is resolved, with the slope of 1/t that it has in the plane."""
+    floor = 1.0
     for name, curve in curves.items():
-        later = curve.isel(time=(curve.time.values > 0) & (curve[name].values > 0))
-        t, _, colour, line = later.time.values, *LOOKS[name]
-        if not t.size:
-            continue
-        floor = min(floor, max(_noise(later, name) / 2, float(later[name].min()) / 2))
-        if f"{name}_low" in later:
-            low = later[f"{name}_low"].clip(1e-12)
-            axes.fill_between(t, low, later[f"{name}_high"], color=colour, alpha=FILL, linewidth=0)
-            seen.append(later.isel(time=later[f"{name}_low"].values > 0)[name])
-        axes.plot(t, later[name], color=colour, linestyle=line)
+        seen, (_, colour, line) = _resolved(curve, name), LOOKS[name]
+        if seen.sizes["time"]:
+            band(axes, seen.time.values, seen, name, colour, linestyle=line)
+            floor = min(floor, float(seen[name].min()) / 1.6)
     axes.set(xscale="log", yscale="log", ylim=(floor, 1.5))
-    for curve in seen[:1]:
-        _guide(axes, curve.time.values, curve.values)
-        axes.legend(loc="lower left")
+    for name, curve in list(curves.items())[:1]:
+        seen = _resolved(curve, name)
+        _guide(axes, seen.time.values, seen[name].values)
 
 
-def _noise(curve, name):
-    """The typical half-width of the band at late times."""
-    if f"{name}_low" not in curve:
-        return 0.0
-    late = curve.isel(time=slice(-max(1, curve.sizes["time"] // 4), None))
-    return float((late[f"{name}_high"] - late[f"{name}_low"]).median()) / 2
+def _resolved(curve, name):
+    """The curve after t = 0 up to where its 95 % band, or without one the curve, first reaches zero: noise follows."""
+    later = curve.isel(time=curve.time.values > 0)
+    least = later[f"{name}_low"] if f"{name}_low" in later else later[name]
+    reached = np.flatnonzero(~(least.values > 0))
+    return later.isel(time=slice(0, reached[0] if reached.size else None))
 
 
 def _guide(axes, t, curve):
-    """A line of slope -1 above the end of the curve (where it is surely positive), over half a decade."""
+    """A line of slope -1 above the end of the curve, over half a decade."""
     if t.size < 3:
         return
     end = t[-1]
@@ -106,6 +98,7 @@ def _guide(axes, t, curve):
     height = 2.5 * np.exp(np.mean(np.log(curve[late] * t[late])))
     ends = np.array([end / 3, end])
     axes.plot(ends, height / ends, color=INK, linewidth=1, label="slope of $1/t$")
+    axes.legend(loc="lower left")
 
 
 def table(cases):

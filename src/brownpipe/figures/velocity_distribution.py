@@ -6,12 +6,14 @@ from math import erf
 import numpy as np
 
 from brownpipe.figures.cases import has, title_of
-from brownpipe.figures.style import INK, KINDS, START, head, tall_and_low
+from brownpipe.figures.style import INK, KINDS, START, columns, heads
 from brownpipe.figures.tables import Table, long_table
 
 LIKELY = 2.0  # deviations of up to so many standard errors lie in the grey band
 FEWEST_COUNTS = 5  # expected in a bin whose residual is shown
 FEWEST = 1e-6  # densities below are not shown
+LABELS = ("probability density", "(found - Maxwell)\n/ standard error")
+HEIGHTS = (3.6, 1.4)  # of a density and its residuals [inch]
 NEEDS = ("velocity_density",)
 LACKING = "the observable velocity_distribution was not asked for"
 
@@ -35,15 +37,13 @@ SHOWN = {
 def draw(cases):
     """One column per case; components and speeds, each as a density above and its residuals below."""
     names = [name for name in SHOWN if any(has(case, name) for case in cases)]
-    figure, axes = tall_and_low(len(cases), rows=len(names), sharex=False, height=5.0)
+    figure, axes = columns(LABELS * len(names), len(cases), HEIGHTS * len(names))
     for k, name in enumerate(names):
         for case, (main, low) in zip(cases, axes[2 * k : 2 * k + 2].T, strict=True):
             _density(main, low, case, name)
-            head(main, f"{title_of(case)}: {SHOWN[name][2]}")
             low.set_xlabel(SHOWN[name][3])
-        axes[2 * k, 0].set_ylabel("probability density")
+        heads(axes[2 * k], [f"{title_of(case)}: {SHOWN[name][2]}" for case in cases])
         axes[2 * k + 1, 0].locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
-        axes[2 * k + 1, 0].set_ylabel("(found - Maxwell)\n/ standard error")
     return figure
 
 
