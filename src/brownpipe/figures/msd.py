@@ -90,7 +90,7 @@ def _decades(axes, case):
     """MSD(t) on logarithmic axes: the ballistic start has slope 2, diffusion has slope 1."""
     later = case.isel(time=(case.time.values > 0) & (case.msd.values > 0))
     t, msd = later.time.values, later.msd.values
-    if not t.size:
+    if t.size < 2:
         return
     band(axes, t, later, "msd", DATA)
     low, high = msd.min() / 1.6, msd.max() * 1.6
