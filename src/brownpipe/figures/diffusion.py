@@ -32,7 +32,7 @@ LACKING = "no run with a tracer was kept"
 
 def draw(cases):
     """One column per case: every D(t) that there is with its 95 % band, Enskog's D, and D = slope/4 in its window."""
-    figure, axes = columns(["$D(t)$ (reduced units)"], len(cases), [4.6])
+    figure, axes = columns(["$D(t)$ (reduced units)"], len(cases), [4.6], sharey=False)
     for case, panel in zip(map(over_time, cases), axes[0], strict=True):
         _routes(panel, case)
         for fit in fits_of(case)[:1]:
@@ -40,7 +40,7 @@ def draw(cases):
         if has(case, "enskog_diffusion"):
             panel.axhline(float(case.enskog_diffusion), color=START, linestyle=DOTTED, label=_enskog(case))
         time_axis(panel, case.time.values)
-    axes[0, 0].set_ylim(min(0.0, _extreme(cases, min)), ROOM * _extreme(cases, max) or 1.0)
+        panel.set_ylim(min(0.0, _extreme(case, min)), ROOM * _extreme(case, max) or 1.0)
     heads(axes[0], map(title_of, cases))
     return figure
 
@@ -70,8 +70,8 @@ def _enskog(case):
     return f"Enskog and Langevin, $kT/\\zeta$: {float(case.enskog_diffusion):.4g}{contact}"
 
 
-def _extreme(cases, which):
-    values = [case[name].values for case in cases for name in SPREADING if has(case, name)]
+def _extreme(case, which):
+    values = [case[name].values for name in SPREADING if has(case, name)]
     return which(float(which(np.nanmin(each), np.nanmax(each))) for each in values)
 
 
