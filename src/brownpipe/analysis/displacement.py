@@ -11,6 +11,7 @@ from brownpipe.analysis import resampling
 from brownpipe.analysis.conditions import initial_square_speed
 from brownpipe.analysis.measure import Columns, Measure, scaled, with_error, with_interval
 from brownpipe.analysis.variables import AREA, EACH, RATE, Variable, error_of, estimate_of, kept_always
+from brownpipe.observables import displacement as of_a_run
 
 SAME_TIME = 1e-9  # relative difference of sample times that are one: k dt depends on dt by round-off
 
@@ -24,15 +25,8 @@ class Line(NamedTuple):
 
 
 def squared_displacement(position, image=None, size=(0.0, 0.0)):
-    """Squared distance from the start, (S, T), of tracks `position` (T, S, 2).
-
-    In a periodic box of `size` (width, height), `image` (T, S, 2) counts the boxes crossed: positions are unwrapped.
-    The difference of positions and of images is taken first, so that far images cost no digits.
-    """
-    moved = position - position[0]
-    if image is not None:
-        moved = moved + (image - image[0]) * np.asarray(size, float)
-    return np.ascontiguousarray((moved**2).sum(axis=-1).T)
+    """Squared distance from the start, (S, T), of tracks `position` (T, S, 2), as measured in a run."""
+    return np.ascontiguousarray(of_a_run.from_start(position, image, size).T)
 
 
 def line_weights(times, window):
