@@ -7,6 +7,7 @@ import pytest
 
 from brownpipe import check, cost, exact
 from brownpipe.check import describe
+from brownpipe.engines import Engine, caution
 from brownpipe.reading import SceneError
 from brownpipe.scene import parse_scene, read_scene
 
@@ -28,6 +29,24 @@ def test_scene():
     assert "in steps of --time-step; some " in said["timestep"]
     assert "--friction enskog: the tracer alone, gamma = 7.26; no 1/t tail" in said["langevin"]
     assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in said["caution"]
+
+
+def test_too_few_disks_for_the_box_are_said():
+    """Kinetic theory of equal disks: a flight is 1/(2 sqrt(2) n s) in a thin gas, here of 4 disks in the note's box."""
+    scene = parse_scene(
+        {
+            "box": {"x": [0.0, 6.0], "y": [0.0, 6.0]},
+            "disks": {"species": [{"name": "bath", "count": 4, "radius": 0.1, "mass": 1.0}]},
+            "velocities": {"temperature": 1.0},
+            "duration": 1.0,
+        },
+        "thin.yaml",
+    )
+    expected = 36.0 / 3 / (2 * 2**0.5 * 0.2)  # of the three others
+    assert cost.free_path(scene) == pytest.approx(expected, rel=0.01)
+    remark = caution(Engine("exact"), scene)
+    assert remark.startswith("thin: 4 disks are too few for Brownian motion in this box: a disk flies 21 between")
+    assert caution(Engine("exact"), read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
 
 
 def test_scene_with_another_number_of_disks():

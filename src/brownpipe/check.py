@@ -40,6 +40,7 @@ def _scene(scene: Scene) -> list[str]:
         f"expected  {_expected(scene, one)}",
         f"cost      some {in_time(one.seconds)} of CPU a run, once {cost.START_UP:g} s have passed to start;"
         f" {in_bytes(one.working)} of memory, {in_bytes(one.recorded)} of file",
+        *_cautions(Engine("exact"), [scene]),
         *_others(scene),
     ]
 
@@ -79,7 +80,8 @@ def _engine(scene: Scene) -> str:
     alike = "equal disks" if w.mass is None else "radius and mass of each disk"
     edge = "periodic images" if scene.box.periodic else "walls"
     big = f", {w.big.number} much bigger than the rest" if w.big is not None else ""
-    return f"{edge}, {alike}{big}, {w.grid.columns} x {w.grid.lines} cells"
+    lists = ", neighbour lists" if w.lists is not None else ""
+    return f"{edge}, {alike}{big}, {w.grid.columns} x {w.grid.lines} cells{lists}"
 
 
 def _others(scene: Scene) -> list[str]:

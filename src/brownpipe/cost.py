@@ -164,6 +164,14 @@ def pair_rate(scene: Scene, kinds: Kinds) -> float:
     return float(rate)
 
 
+def free_path(scene: Scene) -> float:
+    """Return how far a disk of mean speed flies between collisions with others [length]; inf without any."""
+    kinds = kinds_of(scene)
+    rate = 2 * pair_rate(scene, kinds) / max(scene.particles, 1)
+    speed = float(np.sqrt(np.pi / 2) * (kinds.number @ kinds.speed) / max(scene.particles, 1))
+    return speed / rate if rate > 0 else np.inf
+
+
 def wall_rate(scene: Scene, kinds: Kinds) -> float:
     """Return the expected collisions with walls per time: a gas of the disks' pressure hits the perimeter."""
     if scene.box.periodic or scene.particles == 0:

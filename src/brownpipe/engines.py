@@ -4,6 +4,7 @@ An engine is the module or package of its name, with
 `simulate(scene, seeds, record, observables=(), average="runs", **settings) -> Ensemble`. It is imported when it is run.
 """
 
+import math
 from importlib import import_module
 from typing import NamedTuple
 
@@ -108,4 +109,10 @@ def caution(engine: Engine, scene) -> str | None:
         from brownpipe import friction
 
         return friction.caution(scene)
+    from brownpipe.cost import free_path
+
+    side = min(scene.box.width, scene.box.height)
+    if len(scene.species) and scene.particles > 1 and side < free_path(scene) < math.inf:
+        flight = f"a disk flies {free_path(scene):.2g} between collisions, and the box is {side:.2g} wide"
+        return f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: {flight}"
     return None
