@@ -38,7 +38,7 @@ def is_alike(scene):
 
 
 def enskog(scene):
-    """Collision rate per disk, compressibility, and diffusion coefficient of the tracer: Enskog's theory in the bulk.
+    """Collision rates, contact value, compressibility, and diffusion coefficient of the tracer: Enskog's theory.
 
     Of the whole box, walls or not; {} without a temperature or beyond DENSEST. Of the tracer's own species the others
     alone count as its bath.
@@ -56,6 +56,8 @@ def enskog(scene):
     friction = theory.enskog_friction(bath, radius[0] + radius, chi, mu, kt).sum()
     return {
         "enskog_collision_rate": number @ rates.sum(axis=1) / number.sum(),
+        "enskog_tracer_collision_rate": rates[0].sum(),
+        "enskog_contact_value": chi[np.argmax(bath)],
         "enskog_compressibility": theory.mixture_compressibility(n, 2 * radius),
         "enskog_diffusion": kt / friction,
     }
@@ -117,6 +119,8 @@ MEASURE = Measure(
             for key, one in estimate_of(name, EACH, unit, text).items()
         },
         "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
+        "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
+        "enskog_contact_value": Variable(EACH, "1", "contact value of the tracer and its most numerous partners"),
         "enskog_compressibility": Variable(EACH, "1", "compressibility factor P/(n kT), from the contact values"),
         "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient of the tracer, Enskog's theory"),
     },
