@@ -101,6 +101,18 @@ def test_slope_of_a_parabola():
     assert velocity.slope_weights(times) @ (5 - 3 * times + 2 * times**2)[:3] == pytest.approx(-3)
 
 
+@pytest.mark.parametrize("samples", [{"samples": {"per_decade": 10, "first": 1e-3}}, {"sample_interval": 0.01}])
+def test_initial_slope_is_taken_where_a_quarter_is_lost(samples):
+    """Of an exponential decay at Enskog's rate: off by 0.25^2/12 at most, from samples neither too near nor too far."""
+    scene = gas(**({"sample_interval": None} | samples))
+    gamma = 1.0 / (scene.mass[0] * thermodynamics.enskog(scene)["enskog_diffusion"])
+    chosen = velocity.early(scene, scene.times)
+    times = scene.times[chosen]
+    assert 0.15 < gamma * times[2] <= 0.25 and times[1] == pytest.approx(times[2] / 2, rel=0.2)
+    assert velocity.slope_weights(times) @ np.exp(-gamma * times) == pytest.approx(-gamma, rel=0.25**2 / 12)
+    assert velocity.early(scene, scene.times[:3]) == [0, 1, 2]
+
+
 def test_expected_slope_is_enskogs_friction():
     """-(2 mu/m) rate <v^2> with Enskog's rate is -(friction/m) <v^2>."""
     case, n = case_of(gas(tracer={"radius": 1.0, "mass": 3.0})), 0.25
