@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brownpipe import study as study_module
 from brownpipe.reading import SceneError
-from brownpipe.study import Engine, Job, parse_seeds, read_study
+from brownpipe.seeds import parse_seeds, stretches
+from brownpipe.study import Engine, Job, read_study
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -134,7 +134,7 @@ def test_seeds_written_one_by_one_or_in_ranges_are_the_same(seeds):
     one_by_one = parse_seeds(",".join(map(str, seeds)))
     assert list(one_by_one) == sorted(seeds)
     assert isinstance(one_by_one, range) == (max(seeds) - min(seeds) + 1 == len(seeds))
-    assert parse_seeds(",".join(f"{first}-{last}" for first, last in study_module._runs(one_by_one))) == one_by_one
+    assert parse_seeds(",".join(f"{first}-{last}" for first, last in stretches(one_by_one))) == one_by_one
 
 
 def test_a_number_is_a_count_and_a_string_names_seeds():

@@ -76,7 +76,8 @@ def simulate(arguments) -> int:
     from brownpipe import cost
     from brownpipe.engines import caution, refuse_unfit
     from brownpipe.scene import read_scene
-    from brownpipe.study import parse_seeds, refuse_repetition
+    from brownpipe.seeds import parse_seeds
+    from brownpipe.study import refuse_repetition
 
     engine, record, seeds = _engine(arguments), _record(arguments.record), parse_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)

@@ -13,7 +13,8 @@ from brownpipe.check import in_bytes, in_time
 from brownpipe.engines import Engine, read_engine, refuse_unfit
 from brownpipe.reading import Entry, SceneError
 from brownpipe.scene import Scene
-from brownpipe.study import MOST_JOBS, MOST_SEEDS, Study, read_tolerance
+from brownpipe.seeds import MOST_SEEDS
+from brownpipe.study import MOST_JOBS, Study, read_tolerance
 
 PILOT_SEED = 2**40  # first seed of pilots, which no study shares
 PILOT_SECONDS = 4.0  # CPU time of a pilot, as expected

@@ -4,7 +4,6 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,13 +14,12 @@ from brownpipe import reading
 from brownpipe.engines import ENGINES, Engine, read_engine, refuse_unfit
 from brownpipe.reading import Entry, must_be, refuse
 from brownpipe.scene import MOST_BYTES, MOST_DISKS, Scene, parse_scene
+from brownpipe.seeds import MOST_SEEDS, batches, read_seeds
 
-__all__ = ["ENGINES", "Engine", "Job", "Study", "parse_seeds", "read_study", "refuse_repetition"]
+__all__ = ["ENGINES", "Engine", "Job", "Study", "read_study", "refuse_repetition"]
 
 MOST_STUDY_BYTES = 2**20
-MOST_SEEDS = 10_000_000
 MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
-LARGEST_SEED = 2**63 - 1
 
 FOLLOWED, COUNTS = "a disk to follow", "two particle counts or more"
 TRACKED, SPREADING = "record: tracer", "record: tracer, or displacement among the observables"
@@ -114,7 +112,7 @@ class Study:
 
     def batches_of(self, seeds: Sequence[int]) -> list[tuple[int, int]]:
         """As `batches`, for other seeds."""
-        return [cut for first, last in _runs(seeds) for cut in _cuts(first, last, self.batch)] if seeds else []
+        return batches(seeds, self.batch)
 
     @property
     def measuring(self) -> str:
@@ -187,7 +185,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         scenes=scenes,
         cases=cases,
         uses=_uses(given["engines"], cases),
-        seeds=_seeds(given["seeds"]) if tolerance is None else (),
+        seeds=read_seeds(given["seeds"]) if tolerance is None else (),
         batch=reading.integer(given["batch"], 1, MOST_SEEDS),
         figures=_figures(given["figures"], cases, record, observables),
         displacement_times=_displacement_times(given["displacement_times"], cases),
@@ -215,57 +213,6 @@ def refuse_repetition(scenes: Sequence[Scene], seeds: Sequence[int], entry: Entr
     if listed and len(seeds) > 1:
         why = f"as the disks of {listed[0]} are listed one by one and leave nothing to chance"
         refuse(entry or Entry(None, "", ("seeds",)), f"must be one seed, {why}; found {len(seeds)}")
-
-
-def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
-    """Return the seeds of "0-2399", "17" or "3,5,9", ascending and without repeats; a range where there is no gap."""
-    entry = entry or Entry(text, "", ("seeds",))
-    parts = [re.fullmatch(r"([0-9]{1,19})(?:-([0-9]{1,19}))?", part.strip(), re.ASCII) for part in text.split(",")]
-    if None in parts:
-        must_be(entry, "seeds like 17, 0-2399 or 3,5,9")
-    ends = [(int(part[1]), int(part[2] or part[1])) for part in parts]
-    if any(first > last for first, last in ends):
-        must_be(entry, "ranges that ascend, like 0-2399")
-    if any(last > LARGEST_SEED for _, last in ends):
-        must_be(entry, "seeds below 2**63")
-    runs = _merged(ends)
-    if sum(last - first + 1 for first, last in runs) > MOST_SEEDS:
-        must_be(entry, f"at most {MOST_SEEDS} seeds")
-    ranges = [range(first, last + 1) for first, last in runs]
-    return ranges[0] if len(ranges) == 1 else tuple(chain.from_iterable(ranges))
-
-
-def _merged(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return runs of consecutive seeds in ascending order, joined where they touch or overlap."""
-    merged = []
-    for first, last in sorted(runs):
-        if merged and first <= merged[-1][1] + 1:
-            first, last = merged[-1][0], max(last, merged.pop()[1])
-        merged.append((first, last))
-    return merged
-
-
-def _seeds(entry: Entry) -> Sequence[int]:
-    """A number is a count (seeds 0, 1, ...); a string or a list names the seeds themselves."""
-    if isinstance(entry.value, int) and not isinstance(entry.value, bool):
-        return range(reading.integer(entry, 1, MOST_SEEDS))
-    parts = entry.value if isinstance(entry.value, list | tuple) else [entry.value]
-    if not parts or not all(isinstance(part, int | str) and not isinstance(part, bool) for part in parts):
-        must_be(entry, "a count like 2400, a range like 0-2399, or a list of seeds and ranges")
-    return parse_seeds(",".join(map(str, parts)), entry)
-
-
-def _runs(seeds: Sequence[int]) -> list[tuple[int, int]]:
-    """Return first and last of each stretch of seeds without a gap."""
-    if isinstance(seeds, range):
-        return [(seeds[0], seeds[-1])]
-    stretches = (list(group) for _, group in groupby(enumerate(seeds), lambda pair: pair[1] - pair[0]))
-    return [(stretch[0][1], stretch[-1][1]) for stretch in stretches]
-
-
-def _cuts(first: int, last: int, batch: int) -> list[tuple[int, int]]:
-    starts = [first, *range(first - first % batch + batch, last + 1, batch)]
-    return [(start, min(last, start - start % batch + batch - 1)) for start in starts]
 
 
 def _one_or_more(entry: Entry) -> list[Entry]:
@@ -315,7 +262,7 @@ def _use(entry: Entry, cases: tuple[Scene, ...]) -> Use:
     for case in cases:
         if case.name in scenes:
             refuse_unfit(engine, case)
-    return Use(engine, scenes, _seeds(own["seeds"]) if "seeds" in own else None)
+    return Use(engine, scenes, read_seeds(own["seeds"]) if "seeds" in own else None)
 
 
 def read_tolerance(entry: Entry) -> float:
