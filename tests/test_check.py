@@ -7,7 +7,7 @@ import pytest
 
 from brownpipe import check, cost, exact
 from brownpipe.check import describe
-from brownpipe.engines import Engine, caution
+from brownpipe.engines import Engine
 from brownpipe.reading import SceneError
 from brownpipe.scene import parse_scene, read_scene
 
@@ -44,9 +44,9 @@ def test_too_few_disks_for_the_box_are_said():
     )
     expected = 36.0 / 3 / (2 * 2**0.5 * 0.2)  # of the three others
     assert cost.free_path(scene) == pytest.approx(expected, rel=0.01)
-    remark = caution(Engine("exact"), scene)
+    remark = cost.caution(Engine("exact"), scene)
     assert remark.startswith("thin: 4 disks are too few for Brownian motion in this box: a disk flies 21 between")
-    assert caution(Engine("exact"), read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
+    assert cost.caution(Engine("exact"), read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
 
 
 def test_scene_with_another_number_of_disks():

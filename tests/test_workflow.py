@@ -13,6 +13,9 @@ import h5py
 import numpy as np
 import pytest
 
+from brownpipe import cost
+from brownpipe.study import read_study
+
 ROOT = Path(__file__).parent.parent
 SNAKEMAKE = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--workflow-profile"]
 SNAKEMAKE += [str(ROOT / "profiles" / "default")]
@@ -113,7 +116,9 @@ def test_everything_declared_is_there_and_printed(finished):
     tables = list((folder / "results/study/benchmarks").rglob("*.tsv"))
     assert (len(logs), len(tables)) == (10, 10)
     said = [line for log in logs for line in log.read_text().splitlines()]
-    assert all("disks are too few for Brownian motion in this box" in line for line in said)
+    study = read_study(folder / "study.yaml")
+    remarks = [cost.caution(engine, case) for case in study.cases for engine in study.engines]
+    assert sorted(said) == sorted(f"brownpipe: {one}" for one in remarks if one for _ in study.batches)
 
 
 def test_same_bytes_with_two_cores_in_another_folder_zone_and_language(finished, tmp_path):

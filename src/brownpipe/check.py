@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from brownpipe import cost, friction, reading
-from brownpipe.engines import Engine, caution, refuse_unfit
+from brownpipe.engines import Engine, refuse_unfit
 from brownpipe.scene import MOST_BYTES, Scene, parse_scene
 from brownpipe.study import Study, read_study
 
@@ -110,7 +110,7 @@ def _model(engine: Engine, scenes: Sequence[Scene]) -> str:
 
 
 def _cautions(engine: Engine, scenes: Sequence[Scene]) -> list[str]:
-    return [f"caution   {one}" for one in dict.fromkeys(caution(engine, scene) for scene in scenes) if one]
+    return [f"caution   {one}" for one in dict.fromkeys(cost.caution(engine, scene) for scene in scenes) if one]
 
 
 def _study(study: Study) -> list[str]:

@@ -74,7 +74,7 @@ def simulate(arguments) -> int:
     the same file, byte for byte.
     """
     from brownpipe import cost
-    from brownpipe.engines import caution, refuse_unfit
+    from brownpipe.engines import refuse_unfit
     from brownpipe.scene import read_scene
     from brownpipe.seeds import parse_seeds
     from brownpipe.study import refuse_repetition
@@ -89,7 +89,7 @@ def simulate(arguments) -> int:
 
     from brownpipe.storage import remove_checkpoint, seed_text, write_trajectories
 
-    if remark := caution(engine, scene):
+    if remark := cost.caution(engine, scene):
         _say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
     kept = _checkpoints(arguments, checkpoint, scene, seeds, record)

@@ -172,6 +172,17 @@ def free_path(scene: Scene) -> float:
     return speed / rate if rate > 0 else np.inf
 
 
+def caution(engine: Engine, scene: Scene) -> str | None:
+    """Return what to bear in mind when this engine does this scene, one line; None if there is nothing."""
+    if engine.name == "langevin":
+        return friction.caution(scene)
+    side, path = min(scene.box.width, scene.box.height), free_path(scene)
+    if not scene.species or scene.particles < 2 or not side < path < np.inf:
+        return None
+    flight = f"a disk flies {path:.2g} between collisions, and the box is {side:.2g} wide"
+    return f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: {flight}"
+
+
 def wall_rate(scene: Scene, kinds: Kinds) -> float:
     """Return the expected collisions with walls per time: a gas of the disks' pressure hits the perimeter."""
     if scene.box.periodic or scene.particles == 0:

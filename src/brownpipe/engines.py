@@ -4,7 +4,6 @@ An engine is the module or package of its name, with
 `simulate(scene, seeds, record, observables=(), average="runs", **settings) -> Ensemble`. It is imported when it is run.
 """
 
-import math
 from importlib import import_module
 from typing import NamedTuple
 
@@ -101,18 +100,3 @@ def refuse_unfit(engine: Engine, scene, record=frozenset({"tracer"})) -> None:
             raise SceneError(
                 "--record events: the timestep engine knows no instants of collisions; must be tracer or all"
             )
-
-
-def caution(engine: Engine, scene) -> str | None:
-    """Return what to bear in mind when this engine does this scene, one line; None if there is nothing."""
-    if engine.name == "langevin":
-        from brownpipe import friction
-
-        return friction.caution(scene)
-    from brownpipe.cost import free_path
-
-    side = min(scene.box.width, scene.box.height)
-    if len(scene.species) and scene.particles > 1 and side < free_path(scene) < math.inf:
-        flight = f"a disk flies {free_path(scene):.2g} between collisions, and the box is {side:.2g} wide"
-        return f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: {flight}"
-    return None

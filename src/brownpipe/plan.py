@@ -340,8 +340,8 @@ def _drawbacks(case: Case, tolerance) -> list[str]:
     return lines
 
 
-def study_of(study_file: str | Path, chosen: Offer, path: str | Path) -> str:
-    """Return the text of a study file at `path` that runs `chosen` in the scenes of another study."""
+def study_of(study_file: str | Path, chosen: Offer, path: str | Path) -> dict:
+    """Return what a study file at `path` holds that runs `chosen` in the scenes of another study."""
     given = dict(reading.read_yaml(study_file, 2**20))
     scenes = given["scenes"] if isinstance(given["scenes"], list) else [given["scenes"]]
     folder = Path(path).resolve().parent
@@ -353,6 +353,7 @@ def study_of(study_file: str | Path, chosen: Offer, path: str | Path) -> str:
 
 
 def write_yaml(path, values: dict, comment: str) -> None:
+    """Write a mapping as YAML under a line of comment; all or nothing."""
     import yaml
 
     from brownpipe.storage import write_file

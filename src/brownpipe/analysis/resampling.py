@@ -133,9 +133,8 @@ def _on_a_grid(columns):
     The unit makes that 2^24, up to which single precision is exact: the matrix product gives the same bits in whatever
     order, on however many threads, it is done. A unit is 2e-4 standard deviations or so: nothing to a resampled mean.
     """
-    length = np.sqrt(np.square(columns / _or_nan(np.abs(columns).max(axis=0))).sum(axis=0)) * np.abs(columns).max(
-        axis=0
-    )
+    largest = np.abs(columns).max(axis=0)
+    length = np.sqrt(np.square(columns / _or_nan(largest)).sum(axis=0)) * largest
     unit = np.ldexp(1.0, np.frexp(np.nan_to_num(length) * _LONGEST)[1] - 24)
     return np.rint(columns / unit).astype(np.float32), unit
 
