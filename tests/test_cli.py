@@ -8,12 +8,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from brownpipe import cli, exact, provenance
+from brownpipe import cli, exact
 from brownpipe.cli import DONE, FAILED, WRONG, main
 from brownpipe.kernels import RunError
 from brownpipe.storage import read_dataset, read_trajectories
@@ -112,8 +111,7 @@ def test_an_engine_gets_its_settings_and_no_other(capsys, monkeypatch, runs):
         calls.append((list(seeds), record, given))
         return read_trajectories(runs).ensemble
 
-    monkeypatch.setitem(sys.modules, "brownpipe.timestep", SimpleNamespace(simulate=simulate))
-    monkeypatch.setitem(provenance.ENGINES, "timestep", provenance.SOURCES)
+    monkeypatch.setattr("brownpipe.timestep.simulate", simulate)
     asked = ["simulate", SCENE, "--particles", 10, "--seeds", "0-2", *STEP, "--output", "x.h5"]
     assert said(capsys, *asked) == (DONE, "", "")
     nothing_measured = {"observables": (), "average": "runs"}
