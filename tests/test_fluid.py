@@ -134,7 +134,8 @@ def test_a_million_disks():
     scene = fluid(0.7, 0.125, {"placement": "lattice"}, n, equilibrate=0.0)
     w = setup.prepare(scene, setup.frame_of(scene))
     arrays = [array for array in (*w, *w.lists) if isinstance(array, np.ndarray)]
-    assert sum(array.nbytes for array in arrays) <= 250 * n
+    sizes = {array.ctypes.data: array.nbytes for array in arrays}  # two may be views of the same memory
+    assert sum(sizes.values()) <= 250 * n
     del w, arrays
     seen = {key: column[0] for key, column in simulate(scene, [1], frozenset()).observables.items()}
     assert seen["pair_collisions"] > 50_000

@@ -7,7 +7,7 @@ An event too far ahead for the ring goes into some later bucket, an event whose 
 what is not yet due when its bucket is opened is entered again.
 """
 
-from brownpipe.exact.workspace import BUCKET, BUCKET_NOW, EVENT_TIME, ROW, SOON
+from brownpipe.exact.workspace import BUCKET, BUCKET_NOW, EVENT_ROW, ROW, SOON
 from brownpipe.kernels import kernel
 
 LINE, ROOM = 16, 15
@@ -59,7 +59,7 @@ def forget_stale(w):
     kept, last_time, last_disk = 0, -1.0, w.soon_disk[0]
     for j in range(w.clock[SOON]):
         time, i = w.soon_time[j], w.soon_disk[j]
-        if w.disk[ROW * i + EVENT_TIME] == time and not (time == last_time and i == last_disk):
+        if w.event_time[EVENT_ROW * i] == time and not (time == last_time and i == last_disk):
             w.soon_time[kept], w.soon_disk[kept] = time, i
             kept, last_time, last_disk = kept + 1, time, i
     w.clock[SOON] = kept
@@ -75,7 +75,7 @@ def open_next_bucket(w):
     for j in range(n):
         i = w.bucket[LINE * number + 1 + j]
         if w.link[ROW * i + BUCKET] == number:
-            push(w, i, w.disk[ROW * i + EVENT_TIME])
+            push(w, i, w.event_time[EVENT_ROW * i])
 
 
 @kernel

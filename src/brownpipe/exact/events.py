@@ -24,7 +24,7 @@ from brownpipe.exact.workspace import (
     DONE,
     DOWN,
     EVENT,
-    EVENT_TIME,
+    EVENT_ROW,
     LEFT,
     LINE,
     LOG_FULL,
@@ -91,7 +91,7 @@ def earliest(w, i, now, candidates, first, m):
     if best < disk[ROW * i + PAIR_TIME]:
         disk[ROW * i + PAIR_TIME] = best
         w.link[ROW * i + PARTNER] = partner
-        w.link[ROW * i + PARTNER_COUNT] = w.link[ROW * (partner & DISK_MASK) + COUNT]
+        w.link[ROW * i + PARTNER_COUNT] = disk[ROW * (partner & DISK_MASK) + COUNT]
 
 
 @kernel
@@ -137,7 +137,7 @@ def schedule(w, i, now):
     leaves = min(x, y) < pair_time
     event = leaves * (sideways * x_event + (1 - sideways) * y_event)  # a branch would be guessed wrong half the time
     time = max(min(min(x, y), pair_time), now)
-    disk[a + EVENT_TIME] = time
+    w.event_time[EVENT_ROW * i] = time
     link[a + EVENT] = event
     calendar.push(w, i, time)
 
@@ -157,7 +157,7 @@ def wrapped(image, w, i, column, line):
     w.disk[ROW * i + Y] -= up * w.grid.height
     image[2 * i] += across
     image[2 * i + 1] += up
-    w.link[ROW * i + COUNT] += 1
+    w.disk[ROW * i + COUNT] += 1.0
     return True
 
 
@@ -197,8 +197,8 @@ def collide(w, i, candidate, now):
     x, y, u, v = displacement(w, i, candidate, now)
     fx, fy = exchange(x, y, u, v)
     mass = push_apart(w.mass, w, i, k, fx, fy)
-    w.link[a + COUNT] += 1
-    w.link[b + COUNT] += 1
+    w.disk[a + COUNT] += 1.0
+    w.disk[b + COUNT] += 1.0
     w.tally[VIRIAL] -= mass * (x * fx + y * fy)
     return mass * fx, mass * fy
 
@@ -210,7 +210,7 @@ def bounce(w, i, event, now):
     radius = radius_of(w.mass, w, i)
     mass = mass_of(w.mass, i)
     move(w, i, now)
-    w.link[a + COUNT] += 1
+    disk[a + COUNT] += 1.0
     side = event - WALL
     if side <= RIGHT:
         disk[a + X] = box.x + radius if side == LEFT else box.x + box.width - radius
@@ -255,7 +255,7 @@ def happen(w, r, i, now):
     event, k = int(link[ROW * i + EVENT]), i
     if event == PAIR:
         partner = link[ROW * i + PARTNER]
-        if link[ROW * (partner & DISK_MASK) + COUNT] == link[ROW * i + PARTNER_COUNT]:
+        if w.disk[ROW * (partner & DISK_MASK) + COUNT] == link[ROW * i + PARTNER_COUNT]:
             k = partner & DISK_MASK
             fx, fy = collide(w, i, partner, now)
             log(w, r, i, int(k), fx, fy, now)
@@ -298,7 +298,7 @@ def run(w, r, until, most):
         if len(r.log_time) > 0 and clock[LOGGED] == len(r.log_time):
             return LOG_FULL, left
         clock[SOON] = soon
-        if w.disk[ROW * i + EVENT_TIME] == now:
+        if w.event_time[EVENT_ROW * i] == now:
             happen(w, r, i, now)
             w.tally[NOW] = now
             if clock[OVERFULL]:
@@ -321,8 +321,8 @@ def begin_block(w):
         if wrapped(w.image, w, i, column, line):
             column, line = column % w.grid.columns, line % w.grid.lines
         grid.enter(w.big, w, i, column, line)
-        w.disk[a + PAIR_TIME] = w.disk[a + EVENT_TIME] = 0.0
-        w.link[a + EVENT], w.link[a + PARTNER], w.link[a + COUNT], w.link[a + PARTNER_COUNT] = PAIR, i, 0, 1
+        w.disk[a + PAIR_TIME] = w.disk[a + COUNT] = w.event_time[EVENT_ROW * i] = 0.0
+        w.link[a + EVENT], w.link[a + PARTNER], w.link[a + PARTNER_COUNT] = PAIR, i, 1
         calendar.insert(w, i, 0.0)
     make_lists(w.lists, w)
 

@@ -34,6 +34,7 @@ LINES_OF_LIST = (16, 32)  # uint32: how many neighbours a disk has, and which
 DENSEST = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice
 # Disks. With more, a short ring is worth more than one that few events are too far ahead for, and reading ahead pays.
 FITS_CACHE = 20_000
+CACHE_LINE = 64  # bytes
 PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
 
 
@@ -101,20 +102,21 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     calendar = _calendar(scene, thermal_speed(scene) * frame.time / frame.length, common, cells, half)
     room = 9 * cells.slots + 8 if big is None else cells.slots * (len(big.reach) + 9) + 9 * big.number + 8
     shift = np.array([(a, u) for u in (0, 1, -1) for a in (0, 1, -1)]) * (cells.width, cells.height)
-    disk = np.zeros((n, ROW))
-    disk[:, RADIUS] = radius
+    disk, link = lines(ROW * n, np.float64), lines(ROW * n, np.uint32)
+    disk[RADIUS::ROW] = radius
     return Workspace(
         grid=cells,
         calendar=calendar,
-        disk=disk.ravel(),
-        link=np.zeros(ROW * n, np.uint32),
+        disk=disk,
+        link=link,
+        event_time=link.view(np.float64),
         mass=None if equal else mass,
-        cell=np.zeros((cells.columns + 2) * (cells.lines + 2) * cells.slots, np.uint32),
+        cell=lines((cells.columns + 2) * (cells.lines + 2) * cells.slots, np.uint32),
         image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
         shift=shift if scene.box.periodic else None,
         big=big,
-        lists=Lists(half, line, n >= FITS_CACHE, np.zeros(2 * n), np.zeros(line * n, np.uint32)) if half else None,
-        bucket=np.zeros(BUCKET_LINE * (calendar.ring + 1), np.uint32),
+        lists=Lists(half, line, n >= FITS_CACHE, np.zeros(2 * n), lines(line * n, np.uint32)) if half else None,
+        bucket=lines(BUCKET_LINE * (calendar.ring + 1), np.uint32),
         soon_time=np.empty(2 * n + 16),
         soon_disk=np.empty(2 * n + 16, np.uint32),
         candidate=np.zeros(room, np.uint32),
@@ -123,6 +125,14 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         count=np.zeros(COUNTS, np.int64),
         tally=np.zeros(TALLY),
     )
+
+
+def lines(size: int, dtype: type) -> np.ndarray:
+    """Return (size,) zeros that begin where a cache line does, so that no row lies across two."""
+    length = size * np.dtype(dtype).itemsize
+    room = np.zeros(length + CACHE_LINE, np.uint8)
+    first = -room.ctypes.data % CACHE_LINE
+    return room[first : first + length].view(dtype)
 
 
 def fill(w: Workspace, state: State, frame: Frame) -> None:

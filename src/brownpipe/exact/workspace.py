@@ -7,12 +7,16 @@ an index is not negative.
 
 from typing import NamedTuple
 
-# The row of a disk: position and velocity at its own time, its next events, its radius.
+# The row of a disk, what others need of it: position and velocity at its own time, when its next collision is, how
+# often its velocity has changed, its radius.
 ROW = 8
-X, Y, VX, VY, TIME, PAIR_TIME, EVENT_TIME, RADIUS = range(ROW)
+X, Y, VX, VY, TIME, PAIR_TIME, COUNT, RADIUS = range(ROW)
 MOTION = slice(X, TIME)  # what outlasts a block
-# The row of its links. COUNT is how often its velocity has changed, PARTNER_COUNT what the partner's was.
-PARTNER, PARTNER_COUNT, COUNT, COLUMN, LINE, BUCKET, EVENT = range(ROW - 1)
+# The row of its links, what only the disk itself needs. It begins with the time of its next event, a float64, which is
+# read and written as `event_time`: the same memory as rows of EVENT_ROW such numbers. PARTNER_COUNT is the partner's
+# COUNT when the collision was predicted.
+PARTNER, PARTNER_COUNT, COLUMN, LINE, BUCKET, EVENT = range(2, ROW)
+EVENT_ROW = ROW // 2
 # The event that is next: with the partner, into the next cell, or with a wall (whose code is WALL + the side).
 PAIR, LEFT, RIGHT, DOWN, UP, WALL = 0, 1, 2, 3, 4, 4
 # A candidate for a collision is a disk or an image of it: disk + (image << DISK_BITS), image 0 the disk itself.
@@ -82,6 +86,7 @@ class Workspace(NamedTuple):
     calendar: Calendar
     disk: object  # (8 N,) float64
     link: object  # (8 N,) uint32
+    event_time: object  # (4 N,) float64, a view of `link`
     mass: object  # (N,) float64, or None where all are equal in mass and radius
     cell: object  # (cells * slots,) uint32
     image: object  # (2 N,) int32, times a disk has gone round a periodic box; None between walls
