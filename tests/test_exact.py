@@ -410,6 +410,22 @@ def test_a_workspace_that_had_to_grow_changes_nothing():
     assert np.array_equal(run.tracer.position[:, 0], run.tracer.position[:, 1])
 
 
+@pytest.mark.parametrize("phi", [0.14, 0.65])
+def test_asking_memory_ahead_changes_no_bit(phi, monkeypatch):
+    """With cells and with lists, as for many disks and as for few."""
+    side = np.sqrt(1200 * np.pi / 4 / phi)
+    disks = {"species": species((1200, 0.5, 1.0)), "placement": "random" if phi < 0.3 else "lattice"}
+    mapping = {"box": box(float(side), float(side), P), "disks": disks, "velocities": {"temperature": 1.0}}
+    scene = parse_scene(mapping | {"duration": 3.0 / phi}, "many.yaml")
+    plain = simulate(scene, [1], {"all"})
+    monkeypatch.setattr(setup, "FITS_CACHE", 0)
+    assert setup.prepare(scene, setup.frame_of(scene)).ahead is not None
+    asking = simulate(scene, [1], {"all"})
+    assert plain.observables["pair_collisions"][0] > 5000
+    assert np.array_equal(plain.whole[1].position, asking.whole[1].position)
+    assert plain.observables == asking.observables
+
+
 def in_plain_python(code):
     """Run some code in a process that compiles nothing and return what it prints, unpickled from hex."""
     folders = Path(__file__).parent, Path(exact.__file__).parents[2]
@@ -427,10 +443,11 @@ FEW = {
 }
 
 
-def test_the_compiler_changes_no_bit():
+@pytest.mark.parametrize("fits_cache", [setup.FITS_CACHE, 0])
+def test_the_compiler_changes_no_bit(fits_cache):
     """Every kernel gives the same numbers as plain Python: nothing is reordered, fused or approximated."""
     others = in_plain_python(
-        "import pickle; from test_exact import FEW, simulate;"
+        f"import pickle; from test_exact import FEW, setup, simulate; setup.FITS_CACHE = {fits_cache};"
         "print(pickle.dumps([simulate(scene, [3], {'all', 'events'}) for scene in FEW.values()]).hex())"
     )
     for scene, other in zip(FEW.values(), others, strict=True):

@@ -14,7 +14,10 @@ from functools import cache
 from pathlib import Path
 
 import numba
+from llvmlite import ir
+from numba import types
 from numba.core.cpu import CPUTargetOptions
+from numba.extending import intrinsic
 
 PACKAGE = Path(__file__).parent
 LOCK = "compiling"  # in each folder of machine code; its time is that of the last use
@@ -82,6 +85,31 @@ def kernel(function):
         return numba.njit(**OPTIONS)(function)
     finally:
         numba.config.CACHE_DIR = saved
+
+
+def prefetch(array, index):
+    """Ask memory for the cache line of array[index] and do not wait for it. Changes nothing but the speed."""
+
+
+if not numba.config.DISABLE_JIT:
+
+    @intrinsic
+    def prefetch(typing, array, index):
+        """Compile to the processor's own instruction."""
+
+        def code(context, builder, signature, arguments):
+            data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+            byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+            line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
+            ask = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+            for_reading, into_all_caches, data = word(0), word(3), word(1)
+            builder.call(
+                builder.module.declare_intrinsic("llvm.prefetch", [byte], ask),
+                [line, for_reading, into_all_caches, data],
+            )
+            return context.get_dummy_value()
+
+        return types.void(array, types.intp), code
 
 
 class RunError(Exception):

@@ -7,8 +7,8 @@ An event too far ahead for the ring goes into some later bucket, an event whose 
 what is not yet due when its bucket is opened is entered again.
 """
 
-from brownpipe.exact.workspace import BUCKET, BUCKET_NOW, EVENT_ROW, ROW, SOON
-from brownpipe.kernels import kernel
+from brownpipe.exact.workspace import BUCKET, BUCKET_NOW, EVENT_ROW, ROW, SOON, WAITING
+from brownpipe.kernels import kernel, prefetch
 
 LINE, ROOM = 16, 15
 OPENED, NOWHERE = 0xFFFFFFFE, 0xFFFFFFFF  # instead of a bucket's number
@@ -39,15 +39,58 @@ def push(w, i, time):
     bucket = int(time * scale.per_time)
     if bucket - now > scale.ring:
         bucket = now + scale.ring - (7 * i & (scale.ring >> 1))  # spread: one bucket could not hold them all
+    if bucket > now:
+        file(w.ahead, w, i, bucket)
+    else:
+        insert_soon(w, i, time)
+
+
+@kernel
+def file(ahead, w, i, bucket):
+    """Put disk i into a bucket; where memory is far, ask for the bucket and put it there before the next is opened."""
+    if ahead is None:
+        put(w, i, bucket)
+        return
+    number, n = bucket & w.calendar.ring, w.clock[WAITING]
+    prefetch(w.bucket, LINE * number)
+    w.link[ROW * i + BUCKET] = number
+    ahead.bucket[n], ahead.disk[n] = bucket, i
+    w.clock[WAITING] = n + 1
+    if n + 1 == len(ahead.disk):
+        put_waiting(ahead, w)
+
+
+@kernel
+def put_waiting(ahead, w):
+    """Put the disks that wait into their buckets, but for those that have got another event since."""
+    if ahead is None:
+        return
+    for j in range(w.clock[WAITING]):
+        bucket, i = ahead.bucket[j], ahead.disk[j]
+        if w.link[ROW * i + BUCKET] == bucket & w.calendar.ring:
+            put(w, i, bucket)
+    w.clock[WAITING] = 0
+
+
+@kernel
+def put(w, i, bucket):
+    """Put disk i into a bucket, or one before it if that is full."""
+    now, ring = w.clock[BUCKET_NOW], w.calendar.ring
     while bucket > now:
-        line = LINE * (bucket & scale.ring)
+        line = LINE * (bucket & ring)
         n = w.bucket[line]
         if n < ROOM:
             w.bucket[line] = n + 1
             w.bucket[line + 1 + n] = i
-            w.link[ROW * i + BUCKET] = bucket & scale.ring
+            w.link[ROW * i + BUCKET] = bucket & ring
             return
         bucket -= 1
+    insert_soon(w, i, w.event_time[EVENT_ROW * i])
+
+
+@kernel
+def insert_soon(w, i, time):
+    """Enter an event of the current bucket, if need be in place of what no longer counts."""
     if w.clock[SOON] == len(w.soon_time):
         forget_stale(w)
     insert(w, i, time)
@@ -68,6 +111,7 @@ def forget_stale(w):
 @kernel
 def open_next_bucket(w):
     """Make the next bucket current."""
+    put_waiting(w.ahead, w)
     w.clock[BUCKET_NOW] += 1
     number = w.clock[BUCKET_NOW] & w.calendar.ring
     n = w.bucket[LINE * number]
@@ -95,3 +139,4 @@ def clear(w):
     w.bucket[::LINE] = 0
     w.clock[BUCKET_NOW] = 0
     w.clock[SOON] = 0
+    w.clock[WAITING] = 0

@@ -10,6 +10,7 @@ import math
 
 from brownpipe.collisions import delay, encounter, exchange, meets
 from brownpipe.exact import calendar, grid, lists
+from brownpipe.exact.ahead import ask_ahead
 from brownpipe.exact.disks import contact_distance, displacement, mass_of, move, push_apart, radius_of
 from brownpipe.exact.sampling import audit_place, sample
 from brownpipe.exact.workspace import (
@@ -290,7 +291,7 @@ def run(w, r, until, most):
             if (clock[BUCKET_NOW] + 1) * w.calendar.width > until:
                 return DONE, left
             calendar.open_next_bucket(w)
-            lists.read_ahead(w.lists, w)
+            ask_ahead(w.ahead, w)
         soon = clock[SOON] - 1
         now, i = w.soon_time[soon], w.soon_disk[soon]
         if now > until:

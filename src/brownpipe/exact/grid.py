@@ -171,12 +171,18 @@ def gather_around(w, column, line):
 
 
 @kernel
-def gather_entered(w, column, line, event):
-    """Make the disks of the three cells that are new after a crossing the candidates."""
+def steps(w, event):
+    """Return how far it is, in numbers of cells, to the cell ahead when a disk crosses, and along the edge between."""
     above = w.grid.columns + 2
     sideways = event <= RIGHT
-    ahead = (event == RIGHT) - (event == LEFT) + above * ((event == UP) - (event == DOWN))
-    return gather_three(w, cell_at(w, column, line) + ahead, above if sideways else 1, 0)
+    return (event == RIGHT) - (event == LEFT) + above * ((event == UP) - (event == DOWN)), above if sideways else 1
+
+
+@kernel
+def gather_entered(w, column, line, event):
+    """Make the disks of the three cells that are new after a crossing the candidates."""
+    ahead, along = steps(w, event)
+    return gather_three(w, cell_at(w, column, line) + ahead, along, 0)
 
 
 @kernel

@@ -11,17 +11,12 @@ import math
 from brownpipe.exact import grid
 from brownpipe.exact.disks import contact_distance, shifted
 from brownpipe.exact.workspace import (
-    AHEAD,
     COLUMN,
     DISK_BITS,
     DISK_MASK,
-    EVENT,
     LINE,
     OVERFULL,
-    PAIR,
-    PARTNER,
     ROW,
-    SOON,
     TIME,
     VX,
     VY,
@@ -112,36 +107,3 @@ def edges_ahead(lists, i, vx, vy):
 def neighbours(lists, i):
     """Return the array that the list of disk i is in, where it begins, and how many it holds."""
     return lists.neighbour, lists.line * i + 1, lists.neighbour[lists.line * i]
-
-
-@kernel
-def read_neighbours(lists, w, i):
-    """Read where the neighbours of disk i are."""
-    first, total = lists.line * i, 0.0
-    for j in range(first + 1, first + 1 + lists.neighbour[first]):
-        total += w.disk[ROW * (lists.neighbour[j] & DISK_MASK)]
-    return total
-
-
-@kernel
-def read_ahead(lists, w):
-    """Read what the events of the bucket just opened are about: memory then answers for all of them at the same time.
-
-    What was read is added up and kept, lest the compiler leaves it out.
-    """
-    if lists is None:
-        return
-    if not lists.ahead:
-        return
-    link, disks, total = w.link, w.soon_disk[: w.clock[SOON]], 0.0
-    for i in disks:
-        partner = link[ROW * i + PARTNER] & DISK_MASK
-        total += lists.neighbour[lists.line * i] + lists.centre[2 * i] + link[ROW * partner]
-    for i in disks:
-        if link[ROW * i + EVENT] == PAIR:
-            total += lists.neighbour[lists.line * (link[ROW * i + PARTNER] & DISK_MASK)]
-    for i in disks:
-        total += read_neighbours(lists, w, i)
-        if link[ROW * i + EVENT] == PAIR:
-            total += read_neighbours(lists, w, link[ROW * i + PARTNER] & DISK_MASK)
-    w.tally[AHEAD] = total

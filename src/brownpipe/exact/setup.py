@@ -16,6 +16,7 @@ from brownpipe.exact.workspace import (
     ROW,
     TALLY,
     TIME,
+    Ahead,
     BigDisks,
     Calendar,
     Grid,
@@ -32,8 +33,8 @@ LARGEST_RATIO = 1e12  # of masses, up to which the light disks are given time fo
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than cells alone
 LINES_OF_LIST = (16, 32)  # uint32: how many neighbours a disk has, and which
 DENSEST = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice
-# Disks. With more, a short ring is worth more than one that few events are too far ahead for, and reading ahead pays.
-FITS_CACHE = 20_000
+FITS_CACHE = 20_000  # disks; with more it pays to ask memory ahead, and not to have a ring for all that may come
+WAIT = 64  # disks that wait for their bucket: more than a bucket's events schedule
 CACHE_LINE = 64  # bytes
 PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
 
@@ -115,10 +116,11 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
         shift=shift if scene.box.periodic else None,
         big=big,
-        lists=Lists(half, line, n >= FITS_CACHE, np.zeros(2 * n), lines(line * n, np.uint32)) if half else None,
+        lists=Lists(half, line, np.zeros(2 * n), lines(line * n, np.uint32)) if half else None,
         bucket=lines(BUCKET_LINE * (calendar.ring + 1), np.uint32),
         soon_time=np.empty(2 * n + 16),
         soon_disk=np.empty(2 * n + 16, np.uint32),
+        ahead=Ahead(np.zeros(WAIT, np.int64), np.zeros(WAIT, np.uint32)) if n >= FITS_CACHE else None,
         candidate=np.zeros(room, np.uint32),
         approach=np.zeros(3 * room),
         clock=np.zeros(CLOCK, np.int64),
@@ -211,7 +213,7 @@ def _calendar(scene: Scene, speed: float, common: float, cells: Grid, half: floa
     crossing = speed * (1 / cells.cell_width + 1 / cells.cell_height) if half == 0.0 else 0.5 * speed / half
     block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, PATH_PER_BLOCK * sigma / speed))
     width = power_of_two(min(EVENTS_PER_BUCKET / (n * (rate + crossing)), block))
-    ring = max(16, 2 ** math.ceil(math.log2((0.75 if n < FITS_CACHE else 0.25) * n)))
+    ring = max(16, 2 ** math.ceil(math.log2((0.75 if n < FITS_CACHE else 0.5) * n)))
     return Calendar(block, width, 1 / width, ring - 1)
 
 

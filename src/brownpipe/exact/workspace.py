@@ -23,14 +23,14 @@ PAIR, LEFT, RIGHT, DOWN, UP, WALL = 0, 1, 2, 3, 4, 4
 DISK_BITS = 28
 DISK_MASK = (1 << DISK_BITS) - 1
 # Columns of `tally` and `count`: what a run reports.
-# STRAY: how far a disk was outside its cell or square, in cells. AHEAD means nothing (`lists.read_ahead`).
-NOW, NEAREST, STRAY, VIRIAL, AHEAD, WALL_IMPULSE = range(6)  # WALL_IMPULSE + side - 1: four of them
+# STRAY: how far a disk was outside its cell or square, in cells.
+NOW, NEAREST, STRAY, VIRIAL, WALL_IMPULSE = range(5)  # WALL_IMPULSE + side - 1: four of them
 TALLY = WALL_IMPULSE + 4
 PAIRS, WALLS, TRACER_PAIRS, STALE, CROSSINGS = range(5)
 COUNTS = 5
 # Columns of `clock`.
-BUCKET_NOW, SOON, BLOCK, SAMPLE, LOGGED, OVERFULL, OPEN, STOP = range(8)  # STOP: at the end of the block
-CLOCK = 8
+BUCKET_NOW, SOON, BLOCK, SAMPLE, LOGGED, OVERFULL, OPEN, STOP, WAITING = range(9)  # STOP: at the end of the block
+CLOCK = 9
 # How a call of `advance` ends.
 DONE, PAUSED, LOG_FULL, CELL_FULL, BLOCK_OVER = range(5)
 
@@ -74,9 +74,15 @@ class Lists(NamedTuple):
 
     half: float  # half the side of a square
     line: int  # of one disk in `neighbour`: a power of two
-    ahead: bool  # whether memory is so much slower than the processor's cache that it pays to read ahead
     centre: object  # (2 N,) float64, of the squares
     neighbour: object  # (line * N,) uint32, how many neighbours and which
+
+
+class Ahead(NamedTuple):
+    """Where memory is much slower than the processor's cache: disks that wait for their bucket to come from there."""
+
+    bucket: object  # (n,) int64, the number of each one's bucket
+    disk: object  # (n,) uint32
 
 
 class Workspace(NamedTuple):
@@ -96,6 +102,7 @@ class Workspace(NamedTuple):
     bucket: object  # (16 * ring,) uint32
     soon_time: object  # events of the current bucket, the next one last
     soon_disk: object
+    ahead: object  # Ahead; None where memory is near
     candidate: object  # scratch of `predict`
     approach: object
     clock: object  # int64

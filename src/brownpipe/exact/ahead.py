@@ -1,0 +1,147 @@
+"""Where memory is far: what the next events will need is asked for before they happen.
+
+With more disks than the processor's cache holds an event waits for memory again and again, as one thing leads to the
+next: a bucket to its disks, a disk to its partner and to its cell or list, and these to the candidates. So whenever a
+bucket is opened, a stage of this is due for each of the next few; what a stage reads was asked for by the one before.
+Nothing is computed here, and no result depends on it.
+"""
+
+from brownpipe.exact import calendar, grid
+from brownpipe.exact.workspace import (
+    BUCKET,
+    BUCKET_NOW,
+    COLUMN,
+    DISK_MASK,
+    EVENT,
+    LEFT,
+    LINE,
+    PAIR,
+    PARTNER,
+    ROW,
+    SOON,
+    UP,
+)
+from brownpipe.kernels import kernel, prefetch
+
+
+@kernel
+def ask_ahead(ahead, w):
+    """Ask for what the events of the current bucket and the next ones will need, where memory is far."""
+    if ahead is None:
+        return
+    prefetch(w.bucket, calendar.LINE * bucket_ahead(w, 5))
+    for j in entries(w, bucket_ahead(w, 3)):
+        ask_for_disk(w, w.bucket[j])
+    bucket = bucket_ahead(w, 2)
+    for j in entries(w, bucket):
+        i = w.bucket[j]
+        if w.link[ROW * i + BUCKET] == bucket:
+            ask_for_disk(w, partner_of(w, i))
+            ask_where(w.lists, w, i, int(w.link[ROW * i + EVENT]))
+    bucket = bucket_ahead(w, 1)
+    for j in entries(w, bucket):
+        i = w.bucket[j]
+        if w.link[ROW * i + BUCKET] == bucket:
+            event = int(w.link[ROW * i + EVENT])
+            ask_for_candidates(w.lists, w, i, event)
+            if event == PAIR:
+                ask_where(w.lists, w, partner_of(w, i), PAIR)
+    for i in w.soon_disk[: w.clock[SOON]]:
+        if w.link[ROW * i + EVENT] == PAIR:
+            ask_for_candidates(w.lists, w, partner_of(w, i), PAIR)
+
+
+@kernel
+def bucket_ahead(w, ahead):
+    """Return the number of a bucket after the current one."""
+    return (w.clock[BUCKET_NOW] + ahead) & w.calendar.ring
+
+
+@kernel
+def entries(w, bucket):
+    """Return where the disks in a bucket are, those included that do not count."""
+    first = calendar.LINE * bucket
+    return range(first + 1, first + 1 + w.bucket[first])
+
+
+@kernel
+def partner_of(w, i):
+    """Return the disk that disk i will collide with, or would have."""
+    return w.link[ROW * i + PARTNER] & DISK_MASK
+
+
+@kernel
+def ask_for_disk(w, i):
+    """Ask for both rows of disk i."""
+    prefetch(w.link, ROW * i)
+    prefetch(w.disk, ROW * i)
+
+
+@kernel
+def ask_where(neighbour_lists, w, i, event):
+    """Ask for the list of disk i, or for the cells, that say which candidates it will have after an event."""
+    if neighbour_lists is not None:
+        prefetch(neighbour_lists.neighbour, neighbour_lists.line * i)
+        prefetch(neighbour_lists.centre, 2 * i)
+        if event == PAIR:
+            return
+    elif LEFT <= event <= UP:
+        ask_for_cells_entered(w, i, event)
+        return
+    slots, middle, above = w.grid.slots, cell_of(w, i), w.grid.columns + 2
+    for cell in (middle - above, middle, middle + above):
+        prefetch(w.cell, slots * (cell - 1))
+        prefetch(w.cell, slots * (cell + 1))
+
+
+@kernel
+def ask_for_cells_entered(w, i, event):
+    """Ask for the cell that disk i leaves, the one it enters, and those three that are new to it then."""
+    slots, cell = w.grid.slots, cell_of(w, i)
+    ahead, along = grid.steps(w, event)
+    prefetch(w.cell, slots * cell)
+    prefetch(w.cell, slots * (cell + ahead))
+    for side in (-along, 0, along):
+        prefetch(w.cell, slots * (cell + 2 * ahead + side))
+
+
+@kernel
+def ask_for_candidates(neighbour_lists, w, i, event):
+    """Ask for the candidates that disk i will have after an event."""
+    if neighbour_lists is not None:
+        ask_for_list(neighbour_lists, w, i, event)
+    elif LEFT <= event <= UP:
+        ahead, along = grid.steps(w, event)
+        ask_for_three(w, cell_of(w, i) + 2 * ahead, along)
+    else:
+        middle, above = cell_of(w, i), w.grid.columns + 2
+        for cell in (middle - above, middle, middle + above):
+            ask_for_three(w, cell, 1)
+
+
+@kernel
+def ask_for_list(neighbour_lists, w, i, event):
+    """Ask for the disks on the list of disk i, and if that is to be made anew for their lists, too."""
+    first = neighbour_lists.line * i
+    for j in range(first + 1, first + 1 + neighbour_lists.neighbour[first]):
+        k = neighbour_lists.neighbour[j] & DISK_MASK
+        prefetch(w.disk, ROW * k)
+        if event != PAIR:
+            prefetch(neighbour_lists.neighbour, neighbour_lists.line * k)
+            prefetch(neighbour_lists.centre, 2 * k)
+
+
+@kernel
+def ask_for_three(w, middle, step):
+    """Ask for two disks each of a cell, of the one a step before it and of the one after; few cells hold more."""
+    cells = len(w.cell) // w.grid.slots
+    for cell in (middle - step, middle, middle + step):
+        first = w.grid.slots * min(max(cell, 0), cells - 1)
+        prefetch(w.disk, ROW * (w.cell[first + 1] & DISK_MASK))
+        prefetch(w.disk, ROW * (w.cell[first + 2] & DISK_MASK))
+
+
+@kernel
+def cell_of(w, i):
+    """Return the number of the cell of disk i."""
+    return grid.cell_at(w, int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE]))
