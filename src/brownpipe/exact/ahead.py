@@ -6,7 +6,7 @@ bucket is opened, a stage of this is due for each of the next few; what a stage 
 Nothing is computed here, and no result depends on it.
 """
 
-from brownpipe.exact import calendar, grid
+from brownpipe.exact import calendar, grid, lists
 from brownpipe.exact.workspace import (
     BUCKET,
     BUCKET_NOW,
@@ -81,7 +81,7 @@ def ask_for_disk(w, i):
 def ask_where(neighbour_lists, w, i, event):
     """Ask for the list of disk i, or for the cells, that say which candidates it will have after an event."""
     if neighbour_lists is not None:
-        prefetch(neighbour_lists.neighbour, neighbour_lists.line * i)
+        prefetch(neighbour_lists.neighbour, lists.room(neighbour_lists.wide) * i)
         prefetch(neighbour_lists.centre, 2 * i)
         if event == PAIR:
             return
@@ -122,12 +122,12 @@ def ask_for_candidates(neighbour_lists, w, i, event):
 @kernel
 def ask_for_list(neighbour_lists, w, i, event):
     """Ask for the disks on the list of disk i, and if that is to be made anew for their lists, too."""
-    first = neighbour_lists.line * i
+    first = lists.room(neighbour_lists.wide) * i
     for j in range(first + 1, first + 1 + neighbour_lists.neighbour[first]):
         k = neighbour_lists.neighbour[j] & DISK_MASK
         prefetch(w.disk, ROW * k)
         if event != PAIR:
-            prefetch(neighbour_lists.neighbour, neighbour_lists.line * k)
+            prefetch(neighbour_lists.neighbour, lists.room(neighbour_lists.wide) * k)
             prefetch(neighbour_lists.centre, 2 * k)
 
 

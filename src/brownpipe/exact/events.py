@@ -332,7 +332,7 @@ def begin_block(w):
 def make_lists(neighbour_lists, w):
     """Make the lists of all disks anew, if there are any."""
     if neighbour_lists is not None:
-        neighbour_lists.neighbour[:: neighbour_lists.line] = 0
+        neighbour_lists.neighbour[:: lists.room(neighbour_lists.wide)] = 0
         n = len(w.disk) // ROW
         for i in range(n):
             lists.centre(neighbour_lists, w, i, 0.0)

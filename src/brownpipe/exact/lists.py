@@ -15,11 +15,13 @@ from brownpipe.exact.workspace import (
     DISK_BITS,
     DISK_MASK,
     LINE,
+    LIST_LINE,
     OVERFULL,
     ROW,
     TIME,
     VX,
     VY,
+    WIDE_LINE,
     X,
     Y,
 )
@@ -35,20 +37,29 @@ def reversed_image(candidate, i):
 
 
 @kernel
+def room(wide):
+    """Return how many numbers the list of a disk takes, as a constant: one in the workspace costs 4 %."""
+    if wide is None:
+        return LIST_LINE
+    return WIDE_LINE
+
+
+@kernel
 def append(lists, w, i, candidate):
     """Put a candidate on the list of disk i; if there is no room, say so in the clock."""
-    n = lists.neighbour[lists.line * i]
-    if n + 1 == lists.line:
+    first = room(lists.wide) * i
+    n = lists.neighbour[first]
+    if n + 1 == room(lists.wide):
         w.clock[OVERFULL] = 1
         return
-    lists.neighbour[lists.line * i + 1 + n] = candidate
-    lists.neighbour[lists.line * i] = n + 1
+    lists.neighbour[first + 1 + n] = candidate
+    lists.neighbour[first] = n + 1
 
 
 @kernel
 def strike(lists, i, candidate):
     """Take a candidate off the list of disk i, the last one taking its place."""
-    first = lists.line * i
+    first = room(lists.wide) * i
     n = lists.neighbour[first]
     last = lists.neighbour[first + n]
     for j in range(first + 1, first + n):
@@ -71,7 +82,7 @@ def near(lists, w, i, candidate):
 @kernel
 def forget(lists, i):
     """Empty the list of disk i, and take it off the lists of its neighbours."""
-    first = lists.line * i
+    first = room(lists.wide) * i
     for j in range(first + 1, first + 1 + lists.neighbour[first]):
         strike(lists, lists.neighbour[j] & DISK_MASK, reversed_image(lists.neighbour[j], i))
     lists.neighbour[first] = 0
@@ -106,4 +117,5 @@ def edges_ahead(lists, i, vx, vy):
 @kernel
 def neighbours(lists, i):
     """Return the array that the list of disk i is in, where it begins, and how many it holds."""
-    return lists.neighbour, lists.line * i + 1, lists.neighbour[lists.line * i]
+    first = room(lists.wide) * i
+    return lists.neighbour, first + 1, lists.neighbour[first]

@@ -10,12 +10,14 @@ from brownpipe.exact.calendar import LINE as BUCKET_LINE
 from brownpipe.exact.workspace import (
     CLOCK,
     COUNTS,
+    LIST_LINE,
     MOTION,
     NEAREST,
     RADIUS,
     ROW,
     TALLY,
     TIME,
+    WIDE_LINE,
     Ahead,
     BigDisks,
     Calendar,
@@ -31,7 +33,6 @@ EVENTS_PER_BUCKET = 8.0  # in the mean
 COLLISIONS_PER_BLOCK = 128.0  # of one disk: a block begins with predicting everything afresh, which should cost little
 LARGEST_RATIO = 1e12  # of masses, up to which the light disks are given time for speeds they may reach
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than cells alone
-LINES_OF_LIST = (16, 32)  # uint32: how many neighbours a disk has, and which
 DENSEST = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice
 FITS_CACHE = 20_000  # disks; with more it pays to ask memory ahead, and not to have a ring for all that may come
 WAIT = 64  # disks that wait for their bucket: more than a bucket's events schedule
@@ -97,12 +98,13 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     big = _big_disks(_grid(scene, frame, common, 0.0), radius, common)
     if big is None:
         common = radius.max(initial=common)
-    half, line = _squares(scene, radius) if big is None and slots is None else (0.0, 0)
+    half, wide = _squares(scene, radius) if big is None and slots is None else (0.0, None)
     cells = _grid(scene, frame, common, half)
     cells = cells._replace(slots=slots or _slots(scene, radius, common, cells))
     calendar = _calendar(scene, thermal_speed(scene) * frame.time / frame.length, common, cells, half)
     room = 9 * cells.slots + 8 if big is None else cells.slots * (len(big.reach) + 9) + 9 * big.number + 8
     shift = np.array([(a, u) for u in (0, 1, -1) for a in (0, 1, -1)]) * (cells.width, cells.height)
+    soon = n + n // 8 + 16  # all disks at once, and room before what no longer counts must be looked for
     disk, link = lines(ROW * n, np.float64), lines(ROW * n, np.uint32)
     disk[RADIUS::ROW] = radius
     return Workspace(
@@ -116,10 +118,10 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
         shift=shift if scene.box.periodic else None,
         big=big,
-        lists=Lists(half, line, np.zeros(2 * n), lines(line * n, np.uint32)) if half else None,
+        lists=_lists(half, wide, n) if half else None,
         bucket=lines(BUCKET_LINE * (calendar.ring + 1), np.uint32),
-        soon_time=np.empty(2 * n + 16),
-        soon_disk=np.empty(2 * n + 16, np.uint32),
+        soon_time=np.empty(soon),
+        soon_disk=np.empty(soon, np.uint32),
         ahead=Ahead(np.zeros(WAIT, np.int64), np.zeros(WAIT, np.uint32)) if n >= FITS_CACHE else None,
         candidate=np.zeros(room, np.uint32),
         approach=np.zeros(3 * room),
@@ -172,21 +174,20 @@ def _crowd(scene: Scene, smallest: float, area: float) -> float:
     return scene.packing_fraction * area / (math.pi * smallest**2)
 
 
-def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, int]:
-    """Return half the side of the squares for which neighbour lists hold, and the line that a list takes.
+def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, bool | None]:
+    """Return half the side of the squares for which neighbour lists hold, and whether lists are wide (True or None).
 
-    (0.0, 0) where cells alone are faster, or where the neighbours of the largest disk may be too many for a list.
+    A side of 0 where cells alone are faster, or where the neighbours of the largest disk may be too many for a list.
     """
     phi = scene.packing_fraction
     if phi < LISTS_FROM or len(radius) == 0:
-        return 0.0, 0
+        return 0.0, None
     smallest, largest = radius.min(), radius.max()
     gap = math.sqrt(DENSEST / phi) - 1  # mean, between the edges of neighbours, in contact distances
     half = 2 * radius.mean() * min(max(2 * gap, 0.02), 0.35)
     reach = largest + 2 * smallest  # beyond two squares next to each other, of the edge of a small disk
     most = _crowd(scene, smallest, (4 * half) ** 2 + 16 * half * reach + math.pi * reach**2)
-    line = next((line for line in LINES_OF_LIST if most < line), 0)
-    return (half, line) if line else (0.0, 0)
+    return half if most < WIDE_LINE else 0.0, None if most < LIST_LINE else True
 
 
 def _grid(scene: Scene, frame: Frame, common: float, half: float) -> Grid:
@@ -215,6 +216,12 @@ def _calendar(scene: Scene, speed: float, common: float, cells: Grid, half: floa
     width = power_of_two(min(EVENTS_PER_BUCKET / (n * (rate + crossing)), block))
     ring = max(16, 2 ** math.ceil(math.log2((0.75 if n < FITS_CACHE else 0.5) * n)))
     return Calendar(block, width, 1 / width, ring - 1)
+
+
+def _lists(half: float, wide: bool | None, n: int) -> Lists:
+    """Return empty lists for n disks."""
+    line = WIDE_LINE if wide else LIST_LINE
+    return Lists(half, wide, np.zeros(2 * n), lines(line * n, np.uint32))
 
 
 def _big_disks(cells: Grid, radius: np.ndarray, common: float) -> BigDisks | None:

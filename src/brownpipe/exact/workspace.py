@@ -22,6 +22,8 @@ PAIR, LEFT, RIGHT, DOWN, UP, WALL = 0, 1, 2, 3, 4, 4
 # A candidate for a collision is a disk or an image of it: disk + (image << DISK_BITS), image 0 the disk itself.
 DISK_BITS = 28
 DISK_MASK = (1 << DISK_BITS) - 1
+# How many numbers the list of a disk takes, and where lists are wide.
+LIST_LINE, WIDE_LINE = 16, 32
 # Columns of `tally` and `count`: what a run reports.
 # STRAY: how far a disk was outside its cell or square, in cells.
 NOW, NEAREST, STRAY, VIRIAL, WALL_IMPULSE = range(5)  # WALL_IMPULSE + side - 1: four of them
@@ -73,7 +75,7 @@ class Lists(NamedTuple):
     """Neighbour lists, and the squares for which they hold."""
 
     half: float  # half the side of a square
-    line: int  # of one disk in `neighbour`: a power of two
+    wide: object  # True where a list takes two cache lines, None where it takes one
     centre: object  # (2 N,) float64, of the squares
     neighbour: object  # (line * N,) uint32, how many neighbours and which
 
