@@ -30,7 +30,7 @@ from brownpipe.state import draw
 ROOT = Path(__file__).parent.parent
 FOR_EVER = np.array([1e9])
 NOTE = ROOT / "config/scenes/harrison2020.yaml"
-NUMBERS, FRACTIONS = (1_000, 10_000, 100_000, 1_000_000), (0.14, 0.5, 0.7)
+NUMBERS, FRACTIONS = (150, 1_000, 10_000, 100_000, 1_000_000), (0.14, 0.5, 0.7)
 # Radius and mass of the species, in equal numbers; a big disk comes on top. A lattice has room for 1.25 at phi = 0.7.
 KINDS = {
     "equal": [(0.5, 1.0)],
@@ -190,12 +190,14 @@ def together(work, processes):
         return sum(pool.map(work, [barrier] * processes, chunksize=1))
 
 
-def ensembles():
-    """Yield what is run, the rate of one process and that of two at once."""
-    yield "the note's scene, N = 150", together(note_rate, 1), together(note_rate, 2)
+def ensembles(repeats=5):
+    """Yield what is run, the rate of one process and that of two at once: the medians of both, measured in turn."""
+    works = {"the note's scene, N = 150": note_rate}
     for n in (1_000, 100_000):
-        work = partial(case_rate, Case(n, 0.5, "periodic", "equal"))
-        yield f"periodic, equal, phi = 0.5, N = {n}", together(work, 1), together(work, 2)
+        works[f"periodic, equal, phi = 0.5, N = {n}"] = partial(case_rate, Case(n, 0.5, "periodic", "equal"))
+    for name, work in works.items():
+        rates = [[together(work, processes) for processes in (1, 2)] for _ in range(repeats)]
+        yield name, *np.median(rates, axis=0)
 
 
 # -- the report -----------------------------------------------------------------------------------------------------

@@ -419,7 +419,9 @@ def test_asking_memory_ahead_changes_no_bit(phi, monkeypatch):
     scene = parse_scene(mapping | {"duration": 3.0 / phi}, "many.yaml")
     plain = simulate(scene, [1], {"all"})
     monkeypatch.setattr(setup, "FITS_CACHE", 0)
-    assert setup.prepare(scene, setup.frame_of(scene)).ahead is not None
+    w = setup.prepare(scene, setup.frame_of(scene))
+    assert w.ahead is not None
+    assert all(array.ctypes.data % 64 == 0 for array in (w.disk, w.link, w.bucket, w.cell))
     asking = simulate(scene, [1], {"all"})
     assert plain.observables["pair_collisions"][0] > 5000
     assert np.array_equal(plain.whole[1].position, asking.whole[1].position)
@@ -434,12 +436,22 @@ def in_plain_python(code):
     return pickle.loads(bytes.fromhex(done.stdout))
 
 
+def clash(side, duration):
+    """A square of disks in a periodic box, each running into one of its neighbours, all at the same time."""
+    row, column = np.divmod(np.arange(side * side), side)
+    position = np.stack([column + 0.5, row + 0.5], axis=1) - side / 2
+    velocity = np.stack([(-1.0) ** (row + column), np.zeros(side**2)], axis=1)
+    state = State(position, velocity, np.full(side**2, 0.2), np.ones(side**2))
+    return explicit(box(side, side, P), state, duration)
+
+
 FEW = {
     "walls": make(box(2, 1.2, W), [(4, 0.15, 1)], 2.0),
     "periodic": make(box(1.3, 1.3, P), [(4, 0.17, 1)], 3.0),
     "mixture": make(box(2, 2, W), [(4, 0.1, 1), (4, 0.14, 0.3)], 2.0),
     "big": make(box(3, 3, P), [(1, 0.5, 2), (20, 0.1, 1)], 0.6),
     "crowded": crowded(box(1.5, 1.4, P), [(12, 0.19, 1)], 0.7),
+    "clash": clash(20, 0.7),
 }
 
 

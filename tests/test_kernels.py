@@ -8,6 +8,8 @@ import sys
 import time
 from itertools import pairwise
 
+import numba
+import numpy as np
 import pytest
 
 from brownpipe import kernels
@@ -32,6 +34,18 @@ def test_one_compiler_at_a_time(tmp_path):
     times = sorted(tuple(map(float, process.communicate(timeout=60)[0].split())) for process in processes)
     assert len(times) == 3
     assert all(end <= begin for (_, end), (begin, _) in pairwise(times))
+
+
+def test_a_prefetch_is_compiled_to_one():
+    """No result can tell."""
+
+    @numba.njit
+    def ask(array, index):
+        kernels.prefetch(array, index)
+
+    ask(np.zeros(4, np.uint32), 2)
+    (compiled,) = ask.inspect_llvm().values()
+    assert "call void @llvm.prefetch" in compiled
 
 
 def test_without_a_place_to_write_nothing_is_locked(monkeypatch):

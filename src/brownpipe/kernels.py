@@ -98,15 +98,13 @@ if not numba.config.DISABLE_JIT:
         """Compile to the processor's own instruction."""
 
         def code(context, builder, signature, arguments):
-            data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+            start = context.make_array(signature.args[0])(context, builder, arguments[0]).data
             byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-            line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
-            ask = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-            for_reading, into_all_caches, data = word(0), word(3), word(1)
-            builder.call(
-                builder.module.declare_intrinsic("llvm.prefetch", [byte], ask),
-                [line, for_reading, into_all_caches, data],
-            )
+            line = builder.bitcast(builder.gep(start, [arguments[1]]), byte)
+            kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+            ask = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+            for_reading, into_all_caches, of_data = word(0), word(3), word(1)
+            builder.call(ask, [line, for_reading, into_all_caches, of_data])
             return context.get_dummy_value()
 
         return types.void(array, types.intp), code

@@ -2,8 +2,9 @@
 
 With more disks than the processor's cache holds an event waits for memory again and again, as one thing leads to the
 next: a bucket to its disks, a disk to its partner and to its cell or list, and these to the candidates. So whenever a
-bucket is opened, a stage of this is due for each of the next few; what a stage reads was asked for by the one before.
-Nothing is computed here, and no result depends on it.
+bucket is opened, the fifth after it is asked for, the disks of the third, the partners and the cells or lists of the
+second, the candidates of the next, and those of the current one's partners: what a stage reads was asked for by the
+one before. Nothing is computed here, and no result depends on it.
 """
 
 from brownpipe.exact import calendar, grid, lists
@@ -13,13 +14,11 @@ from brownpipe.exact.workspace import (
     COLUMN,
     DISK_MASK,
     EVENT,
-    LEFT,
     LINE,
     PAIR,
     PARTNER,
     ROW,
     SOON,
-    UP,
 )
 from brownpipe.kernels import kernel, prefetch
 
@@ -29,16 +28,16 @@ def ask_ahead(ahead, w):
     """Ask for what the events of the current bucket and the next ones will need, where memory is far."""
     if ahead is None:
         return
-    prefetch(w.bucket, calendar.LINE * bucket_ahead(w, 5))
-    for j in entries(w, bucket_ahead(w, 3)):
-        ask_for_disk(w, w.bucket[j])
-    bucket = bucket_ahead(w, 2)
+    prefetch(w.bucket, calendar.LINE * bucket_after(w, 5))
+    for j in entries(w, bucket_after(w, 3)):
+        ask_for_disk(w.mass, w, w.bucket[j])
+    bucket = bucket_after(w, 2)
     for j in entries(w, bucket):
         i = w.bucket[j]
         if w.link[ROW * i + BUCKET] == bucket:
-            ask_for_disk(w, partner_of(w, i))
+            ask_for_disk(w.mass, w, partner_of(w, i))
             ask_where(w.lists, w, i, int(w.link[ROW * i + EVENT]))
-    bucket = bucket_ahead(w, 1)
+    bucket = bucket_after(w, 1)
     for j in entries(w, bucket):
         i = w.bucket[j]
         if w.link[ROW * i + BUCKET] == bucket:
@@ -52,9 +51,9 @@ def ask_ahead(ahead, w):
 
 
 @kernel
-def bucket_ahead(w, ahead):
-    """Return the number of a bucket after the current one."""
-    return (w.clock[BUCKET_NOW] + ahead) & w.calendar.ring
+def bucket_after(w, number):
+    """Return which bucket comes so many after the current one."""
+    return (w.clock[BUCKET_NOW] + number) & w.calendar.ring
 
 
 @kernel
@@ -71,10 +70,12 @@ def partner_of(w, i):
 
 
 @kernel
-def ask_for_disk(w, i):
-    """Ask for both rows of disk i."""
+def ask_for_disk(mass, w, i):
+    """Ask for all that is known of disk i."""
     prefetch(w.link, ROW * i)
     prefetch(w.disk, ROW * i)
+    if mass is not None:
+        prefetch(mass, i)
 
 
 @kernel
@@ -83,15 +84,21 @@ def ask_where(neighbour_lists, w, i, event):
     if neighbour_lists is not None:
         prefetch(neighbour_lists.neighbour, lists.room(neighbour_lists.wide) * i)
         prefetch(neighbour_lists.centre, 2 * i)
-        if event == PAIR:
-            return
-    elif LEFT <= event <= UP:
+        if grid.crosses(event):
+            ask_for_cells_around(w, i)
+    elif grid.crosses(event):
         ask_for_cells_entered(w, i, event)
-        return
-    slots, middle, above = w.grid.slots, cell_of(w, i), w.grid.columns + 2
+    else:
+        ask_for_cells_around(w, i)
+
+
+@kernel
+def ask_for_cells_around(w, i):
+    """Ask for the 3 x 3 cells around disk i."""
+    middle, above = cell_of(w, i), w.grid.columns + 2
     for cell in (middle - above, middle, middle + above):
-        prefetch(w.cell, slots * (cell - 1))
-        prefetch(w.cell, slots * (cell + 1))
+        for side in (-1, 0, 1):
+            prefetch(w.cell, w.grid.slots * (cell + side))
 
 
 @kernel
@@ -110,7 +117,7 @@ def ask_for_candidates(neighbour_lists, w, i, event):
     """Ask for the candidates that disk i will have after an event."""
     if neighbour_lists is not None:
         ask_for_list(neighbour_lists, w, i, event)
-    elif LEFT <= event <= UP:
+    elif grid.crosses(event):
         ahead, along = grid.steps(w, event)
         ask_for_three(w, cell_of(w, i) + 2 * ahead, along)
     else:
@@ -126,7 +133,7 @@ def ask_for_list(neighbour_lists, w, i, event):
     for j in range(first + 1, first + 1 + neighbour_lists.neighbour[first]):
         k = neighbour_lists.neighbour[j] & DISK_MASK
         prefetch(w.disk, ROW * k)
-        if event != PAIR:
+        if grid.crosses(event):
             prefetch(neighbour_lists.neighbour, lists.room(neighbour_lists.wide) * k)
             prefetch(neighbour_lists.centre, 2 * k)
 

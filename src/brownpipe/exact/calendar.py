@@ -4,7 +4,8 @@ A bucket is one cache line: how many entries it has, and up to 15 disks. It hold
 its disk says that it is in this bucket; what a disk was entered for before is left where it is and skipped later. The
 bucket that becomes current is poured into a short array sorted by (time, disk), whose last element is the next event.
 An event too far ahead for the ring goes into some later bucket, an event whose bucket is full into one before it, and
-what is not yet due when its bucket is opened is entered again.
+what is not yet due when its bucket is opened is entered again. Where memory is far, disks wait until their buckets have
+come from there, and are put into them before the next bucket is opened.
 """
 
 from brownpipe.exact.workspace import BUCKET, BUCKET_NOW, EVENT_ROW, ROW, SOON, WAITING
@@ -62,7 +63,7 @@ def file(ahead, w, i, bucket):
 
 @kernel
 def put_waiting(ahead, w):
-    """Put the disks that wait into their buckets, but for those that have got another event since."""
+    """Put the disks that wait into their buckets; those that have got another event since would only take room."""
     if ahead is None:
         return
     for j in range(w.clock[WAITING]):

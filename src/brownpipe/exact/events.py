@@ -243,7 +243,7 @@ def neighbours(neighbour_lists, w, i, event):
         w.disk[ROW * i + PAIR_TIME] = math.inf
         return lists.neighbours(neighbour_lists, i)
     column, line = int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE])
-    if LEFT <= event <= UP:
+    if grid.crosses(event):
         return w.candidate, 0, grid.gather_new(w.big, w, i, column, line, event)
     w.disk[ROW * i + PAIR_TIME] = math.inf
     return w.candidate, 0, grid.gather(w.big, w, i, column, line)

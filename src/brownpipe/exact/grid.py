@@ -171,8 +171,14 @@ def gather_around(w, column, line):
 
 
 @kernel
+def crosses(event):
+    """Whether a disk leaves its cell, or the square of its list."""
+    return LEFT <= event <= UP
+
+
+@kernel
 def steps(w, event):
-    """Return how far it is, in numbers of cells, to the cell ahead when a disk crosses, and along the edge between."""
+    """Return what the number of a cell changes by from one to the one entered, and along the edge between them."""
     above = w.grid.columns + 2
     sideways = event <= RIGHT
     return (event == RIGHT) - (event == LEFT) + above * ((event == UP) - (event == DOWN)), above if sideways else 1

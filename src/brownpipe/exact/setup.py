@@ -105,7 +105,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     room = 9 * cells.slots + 8 if big is None else cells.slots * (len(big.reach) + 9) + 9 * big.number + 8
     shift = np.array([(a, u) for u in (0, 1, -1) for a in (0, 1, -1)]) * (cells.width, cells.height)
     soon = n + n // 8 + 16  # all disks at once, and room before what no longer counts must be looked for
-    disk, link = lines(ROW * n, np.float64), lines(ROW * n, np.uint32)
+    disk, link = aligned(ROW * n, np.float64), aligned(ROW * n, np.uint32)
     disk[RADIUS::ROW] = radius
     return Workspace(
         grid=cells,
@@ -114,12 +114,12 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         link=link,
         event_time=link.view(np.float64),
         mass=None if equal else mass,
-        cell=lines((cells.columns + 2) * (cells.lines + 2) * cells.slots, np.uint32),
+        cell=aligned((cells.columns + 2) * (cells.lines + 2) * cells.slots, np.uint32),
         image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
         shift=shift if scene.box.periodic else None,
         big=big,
         lists=_lists(half, wide, n) if half else None,
-        bucket=lines(BUCKET_LINE * (calendar.ring + 1), np.uint32),
+        bucket=aligned(BUCKET_LINE * (calendar.ring + 1), np.uint32),
         soon_time=np.empty(soon),
         soon_disk=np.empty(soon, np.uint32),
         ahead=Ahead(np.zeros(WAIT, np.int64), np.zeros(WAIT, np.uint32)) if n >= FITS_CACHE else None,
@@ -131,7 +131,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     )
 
 
-def lines(size: int, dtype: type) -> np.ndarray:
+def aligned(size: int, dtype: type) -> np.ndarray:
     """Return (size,) zeros that begin where a cache line does, so that no row lies across two."""
     length = size * np.dtype(dtype).itemsize
     room = np.zeros(length + CACHE_LINE, np.uint8)
@@ -221,7 +221,7 @@ def _calendar(scene: Scene, speed: float, common: float, cells: Grid, half: floa
 def _lists(half: float, wide: bool | None, n: int) -> Lists:
     """Return empty lists for n disks."""
     line = WIDE_LINE if wide else LIST_LINE
-    return Lists(half, wide, np.zeros(2 * n), lines(line * n, np.uint32))
+    return Lists(half, wide, np.zeros(2 * n), aligned(line * n, np.uint32))
 
 
 def _big_disks(cells: Grid, radius: np.ndarray, common: float) -> BigDisks | None:
