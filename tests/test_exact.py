@@ -162,6 +162,7 @@ SCENES = {
     "walls-thermal": make(box(6, 6, W), [(99, 0.1, 0.4)], 0.8, TRACER, {"temperature": 1.6}),
     "walls-big-10": make(box(6, 6, W), [(1, 1.0, 30), (80, 0.1, 1)], 1.2),
     "walls-big-at-wall": make(box(4, 4, W), [(1, 1.8, 5), (40, 0.06, 1)], 1.5),
+    "walls-big-filling": make(box(4, 4, W), [(1, 1.95, 5), (40, 0.05, 1)], 1.5),
     "walls-three-big": make(box(8, 6, W), [(3, 0.9, 20), (100, 0.1, 1)], 1.2),
     "walls-big-30": make(box(4, 4, W), [(1, 0.9, 100), (60, 0.03, 1)], 1.2),
     "walls-big-unlike": make(box(8, 8, W), [(1, 1.5, 3), (1, 0.4, 50), (2, 0.7, 1), (90, 0.1, 1)], 1.2),

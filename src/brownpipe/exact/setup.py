@@ -95,7 +95,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         mass[frame.back[0]] = np.inf
     equal = n < 2 or (np.all(radius == radius[0]) and np.all(mass == mass[0]))
     common = common_radius(radius) if n else 0.5
-    big = _big_disks(_grid(scene, frame, common, 0.0), radius, common)
+    big = _big_disks(_grid(scene, frame, common, 0.0), radius, common, scene.box.periodic)
     if big is None:
         common = radius.max(initial=common)
     half, wide = _squares(scene, radius) if big is None and slots is None else (0.0, None)
@@ -224,13 +224,16 @@ def _lists(half: float, wide: bool | None, n: int) -> Lists:
     return Lists(half, wide, np.zeros(2 * n), aligned(line * n, np.uint32))
 
 
-def _big_disks(cells: Grid, radius: np.ndarray, common: float) -> BigDisks | None:
-    """Return the patterns of the disks larger than the common radius; None without such disks or room for patterns."""
+def _big_disks(cells: Grid, radius: np.ndarray, common: float, periodic: bool) -> BigDisks | None:
+    """Return the patterns of the disks larger than the common radius; None without such disks.
+
+    None, too, in a periodic box in which a pattern would reach itself.
+    """
     number = int(np.count_nonzero(radius > common))
     if number == 0:
         return None
     patterns = [_pattern(cells, r, common, radius.min()) for r in radius[:number]]
-    if max(2 * np.abs(reach).max() + 1 for _, reach in patterns) > min(cells.columns, cells.lines):
+    if periodic and max(2 * np.abs(reach).max() + 1 for _, reach in patterns) > min(cells.columns, cells.lines):
         return None
     listed, reach = zip(*patterns, strict=True)
     first = [np.cumsum([0] + [len(each) for each in offsets]) for offsets in (listed, reach)]
