@@ -261,7 +261,7 @@ def draw_speed(path, speeds):
                     [case.n for case in there], cost, color=colour, linestyle=dashes, marker="o", ms=4, label=label
                 )
         axes.set(xscale="log", ylim=(0, None), xlabel="number of disks", ylabel="CPU time of a pair collision [µs]")
-        style.head(axes, "Periodic box: equal disks; dashed: two radii")
+        style.heads([axes], ["Periodic box: equal disks; dashed: two radii"])
         figure.savefig(path, **style.SAVE[path.suffix[1:]])
 
 

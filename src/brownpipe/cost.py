@@ -21,7 +21,7 @@ from brownpipe.scene import Scene, SceneError
 START_UP = 0.7  # CPU seconds that a process takes to start with its kernels compiled
 EACH_RUN = 2e-4  # CPU seconds to draw a state and to keep what is recorded
 DISKS = (1e3, 1e4, 1e5, 1e6)  # the more disks, the more often one is out of the processor's cache
-COLLISIONS_PER_SECOND = (2.0e6, 1.2e6, 0.8e6, 0.45e6)  # pairs per CPU second with so many disks
+COLLISIONS_PER_SECOND = (2.0e6, 1.8e6, 1.4e6, 1.1e6)  # pairs per CPU second with so many disks
 PATH_PER_BLOCK = 1024.0  # as in exact.setup: contact distances that a disk moves until all is predicted afresh
 SECONDS_PER_BLOCK = 1.5e-7  # CPU seconds for one disk
 SECONDS_PER_DISK_STEP = 8e-10  # CPU seconds of a disk in a time step
