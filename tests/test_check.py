@@ -53,6 +53,17 @@ def test_scene_with_another_number_of_disks():
     assert "disks     50: 1 tracer" in describe(CONFIG / "scenes" / "harrison2020.yaml", 50)
 
 
+@pytest.mark.parametrize(("disks", "side", "ends"), [(3000, 57, "lists"), (30000, 180, "lists, memory asked ahead")])
+def test_how_a_crowded_box_is_modelled(tmp_path, disks, side, ends):
+    (tmp_path / "crowd.yaml").write_text(
+        f"box: {{x: [0, {side}], y: [0, {side}], boundary: periodic}}\n"
+        f"disks: {{species: [{{name: a, count: {disks}, radius: 0.5, mass: 1}}], placement: lattice}}\n"
+        "velocities: {temperature: 1}\nduration: 1\n"
+    )
+    (engine,) = [line for line in describe(tmp_path / "crowd.yaml").splitlines() if line.startswith("engine ")]
+    assert engine.endswith(f"cells, neighbour {ends}")
+
+
 def test_explicit_disks(tmp_path):
     disks = "disks: [{position: [0.5, 0.5], velocity: [1, 0], radius: 0.1, mass: 1}]"
     (tmp_path / "one.yaml").write_text(f"box: {{x: [0, 1], y: [0, 1], boundary: periodic}}\n{disks}\nduration: 1\n")
