@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.engines import Engine
-from brownpipe.figures.style import DATA, FIT, drawing, grid, image_bytes, shades
+from brownpipe.figures.style import DATA, FIT, drawing, grid, heads, image_bytes, shades
 from brownpipe.scene import parse_scene
 from brownpipe.timestep import largest_step
 
@@ -88,9 +88,9 @@ def picture(table, names):
         colours = [DATA, FIT, *shades(len(names) - 2)]
         for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
             axes.plot(list(table), [1e6 * row[k] / n for n, row in table.items()], "o-", color=colour, label=name)
-        axes.set(xscale="log", yscale="log", xlabel="number of disks N", title="Price of a unit of time")
+        axes.set(xscale="log", ylim=(0, None), xlabel="number of disks N")
         axes.set_ylabel("CPU time per disk and unit of time ($\\mu$s)")
-        axes.legend()
+        heads([axes], ["Price of a unit of time"])
         return image_bytes(figure, "png")
 
 
