@@ -94,9 +94,13 @@ def reach(w):
 
 @kernel
 def cells_across(w, side):
-    """Return how many cells fit into a side, none narrower than the reach, and altogether not many more than disks."""
-    least = math.sqrt(w.box.width * w.box.height / (len(w.first) - 1))
-    return max(int(side / max(reach(w), least)), 1)
+    """Return how many cells fit into a side, none narrower than the reach.
+
+    Altogether they are at most len(first) - 1, in a box so narrow that there is one row of them, too.
+    """
+    most = len(w.first) - 1
+    least = math.sqrt(w.box.width * w.box.height / most)
+    return min(max(int(side / max(reach(w), least)), 1), most)
 
 
 @kernel

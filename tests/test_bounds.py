@@ -1,0 +1,124 @@
+"""No kernel that places or moves disks reads or writes outside its arrays, however elongated the box.
+
+Compiled kernels do not check indices. Here they run as plain Python (NUMBA_DISABLE_JIT) on arrays that refuse every
+index outside 0 <= i < n, negative ones too, which NumPy would take as counted from the end.
+"""
+
+import os
+import subprocess
+import sys
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brownpipe import exact, placement, timestep
+from brownpipe.scene import parse_scene
+
+ASPECTS = (1, 7, 50, 5000)
+COUNTS = (1, 2, 3, 7, 20, 50)
+SIDE = 1.0  # of the box, the shorter one
+EVENTS = 60  # collisions of a disk that flies alone, at most, in a run
+
+
+class Checked(np.ndarray):
+    """An array that refuses indices outside it."""
+
+    def __getitem__(self, index):
+        _refuse_outside(self, index)
+        return super().__getitem__(index)
+
+    def __setitem__(self, index, value):
+        _refuse_outside(self, index)
+        super().__setitem__(index, value)
+
+
+def _refuse_outside(array, index):
+    for axis, i in enumerate(index if isinstance(index, tuple) else (index,)):
+        if isinstance(i, int | np.integer) and not 0 <= i < array.shape[axis]:
+            raise IndexError(f"index {i} of axis {axis} with size {array.shape[axis]}")
+
+
+def checked(record):
+    """A workspace or a recorder whose arrays, at any depth, are checked."""
+    if isinstance(record, np.ndarray):
+        return record.view(Checked)
+    if isinstance(record, tuple) and hasattr(record, "_fields"):
+        return type(record)(*map(checked, record))
+    return record
+
+
+def scenes():
+    """Boxes of every shape and boundary with few disks or many, equal, of two sizes, with a big one, and crowded."""
+    for aspect, boundary, n in product(ASPECTS, ("reflecting", "periodic"), COUNTS):
+        crowd = 0.16 if aspect * SIDE**2 > n / 6 else 0.04
+        kinds = [(n, crowd, 1.0)]
+        yield scene(aspect, boundary, kinds)
+    for boundary in ("reflecting", "periodic"):
+        yield scene(7, boundary, [(10, 0.1, 1.0), (10, 0.14, 0.3)])
+        yield scene(50, boundary, [(1, 0.25, 5.0), (40, 0.02, 1.0)])
+        yield scene(2, boundary, [(30, 0.115, 1.0)], "lattice")
+
+
+def scene(aspect, boundary, kinds, placement="random"):
+    """A scene of species from (count, radius, mass) each; of both axes, each is the longer one once."""
+    long, n = [0.0, SIDE * aspect], sum(count for count, _, _ in kinds)
+    x, y = (long, [0.0, SIDE]) if n % 2 else ([0.0, SIDE], long)
+    species = [{"name": f"s{k}", "count": n, "radius": r, "mass": m} for k, (n, r, m) in enumerate(kinds)]
+    duration = max(0.3, EVENTS / 50 / n)
+    return parse_scene(
+        {
+            "box": {"x": x, "y": y, "boundary": boundary},
+            "disks": {"species": species, "placement": placement},
+            "velocities": {"standard_deviation": 1.0},
+            "duration": duration,
+            "sample_interval": duration / 3,
+        },
+        f"{boundary}_{aspect}_{n}.yaml",
+    )
+
+
+def run_exact():
+    """Run every scene by the exact engine, with all that can be recorded."""
+    _check(exact, "prepare", "recorder")
+    for one in scenes():
+        run = exact.simulate(one, [1], {"all", "events"})
+        assert not run.observables["failed"][0], one.name
+
+
+def run_timestep():
+    """Run every scene in steps, some so long that the neighbour lists are made at each of them."""
+    _check(timestep, "prepare", "recorder")
+    for one in scenes():
+        for steps in (12, 60):
+            step = min(one.duration / steps, 0.9 * timestep.largest_step(one))
+            run = timestep.simulate(one, [1], {"all"}, time_step=step)
+            assert not run.observables["failed"][0], one.name
+
+
+def _check(engine, *names):
+    """Let the arrays that an engine makes under these names be checked, and those that disks are placed in."""
+    for name in names:
+        made = getattr(engine, name)
+        setattr(engine, name, lambda *given, made=made: checked(made(*given)))
+    insert = placement.insert
+    placement.insert = lambda *arrays: insert(*map(checked, arrays))
+
+
+@pytest.mark.parametrize("engine", ["exact", "timestep"])
+def test_every_index_lies_within_its_array(engine):
+    folders = Path(__file__).parent, Path(exact.__file__).parents[2]
+    plain = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(map(str, folders))}
+    code = f"import test_bounds; test_bounds.run_{engine}()"
+    done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_an_index_outside_is_seen():
+    """The instrument itself: both ends of each axis."""
+    array = checked(np.zeros((3, 2)))
+    array[2, 1] = array[-3:, 0].sum()
+    for outside in (-1, 3, (0, 2), (0, -1)):
+        with pytest.raises(IndexError):
+            array[outside]
