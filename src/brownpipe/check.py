@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from brownpipe import cost, friction, reading
-from brownpipe.engines import Engine, refuse_unfit
+from brownpipe.engines import USUAL, Engine, refuse_unfit
 from brownpipe.scene import MOST_BYTES, Scene, parse_scene
 from brownpipe.study import Study, read_study
 
@@ -87,7 +87,7 @@ def _engine(scene: Scene) -> str:
 
 def _others(scene: Scene) -> list[str]:
     """What the other engines would make of the scene."""
-    step = Engine("timestep", (("time_step", scene.duration / STEPS), ("precision", "double")))
+    step = Engine("timestep", (("time_step", scene.duration / STEPS), *USUAL.items()))
     stepping = f"in steps of --time-step; some {in_time(cost.of_engine(step, scene).seconds)} a run in {STEPS:,} steps"
     engine = Engine("langevin", (("friction", "enskog"),))
     try:

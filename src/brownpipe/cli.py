@@ -331,6 +331,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     one.add_argument("--time-step", type=_positive, metavar="DT", help="of timestep: must be given")
     one.add_argument("--precision", metavar="WHICH", help="of timestep: double (default) or single")
+    one.add_argument("--collisions", metavar="WHEN", help="of timestep: at_contact (default) or late")
     one.add_argument("--friction", metavar="WHICH", help="of langevin: enskog, boltzmann or measured")
     one.add_argument(
         "--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events"

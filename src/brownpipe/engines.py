@@ -19,16 +19,20 @@ def _precision(entry: Entry) -> str:
     return reading.choice(entry, ("double", "single"))
 
 
+def _collisions(entry: Entry) -> str:
+    return reading.choice(entry, ("at_contact", "late"))
+
+
 def _friction(entry: Entry) -> str:
     return reading.choice(entry, ("enskog", "boltzmann", "measured"))
 
 
 ENGINES = {  # name: {setting: how an Entry of it is read}
     "exact": {},
-    "timestep": {"time_step": _time_step, "precision": _precision},
+    "timestep": {"time_step": _time_step, "precision": _precision, "collisions": _collisions},
     "langevin": {"friction": _friction},
 }
-USUAL = {"precision": "double"}  # settings that need not be given
+USUAL = {"precision": "double", "collisions": "at_contact"}  # settings that need not be given
 
 
 class Engine(NamedTuple):

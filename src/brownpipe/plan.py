@@ -10,7 +10,7 @@ import numpy as np
 
 from brownpipe import cost, reading
 from brownpipe.check import in_bytes, in_time
-from brownpipe.engines import Engine, read_engine, refuse_unfit
+from brownpipe.engines import USUAL, Engine, read_engine, refuse_unfit
 from brownpipe.reading import Entry, SceneError
 from brownpipe.scene import Scene
 from brownpipe.seeds import MOST_SEEDS
@@ -285,7 +285,7 @@ def candidates(scene: Scene) -> list[Engine]:
     from brownpipe.timestep import largest_step
 
     steps = [float(f"{largest_step(scene) * share:.1g}") for share in STEPS]
-    tried = [Engine("timestep", (("time_step", step), ("precision", "double"))) for step in steps]
+    tried = [Engine("timestep", (("time_step", step), *USUAL.items())) for step in steps]
     langevin = Engine("langevin", (("friction", "enskog"),))
     try:
         refuse_unfit(langevin, scene)

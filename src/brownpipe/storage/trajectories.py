@@ -55,7 +55,7 @@ MEANING = {
     "kinetic_energy": ("energy", "kinetic energy at t = 0, conserved"),
     "virial": ("energy*time", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
     "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
-    "missed_collisions": ("1", "pairs that a time step led past each other, or out of each other on the far side"),
+    "missed_collisions": ("1", "collisions missed because the pair met and separated within one time step"),
     "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
     "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
     "failed": ("1", "1 if overlap or energy drift passed its bound: not to be averaged in"),

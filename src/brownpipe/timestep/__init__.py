@@ -1,7 +1,9 @@
-"""The time-stepping engine: all disks move straight for a fixed time; those that then overlap and approach collide.
+"""The time-stepping engine: all disks move straight for a fixed time; those that met on the way then collide.
 
-Collisions happen up to a time step late and a little displaced, and short ones are missed. Energy and, but for walls,
-momentum are conserved as by the exact engine. It is the usual cheap way, and the other side of a trade.
+Collisions are worked out at the moment of contact, in closed form; only what happens to three disks within a step is
+approximate. Or, as simpler programs do, late: where disks overlap at the end of a step. Such collisions are up to a
+step late, a little displaced, and short ones are missed. Energy and momentum, including what the walls take, are
+conserved as by the exact engine.
 """
 
 from typing import NamedTuple
@@ -39,6 +41,7 @@ class Engine(NamedTuple):
     frame: Frame
     time_step: float  # [time]
     precision: str
+    collisions: str
     workspace: ws.Workspace
 
 
@@ -51,11 +54,13 @@ def simulate(
     average: str = "runs",
     time_step: float,
     precision: str = "double",
+    collisions: str = "at_contact",
 ) -> Ensemble:
     """Run the scene once for every seed, from the same initial states as the exact engine.
 
     `record` holds words: "tracer" (disk 0 of all runs), "all" (every disk of every run). `precision` is "double" or
-    "single": of positions, velocities and all that is computed for every disk and pair.
+    "single": of positions, velocities and all that is computed for every disk and pair. `collisions` are "at_contact",
+    where a pair met within the step, or "late", where it overlaps at the end of the step.
     A sample is a free flight from the last step before it, so that no step depends on when samples are taken.
     Raises SceneError for a time step that is no positive number, or too long or too short (`refuse_bad_step`), for a
     record of events, and if disks cannot be placed; RunError if the time to equilibrate fails.
@@ -64,7 +69,7 @@ def simulate(
         raise SceneError("record: must be tracer, all or none, as collisions happen between time steps; found events")
     asked = request(scene, record, observables, average)
     batch, begun = room_for(asked, seeds), exact.states(scene)
-    engine = prepared(scene, time_step, precision)
+    engine = prepared(scene, time_step, precision, collisions)
     for column, seed in enumerate(batch.seeds.tolist()):
         try:
             enter(batch, column, run(engine, begun(seed), scene.times, asked.needed), asked)
@@ -73,19 +78,19 @@ def simulate(
     return batch
 
 
-def prepared(scene: Scene, time_step: float, precision: str = "double") -> Engine:
+def prepared(scene: Scene, time_step: float, precision: str = "double", collisions: str = "at_contact") -> Engine:
     """Return what runs of a scene need, with its kernels compiled."""
-    refuse_bad_step(scene, time_step, precision)
+    refuse_bad_step(scene, time_step, precision, collisions)
     frame = frame_of(scene)
-    w = prepare(scene, frame, time_step, precision)
+    w = prepare(scene, frame, time_step, precision, collisions)
     with one_compiler():
         advance(w, recorder(scene, frame, time_step, scene.times[:0], ()), 0)
-    return Engine(scene, frame, time_step, precision, w)
+    return Engine(scene, frame, time_step, precision, collisions, w)
 
 
 def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> Run:
     """Run from a state and sample at the given times."""
-    scene, frame, time_step, _, w = engine
+    scene, frame, time_step, w = engine.scene, engine.frame, engine.time_step, engine.workspace
     room = recorder(scene, frame, time_step, times, record)
     begin(w, motion_of(state, frame))
     first = np.stack([w.vx, w.vy], axis=1).astype(float)
@@ -99,6 +104,7 @@ def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> 
 
 def _with_more_room(engine: Engine, w: ws.Workspace) -> ws.Workspace:
     """Return the workspace as it is, with twice the room for pairs on the lists."""
-    more = prepare(engine.scene, engine.frame, engine.time_step, engine.precision, 2 * len(w.within.a))
-    names = ("within", "across", "hit", "contact_key", "contact_pair")
+    scene, frame, time_step, precision, collisions, _ = engine
+    more = prepare(scene, frame, time_step, precision, collisions, 2 * len(w.within.a))
+    names = ("within", "across", "hit", "contact_time", "contact_key", "contact_pair")
     return w._replace(**{name: getattr(more, name) for name in names})

@@ -12,6 +12,7 @@ from brownpipe.timestep import workspace as ws
 from brownpipe.timestep.workspace import Pairs, Recorder, Room, Workspace
 
 PRECISIONS = {"double": np.float64, "single": np.float32}
+COLLISIONS = ("at_contact", "late")
 ENERGY_BOUND = {np.float64: HEALTH_BOUND, np.float32: 1e-4}  # energy drift beyond which a run has failed
 MOST_STEPS = 1e10
 FINEST = 64  # in units of round-off of the largest coordinate: disks that move less in a step stand still, or nearly so
@@ -21,8 +22,10 @@ SKIN = 3.2  # see `skin_of`
 REACHES = 4.0  # steps of the fastest disk: one that is further beyond a wall has escaped
 
 
-def refuse_bad_step(scene: Scene, time_step: float, precision: str) -> None:
-    """Raise SceneError, one line, for a time step or a precision that a scene cannot be run with."""
+def refuse_bad_step(scene: Scene, time_step: float, precision: str, collisions: str) -> None:
+    """Raise SceneError, one line, for settings that a scene cannot be run with."""
+    if collisions not in COLLISIONS:
+        raise SceneError(f"collisions: must be one of {', '.join(COLLISIONS)}, found {collisions!r}")
     if precision not in PRECISIONS:
         raise SceneError(f"precision: must be one of {', '.join(PRECISIONS)}, found {precision!r}")
     most, least = largest_step(scene), smallest_step(scene, precision)
@@ -57,7 +60,7 @@ def smallest_step(scene: Scene, precision: str) -> float:
     return max(scene.duration / MOST_STEPS, moving)
 
 
-def prepare(scene: Scene, frame: Frame, time_step: float, precision: str, room: int = 0) -> Workspace:
+def prepare(scene: Scene, frame: Frame, time_step: float, precision: str, collisions: str, room: int = 0) -> Workspace:
     """Lay out a workspace for the runs of a scene; `room` for pairs on a list where the usual proves too small."""
     real, n, box = PRECISIONS[precision], scene.particles, scene.box
     radius = scene.radius[frame.order] / frame.length
@@ -66,13 +69,14 @@ def prepare(scene: Scene, frame: Frame, time_step: float, precision: str, room: 
     inner = Room(float(corner[0]), float(corner[1]), box.width / frame.length, box.height / frame.length, box.periodic)
     dt = time_step / frame.time
     reals = np.zeros(ws.REALS, real)
-    reals[ws.LENGTH] = dt
+    reals[ws.DT] = dt
     reals[[ws.LEFT, ws.BOTTOM]] = corner
     reals[[ws.RIGHT, ws.TOP]] = corner + np.array((inner.width, inner.height))
     room = max(room, 16 * n + 64)
     return Workspace(
         box=inner,
         step=dt,
+        late=collisions == "late",
         skin=2 * common * skin_of(scene, time_step),
         largest=float(common),
         big=int(np.count_nonzero(radius > common)),
@@ -81,11 +85,13 @@ def prepare(scene: Scene, frame: Frame, time_step: float, precision: str, room: 
         radius=radius.astype(real),
         **{name: np.zeros(n, np.int32) for name in WHOLE_ARRAYS},
         mass=scene.mass[frame.order] / frame.mass,
+        course=np.zeros(n),
         first=np.zeros(4 * n + 9, np.int32),
         real=reals,
         within=_pairs(room, real),
         across=_pairs(room if box.periodic else 0, real),
         hit=np.zeros(2 * room, np.uint32),
+        contact_time=np.zeros(2 * room),
         contact_key=np.zeros(2 * room, np.int64),
         contact_pair=np.zeros(2 * room, np.uint32),
         clock=np.zeros(ws.CLOCK, np.int64),
@@ -118,7 +124,7 @@ def begin(w: Workspace, motion: np.ndarray) -> None:
     in_order = np.argsort(w.disk, kind="stable")
     w.radius[:] = w.radius[in_order]
     w.disk[:] = np.arange(len(w.disk))
-    w.image_x[:], w.image_y[:] = 0, 0
+    w.image_x[:], w.image_y[:], w.course[:] = 0, 0, 0.0
     w.clock[:], w.count[:], w.tally[:] = 0, 0, 0.0
     w.clock[ws.TRACER] = w.tracer
     w.tally[ws.BUDGET], w.tally[ws.NEAREST] = -1.0, 1.0
@@ -156,7 +162,6 @@ def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> 
         "pair_collisions": int(w.count[ws.PAIRS]),
         "wall_collisions": int(w.count[ws.WALLS]),
         "tracer_collisions": int(w.count[ws.TRACER_PAIRS]),
-        "missed_collisions": int(w.count[ws.MISSED]),
         "energy_drift": drift,
         "worst_overlap": 1.0 - math.sqrt(w.tally[ws.NEAREST]),
         "momentum_residual": _momentum_residual(w, first, last),
@@ -164,6 +169,8 @@ def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> 
         "kinetic_energy": 0.5 * before * unit * (frame.length / frame.time),
         "virial": float(w.tally[ws.VIRIAL]) * unit * frame.length,
     }
+    if w.late:
+        found["missed_collisions"] = int(w.count[ws.MISSED])
     if not scene.box.periodic:
         found["wall_impulse"] = float(w.tally[ws.WALL_IMPULSE :].sum()) * unit
     return found

@@ -1,8 +1,12 @@
-"""A time step: all disks move straight, then those that overlap and approach exchange momentum; and the loop over them.
+"""A time step: all disks move straight, then those that met exchange momentum; and the loop over steps.
+
+Collisions at contact: a pair that met on the way is taken back along its straight courses to the moment of contact,
+exchanges momentum there, and flies on with its new velocities until the end of the step. Late: pairs that overlap at
+the end of the step and approach exchange momentum where they are.
 
 What is done for every disk and every pair is done in the precision of the run; a collision is worked out in double
-precision (np.float64, as float() of Numba keeps a single one) and only its outcome rounded. Pairs that overlap at the
-same time are taken in the order of their disks' numbers, so that results do not depend on how neighbours are found.
+precision (np.float64, as float() of Numba keeps a single one) and only its outcome rounded. Collisions of a step are
+taken by their times, then by their disks' numbers, so that results do not depend on how neighbours are found.
 """
 
 import math
@@ -14,12 +18,13 @@ from brownpipe.kernels import kernel
 from brownpipe.timestep import lists
 from brownpipe.timestep.workspace import (
     ACROSS,
+    BEYOND,
     BOTTOM,
     BUDGET,
     DONE,
+    DT,
     FASTEST,
     LEFT,
-    LENGTH,
     MISSED,
     NEAREST,
     NO_ROOM,
@@ -42,14 +47,19 @@ from brownpipe.timestep.workspace import (
 @kernel
 def fly(w, x, y, vx, vy, radius):
     """Move all disks straight for a time step; return how many then reach beyond a wall."""
-    dt, left, right, bottom, top = w.real[LENGTH], w.real[LEFT], w.real[RIGHT], w.real[BOTTOM], w.real[TOP]
+    dt, left, right, bottom, top = w.real[DT], w.real[LEFT], w.real[RIGHT], w.real[BOTTOM], w.real[TOP]
     beyond = 0
     for i in range(len(x)):
         x[i] += vx[i] * dt
         y[i] += vy[i] * dt
-        r = radius[i]
-        beyond += (x[i] - r < left) | (x[i] + r > right) | (y[i] - r < bottom) | (y[i] + r > top)
+        beyond += reaches_beyond(x[i], y[i], radius[i], left, right, bottom, top)
     return beyond
+
+
+@kernel
+def reaches_beyond(x, y, r, left, right, bottom, top):
+    """Whether a disk reaches beyond a wall."""
+    return (x - r < left) | (x + r > right) | (y - r < bottom) | (y + r > top)
 
 
 @kernel
@@ -92,64 +102,145 @@ def relative(w, pair):
 
 
 @kernel
-def judge(w, hits):
-    """Among the pairs found near, gather those that overlap and count those missed; return how many overlap.
+def squared_contact(w, pair):
+    """Return sigma^2 of a pair on a list."""
+    room = len(w.within.a)
+    return np.float64(w.within.contact[pair] if pair < room else w.across.contact[pair - room])
 
-    Missed is a pair that touched and parted, or went through each other, within the step: apart and receding now,
-    approaching a step ago, on a course that comes nearer than contact.
+
+@kernel
+def time_since_contact(x, y, u, v, sigma2):
+    """Return how long ago two disks that now are at (x, y) and flew straight at (u, v) came into contact, eqs. (1)-(3).
+
+    Negative if they have not. Of the two roots it is the one at which they approached, written without cancellation.
     """
-    n, m, room = len(w.x), 0, len(w.within.a)
+    approach, speed2, cross = x * u + y * v, u * u + v * v, x * v - y * u
+    root = speed2 * sigma2 - cross * cross
+    if root <= 0.0:
+        return -1.0
+    root = math.sqrt(root)
+    return (approach + root) / speed2 if approach > 0.0 else (sigma2 - (x * x + y * y)) / (root - approach)
+
+
+@kernel
+def met_late(w, x, y, u, v, sigma2):
+    """Whether two disks overlap; if not, count them as missed if they met and parted within the step."""
+    approach, speed2, cross = x * u + y * v, u * u + v * v, x * v - y * u
+    if x * x + y * y < sigma2:
+        return True
+    w.count[MISSED] += (approach > 0.0) & (approach < speed2 * w.step) & (cross * cross < sigma2 * speed2)
+    return False
+
+
+@kernel
+def judge(w, hits, now):
+    """Among the pairs found near, gather those that met by the time `now`, and when; return how many they are."""
+    n, m = len(w.x), 0
     for h in range(hits):
         pair = int(w.hit[h])
         a, b, x, y, u, v = relative(w, pair)
-        contact = np.float64(w.within.contact[pair] if pair < room else w.across.contact[pair - room])
-        distance, approach, speed, cross = x * x + y * y, x * u + y * v, u * u + v * v, x * v - y * u
-        if distance < contact:
-            w.contact_key[m], w.contact_pair[m] = int(w.disk[a]) * n + int(w.disk[b]), pair
-            m += 1
-            w.tally[NEAREST] = min(w.tally[NEAREST], distance / contact)
+        sigma2, i, k = squared_contact(w, pair), int(w.disk[a]), int(w.disk[b])
+        w.tally[NEAREST] = min(w.tally[NEAREST], (x * x + y * y) / sigma2)
+        if w.late:
+            met, since = met_late(w, x, y, u, v, sigma2), 0.0
         else:
-            w.count[MISSED] += (approach > 0.0) & (approach < speed * w.step) & (cross * cross < contact * speed)
+            met, since = meeting(w, i, k, now, x, y, u, v, sigma2)
+        if met:
+            w.contact_time[m], w.contact_key[m], w.contact_pair[m] = -since, i * n + k, pair
+            m += 1
     return m
 
 
 @kernel
-def sort_contacts(key, pair, m):
-    """Sort the first m overlapping pairs by their keys (D. L. Shell, Commun. ACM 2 (7), 30 (1959))."""
+def meeting(w, i, k, now, x, y, u, v, sigma2):
+    """Return whether two disks, numbers i and k of the engine, met on their courses, and how long ago.
+
+    A pair that overlapped when its later course began, pushed together by a third disk, meets then, if it approaches.
+    """
+    since, straight = time_since_contact(x, y, u, v, sigma2), now - max(w.course[i], w.course[k])
+    if 0.0 <= since <= straight:
+        return True, since
+    return (x * x + y * y < sigma2) & (x * u + y * v < 0.0), straight
+
+
+@kernel
+def earlier(w, i, k):
+    """Whether contact i comes before contact k: by time, then by the numbers of the disks."""
+    if w.contact_time[i] != w.contact_time[k]:
+        return w.contact_time[i] < w.contact_time[k]
+    return w.contact_key[i] < w.contact_key[k]
+
+
+@kernel
+def sort_contacts(w, m):
+    """Sort the first m contacts (D. L. Shell, Commun. ACM 2 (7), 30 (1959)); few of them exchange places."""
     gap = 1
     while 3 * gap + 1 < m:
         gap = 3 * gap + 1
     while gap > 0:
         for j in range(gap, m):
-            k, p, place = key[j], pair[j], j
-            while place >= gap and key[place - gap] > k:
-                key[place], pair[place] = key[place - gap], pair[place - gap]
+            place = j
+            while place >= gap and earlier(w, place, place - gap):
+                swap(w.contact_time, place, place - gap)
+                swap(w.contact_key, place, place - gap)
+                swap(w.contact_pair, place, place - gap)
                 place -= gap
-            key[place], pair[place] = k, p
         gap //= 3
 
 
 @kernel
-def collide(w, pair):
-    """Let a pair that overlaps exchange momentum if it approaches, eqs. (5)-(8)."""
-    a, b, x, y, u, v = relative(w, pair)
-    if not x * u + y * v < 0.0:
-        return
-    fx, fy = exchange(x, y, u, v)
-    whole_a, part_a, whole_b, part_b, impulse = shares(w.mass[w.disk[a]], w.mass[w.disk[b]])
-    w.vx[a] = np.float64(w.vx[a]) + whole_a * fx + part_a * fx
-    w.vy[a] = np.float64(w.vy[a]) + whole_a * fy + part_a * fy
-    w.vx[b] = np.float64(w.vx[b]) - whole_b * fx - part_b * fx
-    w.vy[b] = np.float64(w.vy[b]) - whole_b * fy - part_b * fy
-    w.count[PAIRS] += 1
-    w.count[TRACER_PAIRS] += (a == w.clock[TRACER]) | (b == w.clock[TRACER])
-    w.tally[VIRIAL] -= impulse * (x * fx + y * fy)
-    heed_speed(w, a)
-    heed_speed(w, b)
+def swap(values, i, k):
+    """Exchange two entries."""
+    kept = values[i]
+    values[i] = values[k]
+    values[k] = kept
 
 
 @kernel
-def heed_speed(w, i):
+def collide(w, pair, now):
+    """Let a pair that met exchange momentum, eqs. (5)-(8): at contact, from where both fly on until now, or late."""
+    a, b, x, y, u, v = relative(w, pair)
+    i, k, back = int(w.disk[a]), int(w.disk[b]), 0.0
+    if w.late:
+        met = x * u + y * v < 0.0
+    else:
+        met, back = meeting(w, i, k, now, x, y, u, v, squared_contact(w, pair))
+    if not met:  # an earlier collision of the step has changed a course
+        return
+    x, y = x - u * back, y - v * back
+    fx, fy = exchange(x, y, u, v)
+    whole_a, part_a, whole_b, part_b, impulse = shares(w.mass[i], w.mass[k])
+    way = max(
+        turn(w, a, whole_a * fx, whole_a * fy, part_a * fx, part_a * fy, back),
+        turn(w, b, -whole_b * fx, -whole_b * fy, -part_b * fx, -part_b * fy, back),
+    )
+    if now - max(w.course[i], w.course[k]) < w.step or back > w.step:
+        w.tally[BUDGET] -= way  # it is not part of a path that began with this step
+    w.course[i] = w.course[k] = now - back
+    w.count[PAIRS] += 1
+    w.count[TRACER_PAIRS] += (a == w.clock[TRACER]) | (b == w.clock[TRACER])
+    w.tally[VIRIAL] -= impulse * (x * fx + y * fy)
+
+
+@kernel
+def turn(w, i, fx, fy, gx, gy, back):
+    """Add f + g to the velocity of disk i as of a time `back` ago; return how far that takes it from where it was."""
+    ux, uy = np.float64(w.vx[i]), np.float64(w.vy[i])
+    w.vx[i] = ux + fx + gx
+    w.vy[i] = uy + fy + gy
+    raise_speed_bound(w, i)
+    if back == 0.0:
+        return 0.0
+    dx, dy = (np.float64(w.vx[i]) - ux) * back, (np.float64(w.vy[i]) - uy) * back
+    w.x[i] = np.float64(w.x[i]) + dx
+    w.y[i] = np.float64(w.y[i]) + dy
+    left, right, bottom, top = w.real[LEFT], w.real[RIGHT], w.real[BOTTOM], w.real[TOP]
+    w.clock[BEYOND] += reaches_beyond(w.x[i], w.y[i], w.radius[i], left, right, bottom, top)
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@kernel
+def raise_speed_bound(w, i):
     """Let the bound on all speeds hold for disk i, too."""
     speed = math.sqrt(np.float64(w.vx[i]) * np.float64(w.vx[i]) + np.float64(w.vy[i]) * np.float64(w.vy[i]))
     if speed > w.tally[FASTEST]:
@@ -159,39 +250,45 @@ def heed_speed(w, i):
 
 
 @kernel
-def bounce(w, velocity, i, low, high, wall):
-    """Reverse a component of the velocity of disk i if its edge is beyond a wall that it moves to, eqs. (9)-(10)."""
-    v = np.float64(velocity[i])
+def bounce(w, place, velocity, i, low, high, wall, now):
+    """Reverse a component of the velocity of disk i if its edge is beyond a wall that it moves to, eqs. (9)-(10).
+
+    Unless walls are met late, what is beyond is mirrored: where the disk would be after meeting the wall in time.
+    """
+    v, beyond = np.float64(velocity[i]), max(low, high)
     if (low > 0.0 and v < 0.0) or (high > 0.0 and v > 0.0):
         velocity[i] = -velocity[i]
         w.count[WALLS] += 1
         w.tally[WALL_IMPULSE + wall + (v > 0.0)] += 2.0 * w.mass[w.disk[i]] * abs(v)
+        if not w.late:
+            place[i] = np.float64(place[i]) + (2.0 * beyond if v < 0.0 else -2.0 * beyond)
+            w.course[w.disk[i]] = max(w.course[w.disk[i]], now - beyond / abs(v))
 
 
 @kernel
-def bounce_all(w):
+def bounce_all(w, now):
     """Reflect the disks that are beyond a wall."""
     for i in range(len(w.x)):
-        r = w.radius[i]
-        bounce(w, w.vx, i, w.real[LEFT] - (w.x[i] - r), w.x[i] + r - w.real[RIGHT], 0)
-        bounce(w, w.vy, i, w.real[BOTTOM] - (w.y[i] - r), w.y[i] + r - w.real[TOP], 2)
+        x, y, r = np.float64(w.x[i]), np.float64(w.y[i]), np.float64(w.radius[i])
+        bounce(w, w.x, w.vx, i, w.real[LEFT] - (x - r), x + r - w.real[RIGHT], 0, now)
+        bounce(w, w.y, w.vy, i, w.real[BOTTOM] - (y - r), y + r - w.real[TOP], 2, now)
 
 
 @kernel
 def step(w):
     """Take a time step."""
-    beyond = fly(w, w.x, w.y, w.vx, w.vy, w.radius)
-    one, slack = w.within, w.real[SLACK]
+    w.clock[BEYOND] = fly(w, w.x, w.y, w.vx, w.vy, w.radius)
+    one, slack, now = w.within, w.real[SLACK], (w.clock[STEP] + 1) * w.step
     hits = near_within(w.x, w.y, one.a, one.b, one.contact, w.clock[WITHIN], slack, w.hit)
     hits = near_across(w, w.across, w.clock[ACROSS], slack, len(one.a), hits)
-    w.tally[BUDGET] -= w.tally[FASTEST] * w.step
     if hits > 0:
-        m = judge(w, hits)
-        sort_contacts(w.contact_key, w.contact_pair, m)
+        m = judge(w, hits, now)
+        sort_contacts(w, m)
         for j in range(m):
-            collide(w, int(w.contact_pair[j]))
-    if beyond > 0 and not w.box.periodic:
-        bounce_all(w)
+            collide(w, int(w.contact_pair[j]), now)
+    if w.clock[BEYOND] > 0 and not w.box.periodic:
+        bounce_all(w, now)
+    w.tally[BUDGET] -= w.tally[FASTEST] * w.step
     w.clock[STEP] += 1
 
 

@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 # w.clock
-STEP, SAMPLE, TRACER, WITHIN, ACROSS, OVERFULL, LISTS_MADE, CLOCK = range(8)
+STEP, SAMPLE, TRACER, WITHIN, ACROSS, BEYOND, OVERFULL, LISTS_MADE, CLOCK = range(9)
 # w.count
 PAIRS, TRACER_PAIRS, WALLS, MISSED, COUNTS = range(5)
 # w.tally; the last four are the impulses given by the walls left, right, bottom, top
 BUDGET, FASTEST, SKIN, NEAREST, VIRIAL, WALL_IMPULSE = range(6)
 TALLY = WALL_IMPULSE + 4
 # w.real
-LENGTH, SLACK, FAR, LEFT, RIGHT, BOTTOM, TOP, REALS = range(8)
+DT, SLACK, FAR, LEFT, RIGHT, BOTTOM, TOP, REALS = range(8)
 
 DONE, PAUSED, NO_ROOM = range(3)
 
@@ -46,6 +46,7 @@ class Workspace(NamedTuple):
 
     box: Room
     step: float  # the time step
+    late: bool  # whether pairs and walls are met where they are found, and not at contact
     skin: float  # by how much pairs on the lists may be further apart than contact; more for very fast disks
     largest: float  # radius of all but the big disks, which are the first `big`
     big: int
@@ -59,6 +60,9 @@ class Workspace(NamedTuple):
     image_x: np.ndarray  # (N,) int32, how often it went round the box
     image_y: np.ndarray
     mass: np.ndarray  # (N,) float64, by the engine's number
+    course: (
+        np.ndarray
+    )  # (N,) float64, by the engine's number: the time of its last collision, from where it flies straight
     made_x: np.ndarray  # (N,) real, where each was when the lists were made
     made_y: np.ndarray
     order: np.ndarray  # (N,) int32, by cells
@@ -73,7 +77,8 @@ class Workspace(NamedTuple):
     within: Pairs
     across: Pairs
     hit: np.ndarray  # uint32, pairs that are looked at more closely
-    contact_key: np.ndarray  # int64, pairs that overlap, by the numbers of their disks
+    contact_time: np.ndarray  # float64, pairs that met: when
+    contact_key: np.ndarray  # int64, the numbers of their disks in one
     contact_pair: np.ndarray  # uint32
     clock: np.ndarray
     count: np.ndarray

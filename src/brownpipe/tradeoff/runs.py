@@ -77,8 +77,9 @@ def _joined(parts):
 
 
 def _engine(read):
-    """The engine of a file, its settings in their usual order."""
-    return read_engine(Entry({"name": read.engine, **read.settings}, ""))
+    """The engine of a file, its settings in their usual order; files of time steps that do not say so collide late."""
+    before = {"collisions": "late"} if read.engine == "timestep" else {}
+    return read_engine(Entry({"name": read.engine, **before, **read.settings}, ""))
 
 
 def _outcome(read, name):
