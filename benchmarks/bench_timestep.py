@@ -1,16 +1,22 @@
 """What a time step costs and spoils: the time-stepping engine beside the exact one, the tables of docs/decisions.md.
 
     python benchmarks/bench_timestep.py
+    python benchmarks/bench_timestep.py --quick     a few short runs, of each kind
 
-CPU time of one core, medians, both engines by turns in one process, from the same states, with sampling and reporting
-but without drawing states. Bias: the mean difference in pair collisions from the exact engine, seed by seed.
+CPU time of one core, medians, both engines in one process, from the same states, without drawing states. In the note's
+scene sampling and reporting are included; in the periodic boxes the time is the difference of a long run and a short
+one, so that start-up is not. Bias: the mean difference in pair collisions from the exact engine, seed by seed; in the
+boxes that of the long run, with the standard error that independent collisions would give it.
 """
 
+import argparse
 import json
 import time
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
-from bench_exact import ROOT, scene_of
+from bench_exact import ROOT, Case, scene_of
 
 from brownpipe import exact, timestep
 from brownpipe.analysis.departure import SHARE, departure_time
@@ -18,9 +24,30 @@ from brownpipe.scene import SceneError, parse_scene, read_scene
 from brownpipe.state import draw
 
 STEPS = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+BOX_STEPS = (1e-4, 1e-3, 1e-2)
+BOXES = ((150, 0.14), (150, 0.7), (1_000, 0.14), (1_000, 0.7), (10_000, 0.14), (10_000, 0.7))
+PRECISIONS = ("double", "single")
+LONGER = 4  # times as long as the short run
 
 
-def seconds(run, repeats=5):
+class Effort(NamedTuple):
+    """How much is measured."""
+
+    steps: tuple[float, ...]  # in the note's scene [time]
+    seeds: int  # of the note's scene, compared
+    states: int  # of them, timed
+    repeats: int  # of which the median is taken
+    boxes: tuple[tuple[int, float], ...]  # (N, phi)
+    box_steps: tuple[float, ...]  # [time]
+    disk_time: float  # disks times duration of the short run in a box [time]
+    melting: float  # [time]
+
+
+FULL = Effort(STEPS, 400, 100, 5, BOXES, BOX_STEPS, 10_000.0, 2.0)
+QUICK = Effort(STEPS[-1:], 4, 2, 1, BOXES[:1], BOX_STEPS[-1:], 150.0, 0.1)
+
+
+def seconds(run, repeats):
     """Median CPU time of a call."""
     spent = []
     for _ in range(repeats):
@@ -30,19 +57,20 @@ def seconds(run, repeats=5):
     return float(np.median(spent))
 
 
-def runs_of_the_note(seeds=400):
+def runs_of_the_note(effort):
     """Time per run, bias, missed collisions and departure against the time step, in the note's scene."""
-    scene = read_scene(ROOT / "config/scenes/harrison2020.yaml")
-    states, there = [draw(scene, seed) for seed in range(100)], exact.simulate(scene, range(seeds))
+    scene, seeds = read_scene(ROOT / "config/scenes/harrison2020.yaml"), effort.seeds
+    states, there = [draw(scene, seed) for seed in range(effort.states)], exact.simulate(scene, range(seeds))
     reference = exact.prepared(scene)
-    alone = seconds(lambda: [exact.run(reference, state, scene.times) for state in states]) * 10
+    alone = seconds(lambda: [exact.run(reference, state, scene.times) for state in states], effort.repeats)
+    alone *= 1e3 / len(states)
     pairs = there.observables["pair_collisions"]
     yield f"exact: {alone:.3f} ms a run, {pairs.mean():.1f} pair collisions\n"
     yield "| dt | double, ms | single, ms | of exact | bias, % | missed, % | departs at, median | worst overlap |"
     yield "|---|---|---|---|---|---|---|---|"
-    for dt in STEPS:
-        few = states[: 100 if dt > 1e-4 else 20]
-        double, single = (1e3 / len(few) * spent(scene, few, scene.times, dt, one) for one in ("double", "single"))
+    for dt in effort.steps:
+        few = states if dt > 1e-4 else states[: effort.states // 5]
+        double, single = (milliseconds(scene, few, dt, one, effort) for one in PRECISIONS)
         run = timestep.simulate(scene, range(seeds), time_step=dt)
         less = 100 * (run.observables["pair_collisions"] - pairs) / pairs.mean()
         missed = 100 * run.observables["missed_collisions"].mean() / pairs.mean()
@@ -54,47 +82,75 @@ def runs_of_the_note(seeds=400):
         )
 
 
-def spent(scene, states, times, dt, precision):
-    """Median CPU time of runs from states; NaN where the time step is refused."""
+def stepping(scene, dt, precision):
+    """The engine; None where it refuses the time step, too short for the precision."""
     try:
-        engine = timestep.prepared(scene, dt, precision)
+        return timestep.prepared(scene, dt, precision)
     except SceneError:
+        return None
+
+
+def milliseconds(scene, states, dt, precision, effort):
+    """Median CPU time of a run from each of the states [ms]; NaN where the time step is refused."""
+    engine = stepping(scene, dt, precision)
+    if engine is None:
         return float("nan")
-    return seconds(lambda: [timestep.run(engine, state, times) for state in states], 3)
+    all_runs = seconds(lambda: [timestep.run(engine, state, scene.times) for state in states], effort.repeats)
+    return 1e3 * all_runs / len(states)
 
 
-def boxes(duration=3.0):
+def boxes(effort):
     """Time per unit of time against N, packing fraction and time step, in periodic boxes that were melted before."""
     yield "| N | phi | exact, ms | dt | double, ms | single, ms | of exact | bias, % |"
     yield "|---|---|---|---|---|---|---|---|"
-    for n, phi in ((150, 0.14), (150, 0.7), (1000, 0.14), (1000, 0.7), (10000, 0.14), (10000, 0.7)):
-        yield from box(to_mapping(scene_of(n, phi, "periodic", "equal"), duration), duration * min(1.0, 3000 / n))
-
-
-def box(mapping, duration):
-    """The lines of one box."""
-    scene, times = parse_scene(mapping, "benchmark"), np.array([duration])
-    engine, n = exact.prepared(scene), scene.particles
-    melted = exact.run(engine, draw(scene, 0), np.array([2.0]), {"all"}).whole
-    state = draw(scene, 0)._replace(position=melted.position[-1], velocity=melted.velocity[-1])
-    alone = seconds(lambda: exact.run(engine, state, times), 3) / duration * 1e3
-    pairs = exact.run(engine, state, times).observables["pair_collisions"]
-    for dt in (1e-4, 1e-3, 1e-2):
-        double, single = (1e3 / duration * spent(scene, [state], times, dt, one) for one in ("double", "single"))
-        found = timestep.run(timestep.prepared(scene, dt), state, times).observables["pair_collisions"]
-        yield (
-            f"| {n} | {scene.packing_fraction:.2f} | {alone:.2f} | {dt:g} | {double:.2f} | {single:.2f} | "
-            f"{double / alone:.1f} | {100 * (found / pairs - 1):.1f} |"
+    for n, phi in effort.boxes:
+        yield from box(
+            with_duration(scene_of(Case(n, phi, "periodic", "equal")), LONGER * effort.disk_time / n), effort
         )
 
 
-def to_mapping(scene, duration):
-    """The scene with another duration."""
-    return json.loads(scene.text) | {"duration": duration, "sample_interval": duration}
+def box(scene, effort):
+    """The lines of one box, whose long run lasts as long as the scene."""
+    engine, n, long = exact.prepared(scene), scene.particles, scene.times[-1:]
+    melted = exact.run(engine, draw(scene, 0), np.array([effort.melting]), {"all"}).whole
+    state = draw(scene, 0)._replace(position=melted.position[-1], velocity=melted.velocity[-1])
+    alone = milliseconds_of_time(lambda times: exact.run(engine, state, times), long, effort)
+    pairs = exact.run(engine, state, long).observables["pair_collisions"]
+    for dt in effort.box_steps:
+        engines = [stepping(scene, dt, one) for one in PRECISIONS]
+        runs = [None if one is None else partial(timestep.run, one, state) for one in engines]
+        double, single = (milliseconds_of_time(run, long, effort) for run in runs)
+        found = timestep.run(engines[0], state, long).observables["pair_collisions"]
+        yield (
+            f"| {n} | {scene.packing_fraction:.2f} | {alone:.3g} | {dt:g} | {double:.3g} | {single:.3g} | "
+            f"{double / alone:.1f} | {100 * (found / pairs - 1):.1f} +- {100 * np.sqrt(1 / found + 1 / pairs):.1f} |"
+        )
 
 
-if __name__ == "__main__":
-    for table in (runs_of_the_note(), boxes()):
+def milliseconds_of_time(run, long, effort):
+    """Median CPU time for a unit of time [ms], by the difference of runs to time `long`, (1,), and to a part of it."""
+    if run is None:
+        return float("nan")
+    short = long / LONGER
+    run(short)
+    differences = [seconds(lambda: run(long), 1) - seconds(lambda: run(short), 1) for _ in range(effort.repeats)]
+    return 1e3 * float(np.median(differences) / (long - short)[0])
+
+
+def with_duration(scene, duration):
+    """The scene with another duration, sampled at its end."""
+    return parse_scene(json.loads(scene.text) | {"duration": duration, "sample_interval": duration}, "benchmark")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="a few short runs, of each kind")
+    effort = QUICK if parser.parse_args().quick else FULL
+    for table in (runs_of_the_note(effort), boxes(effort)):
         for line in table:
             print(line, flush=True)
         print()
+
+
+if __name__ == "__main__":
+    main()
