@@ -1,6 +1,7 @@
 """What the analysis of many runs takes: memory must not grow with their number.
 
     python benchmarks/bench_aggregate.py [--seeds 100000] [--samples 100] [--batch 2400]
+    python benchmarks/bench_aggregate.py --quick     200 seeds of 10 samples in two files
 
 Writes trajectory files of free diffusers into a temporary folder, aggregates them in a process of its own, and prints
 what that took.
@@ -36,7 +37,10 @@ def main():
     parser.add_argument("--seeds", type=int, default=100_000)
     parser.add_argument("--samples", type=int, default=100)
     parser.add_argument("--batch", type=int, default=2400, help="seeds in a file")
+    parser.add_argument("--quick", action="store_true", help="200 seeds of 10 samples in two files")
     given = parser.parse_args()
+    if given.quick:
+        given.seeds, given.samples, given.batch = 200, 10, 100
     scene = parse_scene(SCENE | {"sample_interval": 1.0 / given.samples}, "diffusers.yaml")
     with tempfile.TemporaryDirectory() as folder:
         starts = range(0, given.seeds, given.batch)

@@ -1,6 +1,7 @@
 """How the price of the exact engine and of time steps grows with the number of disks, at one packing fraction.
 
     python benchmarks/bench_engines.py [--most 100000]   writes docs/benchmarks_engines.md and docs/figures/engines.png
+    python benchmarks/bench_engines.py --quick             one small box, nothing written
 
 Periodic boxes of equal disks, phi = 0.14 as in the note, in units of the note's bath. Seconds of CPU for a unit of
 time, without drawing the state: the difference of two durations of the same seeds, median of five, in one process.
@@ -23,6 +24,7 @@ DISKS = (150, 1_000, 10_000, 100_000)
 PHI = 0.14
 SHARES = (1.0, 0.1, 0.01)  # of the largest time step allowed
 WORK = 2e6  # disks times steps of a stretch, or collisions, about
+QUICK = 1e5  # of them in a quick pass
 
 
 def scene_of(n, duration):
@@ -44,7 +46,7 @@ def engines(scene):
     return [Engine("exact"), *steps]
 
 
-def seconds_of_time(n, engine, shortest, repeats=5):
+def seconds_of_time(n, engine, shortest, repeats):
     """CPU seconds for a unit of the scene's time."""
     short, long = scene_of(n, shortest), scene_of(n, 4 * shortest)
     engine.simulate(short, [0], frozenset({"tracer"}))
@@ -59,26 +61,31 @@ def seconds_of_time(n, engine, shortest, repeats=5):
     return float(np.median(taken))
 
 
-def duration_of(n, engine):
-    """A stretch with enough to do, and at least two time steps."""
+def duration_of(n, engine, work):
+    """A stretch with so much to do, and at least two time steps."""
     step = dict(engine.settings).get("time_step", 0.02)
-    return max(2 * step, WORK * step / n)
+    return max(2 * step, work * step / n)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--most", type=int, default=DISKS[-1], help="disks")
-    most = parser.parse_args().most
-    sizes = [n for n in DISKS if n <= most]
+    parser.add_argument("--quick", action="store_true", help="one small box, nothing written")
+    given = parser.parse_args()
+    sizes = DISKS[:1] if given.quick else [n for n in DISKS if n <= given.most]
+    work, repeats = (QUICK, 1) if given.quick else (WORK, 5)
     names = ["exact", *(f"dt = {share:g} of the largest" for share in SHARES)]
-    table = {n: [seconds_of_time(n, one, duration_of(n, one)) for one in engines(scene_of(n, 1.0))] for n in sizes}
+    table = {n: [] for n in sizes}
+    for n, row in table.items():
+        row += [seconds_of_time(n, one, duration_of(n, one, work), repeats) for one in engines(scene_of(n, 1.0))]
     lines = [__doc__.partition("\n")[0], "", "| N | exact, s | " + " | ".join(names[1:]) + " |", "|---" * 5 + "|"]
     for n, (exact, *others) in table.items():
         lines.append(f"| {n:,} | {exact:.3g} | " + " | ".join(f"x {other / exact:.3g}" for other in others) + " |")
     print("\n".join(lines))
-    if most == DISKS[-1]:
+    drawn = picture(table, names)
+    if DISKS[-1] in sizes:
         (ROOT / "docs" / "benchmarks_engines.md").write_text("\n".join(lines) + "\n")
-        (ROOT / "docs" / "figures" / "engines.png").write_bytes(picture(table, names))
+        (ROOT / "docs" / "figures" / "engines.png").write_bytes(drawn)
 
 
 def picture(table, names):

@@ -1,7 +1,7 @@
 """How fast the exact engine is: pair collisions per CPU second and bytes per disk, and what each feature costs.
 
     make bench                      writes docs/benchmarks.md and docs/figures/speed.png
-    python benchmarks/bench_exact.py --quick
+    python benchmarks/bench_exact.py --quick     every part of it with a few events each, nothing written
 
 A figure is the median over stretches of one run that was melted before, in CPU time of one core. Compare figures of one
 table with each other: machines differ, and a busy one has less cache to itself.
@@ -57,8 +57,22 @@ class Speed(NamedTuple):
     size: float  # bytes of the workspace per disk
 
 
+class Effort(NamedTuple):
+    """How much is measured."""
+
+    numbers: tuple[int, ...]  # of disks
+    rows: list[tuple[str, str]]  # of the table: boundary, kinds
+    melting: int  # events before anything is timed, at least
+    events: int  # of a timed stretch, at least
+    stretches: int  # of which the median is taken
+    runs: int  # of the note's scene
+    together: tuple[int, ...]  # numbers of disks run in two processes at once
+
+
 WALLED = ("equal", "radii 1 and 1.25", "one of radius 50")
 ROWS = [("periodic", kinds) for kinds in KINDS if kinds != WALLED[-1]] + [("reflecting", kinds) for kinds in WALLED]
+FULL = Effort(NUMBERS, ROWS, 400_000, 150_000, 5, 400, (1_000, 100_000))
+QUICK = Effort(NUMBERS[:1], ROWS[:1], 2_000, 2_000, 1, 10, NUMBERS[:1])
 
 
 def scene_of(case):
@@ -80,13 +94,13 @@ def scene_of(case):
     )
 
 
-def started(scene, change=None, record=()):
+def started(scene, effort, change=None, record=()):
     """A melted run: workspace and recorder. `change` takes a workspace and returns it with more to do."""
     engine = exact.prepared(scene)
     w = engine.workspace if change is None else change(engine.workspace)
     room = recorder(engine.frame, w, FOR_EVER, record)
     begin(w, motion_of(draw(scene, 0), engine.frame))
-    go_on(w, room, max(400_000, 4 * scene.particles))
+    go_on(w, room, max(effort.melting, 4 * scene.particles))
     return w, room
 
 
@@ -101,10 +115,10 @@ def go_on(w, room, events):
     return (w.count[ws.PAIRS] - done) / (time.process_time() - begun)
 
 
-def speed_of(case, stretches=5):
+def speed_of(case, effort):
     """Return the Speed of a case."""
-    w, room = started(scene_of(case))
-    rates = [go_on(w, room, max(150_000, case.n // 4)) for _ in range(stretches)]
+    w, room = started(scene_of(case), effort)
+    rates = [go_on(w, room, max(effort.events, case.n // 4)) for _ in range(effort.stretches)]
     arrays = [array for array in (*w, *(w.big or ()), *(w.lists or ())) if isinstance(array, np.ndarray)]
     sizes = {array.ctypes.data: array.nbytes for array in arrays}  # two may be views of the same memory
     return Speed(float(np.median(rates)), sum(sizes.values()) / case.n)
@@ -131,26 +145,26 @@ FEATURES = {
 }
 
 
-def cost_of_features(n, phi, stretches=9):
+def cost_of_features(n, phi, effort):
     """Yield each feature with the CPU time a collision takes with it, relative to the same run without; alternating."""
     scene = scene_of(Case(n, phi, "periodic", "equal"))
-    plain = started(scene)
+    plain = started(scene, effort)
     for name, (change, record) in FEATURES.items():
-        other = started(scene, change, record)
-        ratios = [go_on(*plain, 150_000) / go_on(*other, 150_000) for _ in range(stretches)]
+        other, stretches = started(scene, effort, change, record), 2 * effort.stretches - 1
+        ratios = [go_on(*plain, effort.events) / go_on(*other, effort.events) for _ in range(stretches)]
         yield name, float(np.median(ratios))
 
 
 # -- runs of the note's scene, and two processes --------------------------------------------------------------------
 
 
-def milliseconds_per_run(runs=400, repeats=5):
+def milliseconds_per_run(effort):
     """Median CPU time of a run of the note's scene: the engine alone, and with drawing, sampling and reporting."""
-    scene = read_scene(NOTE)
+    scene, runs = read_scene(NOTE), effort.runs
     engine, states = exact.prepared(scene), [draw(scene, seed) for seed in range(runs)]
     w, room = engine.workspace, recorder(engine.frame, engine.workspace, scene.times, ())
     alone, whole, pairs = [], [], 0
-    for _ in range(repeats):
+    for _ in range(effort.stretches):
         begun = time.process_time()
         for state in states:
             begin(w, motion_of(state, engine.frame))
@@ -162,23 +176,23 @@ def milliseconds_per_run(runs=400, repeats=5):
     return float(np.median(alone)), float(np.median(whole)), pairs
 
 
-def note_rate(barrier):
+def note_rate(effort, barrier):
     """Pair collisions per second of wall time in runs of the note's scene, all processes beginning together."""
     scene, pairs = read_scene(NOTE), 0
     exact.simulate(scene, range(10))
     barrier.wait()
     begun = time.monotonic()
-    for first in range(0, 4000, 400):
-        pairs += exact.simulate(scene, range(first, first + 400)).observables["pair_collisions"].sum()
+    for first in range(0, 10 * effort.runs, effort.runs):
+        pairs += exact.simulate(scene, range(first, first + effort.runs)).observables["pair_collisions"].sum()
     return pairs / (time.monotonic() - begun)
 
 
-def case_rate(case, barrier):
+def case_rate(case, effort, barrier):
     """Pair collisions per second of wall time in a large box, all processes beginning together."""
-    w, room = started(scene_of(case))
+    w, room = started(scene_of(case), effort)
     barrier.wait()
     begun, done = time.monotonic(), w.count[ws.PAIRS]
-    go_on(w, room, 2_000_000)
+    go_on(w, room, 5 * effort.melting)
     return (w.count[ws.PAIRS] - done) / (time.monotonic() - begun)
 
 
@@ -190,13 +204,13 @@ def together(work, processes):
         return sum(pool.map(work, [barrier] * processes, chunksize=1))
 
 
-def ensembles(repeats=5):
+def ensembles(effort):
     """Yield what is run, the rate of one process and that of two at once: the medians of both, measured in turn."""
-    works = {"the note's scene, N = 150": note_rate}
-    for n in (1_000, 100_000):
-        works[f"periodic, equal, phi = 0.5, N = {n}"] = partial(case_rate, Case(n, 0.5, "periodic", "equal"))
+    works = {"the note's scene, N = 150": partial(note_rate, effort)}
+    for n in effort.together:
+        works[f"periodic, equal, phi = 0.5, N = {n}"] = partial(case_rate, Case(n, 0.5, "periodic", "equal"), effort)
     for name, work in works.items():
-        rates = [[together(work, processes) for processes in (1, 2)] for _ in range(repeats)]
+        rates = [[together(work, processes) for processes in (1, 2)] for _ in range(effort.stretches)]
         yield name, *np.median(rates, axis=0)
 
 
@@ -211,10 +225,10 @@ def processor():
     return platform.processor() or platform.machine()
 
 
-def report(quick, speeds):
+def report(effort, speeds):
     """The results as Markdown, a line at a time; the Speed of each case is put into `speeds`."""
     yield f"# Speed of the exact engine\n\nOne core of an {processor()}; made by `make bench`.\n"
-    alone, whole, pairs = milliseconds_per_run(*((50, 3) if quick else ()))
+    alone, whole, pairs = milliseconds_per_run(effort)
     yield (
         f"The note's scene (N = 150, t = 1): {alone:.3f} ms of CPU a run for the engine, {pairs / alone / 1e3:.2f} "
         f"million pair collisions a second; {whole:.3f} ms with drawing the state and reporting.\n"
@@ -222,21 +236,21 @@ def report(quick, speeds):
     yield "Million pair collisions per CPU second, and bytes of working memory per disk:\n"
     yield "| N | box | disks | phi = 0.14 | 0.5 | 0.7 | bytes per disk |"
     yield "|---|---|---|---|---|---|---|"
-    for boundary, kinds in ROWS[:1] if quick else ROWS:
-        for n in NUMBERS[:1] if quick else NUMBERS:
+    for boundary, kinds in effort.rows:
+        for n in effort.numbers:
             cases = [Case(n, phi, boundary, kinds) for phi in FRACTIONS]
-            speeds |= {case: speed_of(case) for case in cases if can_be_placed(case)}
+            speeds |= {case: speed_of(case, effort) for case in cases if can_be_placed(case)}
             rates = [f"{speeds[case].rate / 1e6:.2f}" if case in speeds else "" for case in cases]
             size = max(speeds[case].size for case in cases if case in speeds)
             yield f"| {n} | {boundary} | {kinds} | {' | '.join(rates)} | {size:.0f} |"
     yield "\nCPU time of a collision with what the scene does not need, to that without (N = 1000, periodic, equal):\n"
     yield "| | phi = 0.14 | 0.5 |\n|---|---|---|"
-    for (name, dilute), (_, dense) in zip(cost_of_features(1_000, 0.14), cost_of_features(1_000, 0.5), strict=True):
+    columns = (cost_of_features(1_000, phi, effort) for phi in FRACTIONS[:2])
+    for (name, dilute), (_, dense) in zip(*columns, strict=True):
         yield f"| {name} | {dilute:.2f} | {dense:.2f} |"
-    if not quick:
-        yield "\nProcesses at once, million pair collisions per second of wall time:\n\n| | one | two |\n|---|---|---|"
-        for name, one, two in ensembles():
-            yield f"| {name} | {one / 1e6:.2f} | {two / 1e6:.2f} |"
+    yield "\nProcesses at once, million pair collisions per second of wall time:\n\n| | one | two |\n|---|---|---|"
+    for name, one, two in ensembles(effort):
+        yield f"| {name} | {one / 1e6:.2f} | {two / 1e6:.2f} |"
 
 
 def can_be_placed(case):
@@ -247,8 +261,8 @@ def can_be_placed(case):
         return False
 
 
-def draw_speed(path, speeds):
-    """Draw the cost of a collision against the number of disks."""
+def drawn(speeds):
+    """The picture, bytes of a PNG: the cost of a collision against the number of disks."""
     with style.drawing():
         figure, axes = style.grid(1, 1, 5.6, 4.2)
         axes = axes[0, 0]
@@ -262,20 +276,21 @@ def draw_speed(path, speeds):
                 )
         axes.set(xscale="log", ylim=(0, None), xlabel="number of disks", ylabel="CPU time of a pair collision [µs]")
         style.heads([axes], ["Periodic box: equal disks; dashed: two radii"])
-        figure.savefig(path, **style.SAVE[path.suffix[1:]])
+        return style.image_bytes(figure, "png")
 
 
 def main():
     """Print the report, and keep it unless it is a quick one."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a few cases only, nothing written")
+    parser.add_argument("--quick", action="store_true", help="a few events of each kind, nothing written")
     quick, lines, speeds = parser.parse_args().quick, [], {}
-    for line in report(quick, speeds):
+    for line in report(QUICK if quick else FULL, speeds):
         print(line, flush=True)
         lines.append(line)
+    picture = drawn(speeds)
     if not quick:
         (ROOT / "docs/benchmarks.md").write_text("\n".join(lines) + "\n")
-        draw_speed(ROOT / "docs/figures/speed.png", speeds)
+        (ROOT / "docs/figures/speed.png").write_bytes(picture)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Where the time of a study goes: run it from nothing with compiled kernels, and say what took how long.
 
     python benchmarks/bench_study.py [STUDY.yaml] [--cores 2] [--config batch=600]
+    python benchmarks/bench_study.py --quick     a study of 40 runs in one box
 
 Prints a table in Markdown. Wall times of jobs are those of Snakemake's benchmark files; they overlap on several cores.
 """
@@ -18,6 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 SCENE = ROOT / "config" / "scenes" / "harrison2020.yaml"
+QUICK = f"scenes: {SCENE}\nparticles: 20\nseeds: 40\nbatch: 20\nfigures: [health]\n"
 ENVIRONMENT = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
 
 
@@ -26,8 +28,12 @@ def main():
     parser.add_argument("study", nargs="?", default=ROOT / "config" / "harrison2020.yaml", type=Path)
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--config", nargs="*", default=[], metavar="KEY=VALUE", help="replaced keys of the study")
+    parser.add_argument("--quick", action="store_true", help="a study of 40 runs in one box")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
+        if given.quick:
+            given.study = Path(folder) / "quick.yaml"
+            given.study.write_text(QUICK)
         one = ["brownpipe", "simulate", SCENE, "--output", f"{folder}/one.h5"]
         timed(one)  # compiles the kernels, if need be
         start, start_cpu = timed(one)
