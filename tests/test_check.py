@@ -32,7 +32,7 @@ def test_scene():
 
 
 def test_too_few_disks_for_the_box_are_said():
-    """Kinetic theory of equal disks: a flight is 1/(2 sqrt(2) n s) in a thin gas, here of 4 disks in the note's box."""
+    """The mean free path of equal disks is 1/(2 sqrt(2) n s) in a dilute gas, here of 4 disks in the note's box."""
     scene = parse_scene(
         {
             "box": {"x": [0.0, 6.0], "y": [0.0, 6.0]},
@@ -43,9 +43,9 @@ def test_too_few_disks_for_the_box_are_said():
         "thin.yaml",
     )
     expected = 36.0 / 3 / (2 * 2**0.5 * 0.2)  # of the three others
-    assert cost.free_path(scene) == pytest.approx(expected, rel=0.01)
+    assert cost.mean_free_path(scene) == pytest.approx(expected, rel=0.01)
     remark = cost.caution(Engine("exact"), scene)
-    assert remark.startswith("thin: 4 disks are too few for Brownian motion in this box: a disk flies 21 between")
+    assert remark.startswith("thin: 4 disks are too few for Brownian motion in this box: the mean free path, 21, is")
     assert cost.caution(Engine("exact"), read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
 
 

@@ -164,8 +164,11 @@ def pair_rate(scene: Scene, kinds: Kinds) -> float:
     return float(rate)
 
 
-def free_path(scene: Scene) -> float:
-    """Return how far a disk of mean speed flies between collisions with others [length]; inf without any."""
+def mean_free_path(scene: Scene) -> float:
+    """Return the mean free path between collisions with other disks, averaged over all disks [length]; inf without any.
+
+    Mean speed over mean collision rate.
+    """
     kinds = kinds_of(scene)
     rate = 2 * pair_rate(scene, kinds) / max(scene.particles, 1)
     speed = float(np.sqrt(np.pi / 2) * (kinds.number @ kinds.speed) / max(scene.particles, 1))
@@ -176,11 +179,11 @@ def caution(engine: Engine, scene: Scene) -> str | None:
     """Return what to bear in mind when this engine does this scene, one line; None if there is nothing."""
     if engine.name == "langevin":
         return friction.caution(scene)
-    side, path = min(scene.box.width, scene.box.height), free_path(scene)
+    side, path = min(scene.box.width, scene.box.height), mean_free_path(scene)
     if not scene.species or scene.particles < 2 or not side < path < np.inf:
         return None
-    flight = f"a disk flies {path:.2g} between collisions, and the box is {side:.2g} wide"
-    return f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: {flight}"
+    too_long = f"the mean free path, {path:.2g}, is longer than its shorter side, {side:.2g}"
+    return f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: {too_long}"
 
 
 def wall_rate(scene: Scene, kinds: Kinds) -> float:
