@@ -1,5 +1,6 @@
 """What `brownpipe check` says, and whether the expected costs are near the real ones."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from brownpipe import check, cost, exact
 from brownpipe.check import describe
 from brownpipe.engines import Engine
+from brownpipe.observables import OBSERVABLES
 from brownpipe.reading import SceneError
 from brownpipe.scene import parse_scene, read_scene
 
@@ -26,6 +28,8 @@ def test_scene():
     assert "t = 0 to 1, 101 samples" in said["run"]
     assert "walls, radius and mass of each disk, 1 much bigger than the rest" in said["engine"]
     assert "560 collisions between disks and 110 with walls" in said["expected"]
+    assert "adds to a run, one by one: displacement 0.01" in said["measure"]
+    assert all(f" {name} " in said["measure"] for name in OBSERVABLES)
     assert "in steps of --time-step; some " in said["timestep"]
     assert "--friction enskog: the tracer alone, gamma = 7.26; no 1/t tail" in said["langevin"]
     assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in said["caution"]
@@ -126,6 +130,54 @@ def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
     found, expected = exact.simulate(scene, range(20), frozenset({"none"})).observables, cost.of_run(scene)
     assert np.isclose(found["pair_collisions"].mean(), expected.pair_collisions, rtol=0.08)
     assert np.isclose(found["wall_collisions"].mean(), expected.wall_collisions, rtol=0.12)
+
+
+@pytest.mark.parametrize("name", list(OBSERVABLES))
+@pytest.mark.parametrize("scene", ["harrison2020", "dilute"])
+def test_expected_price_of_an_observable_is_near_the_real_one(scene, name):
+    """CPU time of runs with the observable relative to those without, by turns, so that a slow machine divides out.
+
+    Within a factor of 2: the forecast is off by up to 30 %, and medians of seven repetitions differ by 10 to 20 % from
+    one measurement to the next on a machine with other work: some three standard errors are left.
+    """
+    scene, taken = read_scene(CONFIG / "scenes" / f"{scene}.yaml"), {(): [], (name,): []}
+    for names in taken:
+        exact.simulate(scene, [0], observables=names)
+    for _ in range(7):
+        for names, seconds in taken.items():
+            begun = time.process_time()
+            exact.simulate(scene, range(10), observables=names)
+            seconds.append(time.process_time() - begun)
+    found = np.median(taken[name,]) / np.median(taken[()])
+    expected = cost.of_run(scene, observables=(name,)).seconds / cost.of_run(scene).seconds
+    assert found / 2 < expected < found * 2
+
+
+def test_averages_and_kept_disks_have_their_price():
+    def seconds(scene, record=frozenset({"tracer"}), names=(), average="runs"):
+        return cost.of_run(scene, record, names, average).seconds
+
+    scene = read_scene(CONFIG / "scenes" / "dense.yaml")
+    assert seconds(scene) < seconds(scene, names=("displacement",)) < seconds(scene, frozenset({"all"}))
+    for name in ("displacement", "velocity_autocorrelation"):
+        assert seconds(scene, names=(name,)) < seconds(scene, names=(name,), average="origins")
+        assert seconds(scene, frozenset({"all"})) < seconds(scene, names=(name,), average="disks")
+    langevin = Engine("langevin", (("friction", "enskog"),))
+    heavy = read_scene(CONFIG / "scenes" / "heavy.yaml")
+    alone, measured = (cost.of_engine(langevin, heavy, frozenset(), names) for names in ((), tuple(OBSERVABLES)))
+    assert alone.seconds < measured.seconds < 2 * alone.seconds  # it follows the tracer alone
+
+
+@pytest.mark.parametrize(("name", "phi"), [("dilute", 0.03), ("fluid_014", 0.14), ("dense", 0.7)])
+def test_a_collision_costs_more_where_disks_cross_more_cells_between(name, phi):
+    """docs/benchmarks.md: 2.5, 3.7 and 4.9 million pair collisions per second at phi = 0.14, 0.5 and 0.7, N = 1000; the
+    forecast is made for a machine that is busy with other work, up to 1.5 times slower."""
+    scene = read_scene(CONFIG / "scenes" / f"{name}.yaml")
+    one = cost.of_run(scene)
+    assert scene.packing_fraction == pytest.approx(phi, abs=0.005)
+    microseconds = 1e6 * one.seconds / one.pair_collisions
+    lower = {0.03: 0.6, 0.14: 0.4, 0.7: 0.2}[phi]
+    assert lower < microseconds < 1.7 * lower
 
 
 def test_disks_at_rest_and_no_disks_cost_nothing():

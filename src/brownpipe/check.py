@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from brownpipe import cost, friction, reading
+from brownpipe import cost, friction, observables, reading
 from brownpipe.engines import USUAL, Engine, refuse_unfit
 from brownpipe.scene import MOST_BYTES, Scene, parse_scene
 from brownpipe.study import Study, read_study
@@ -40,6 +40,7 @@ def _scene(scene: Scene) -> list[str]:
         f"expected  {_expected(scene, one)}",
         f"cost      some {in_time(one.seconds)} of CPU a run, once {cost.START_UP:g} s have passed to start;"
         f" {in_bytes(one.working)} of memory, {in_bytes(one.recorded)} of file",
+        *_measured(scene, one),
         *_cautions(Engine("exact"), [scene]),
         *_others(scene),
     ]
@@ -68,6 +69,14 @@ def _expected(scene: Scene, one: cost.Cost) -> str:
         return "too few disks to say"
     walls = f" and {_rounded(one.wall_collisions)} with walls" if not scene.box.periodic else ""
     return f"{_rounded(one.pair_collisions)} collisions between disks{walls} (Enskog, in equilibrium)"
+
+
+def _measured(scene: Scene, one: cost.Cost) -> list[str]:
+    """What each observable that the scene has would add to the CPU time of a run."""
+    names = [name for name in observables.OBSERVABLES if observables.problem(scene, (name,)) is None]
+    more = {name: cost.of_run(scene, observables=(name,)).seconds - one.seconds for name in names}
+    listed = ", ".join(f"{name} {in_time(seconds)}" for name, seconds in more.items())
+    return [f"measure   --observables adds to a run, one by one: {listed}"] if names else []
 
 
 def _engine(scene: Scene) -> str:

@@ -1,6 +1,7 @@
 """What a scene will cost before it is run: collisions by Enskog's theory, and from them CPU time, memory and file size.
 
-Time steps, and samples of the tracer alone, cost so much each.
+Time steps, samples, crossings of cells, and what an observable does with a sample of a disk cost so much each:
+`benchmarks/bench_cost.py` compares the forecast with the CPU time taken.
 
 Rough on purpose. The collision counts hold in equilibrium, within some percent up to a packing fraction of 0.65. If the
 scene gives every disk the same standard deviation of the velocity, they are those of its beginning.
@@ -15,28 +16,41 @@ from brownpipe import friction, theory
 from brownpipe import observables as measures
 from brownpipe.engines import Engine
 from brownpipe.observables import pairs
-from brownpipe.observables.kinds import bath_disks
+from brownpipe.observables.kinds import bath_disks, equal_disks
 from brownpipe.scene import Scene, SceneError
 
 START_UP = 0.7  # CPU seconds that a process takes to start with its kernels compiled
-EACH_RUN = 2e-4  # CPU seconds to draw a state and to keep what is recorded
+EACH_RUN = 2.5e-4  # CPU seconds to draw a state and to keep what is recorded
+SECONDS_PER_COLLISION = 2.5e-7  # CPU seconds, with a pair or a wall
+SECONDS_PER_CROSSING = 2e-7  # CPU seconds for a disk that moves by the distance of neighbours
 DISKS = (1e3, 1e4, 1e5, 1e6)  # the more disks, the more often one is out of the processor's cache
-COLLISIONS_PER_SECOND = (2.0e6, 1.8e6, 1.4e6, 1.1e6)  # pairs per CPU second with so many disks
+SLOWER = (1.0, 1.2, 1.6, 2.1)  # are both with so many disks
 PATH_PER_BLOCK = 1024.0  # as in exact.setup: contact distances that a disk moves until all is predicted afresh
 SECONDS_PER_BLOCK = 1.5e-7  # CPU seconds for one disk
 SECONDS_PER_DISK_STEP = 8e-10  # CPU seconds of a disk in a time step
 EACH_LANGEVIN_RUN = 4.5e-5  # CPU seconds; two streams of random numbers are begun
-SECONDS_PER_SAMPLE = 1.3e-7
+SECONDS_PER_SAMPLE = 1.3e-7  # CPU seconds
+SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record a disk at a sample time, where all are recorded
 DENSEST = 0.7  # packing fraction up to which the theory is used
 BYTES_PER_DISK = 250  # the engine's working memory
 BYTES_PER_EVENT = 32
 COMPRESSED = 0.95  # of the bytes of random coordinates
 BYTES_PER_NUMBER = 8
 BYTES_PER_SAMPLE = 120  # of a disk, of which a run is measured: recorded, put in order, and what is computed from it
-SECONDS_PER_PAIR = 1e-7  # of disks that are near enough to be counted, in one sample
-SECONDS_PER_RING = 6e-8  # around a lone disk between walls, in one sample
-SECONDS_PER_ORIGIN = 2e-8  # of a disk for one lag
 COPIES = 4  # of what is recorded, while it is written and verified
+# CPU seconds to measure an observable in a run: for the run, and for one of the disks it follows in one sample.
+SECONDS_TO_MEASURE = {
+    "displacement": (1e-5, 3.6e-8),
+    "velocity_autocorrelation": (3e-5, 7e-9),
+    "kinetic_energy": (2e-5, 1.7e-8),
+    "velocity_distribution": (5e-5, 2.8e-8),
+    "pair_distribution": (1e-4, 6e-7),
+}
+SECONDS_PER_SNAPSHOT = 4e-5  # of pair_distribution, and in it
+SECONDS_PER_PAIR = 9e-8  # of disks that are near enough to be counted
+SECONDS_PER_RING = 6e-8  # around a lone disk between walls
+# Of averages over time origins: for a lag, and for one disk and one origin at that lag.
+SECONDS_PER_LAG = {"displacement": (9e-6, 2.2e-8), "velocity_autocorrelation": (6e-6, 1e-9)}
 
 
 class Cost(NamedTuple):
@@ -64,15 +78,20 @@ def of_run(scene: Scene, record=frozenset({"tracer"}), observables=(), average: 
     time = scene.duration + scene.equilibrate
     kinds = kinds_of(scene)
     pairs, walls = time * pair_rate(scene, kinds), time * wall_rate(scene, kinds)
-    speed = np.interp(np.log(max(scene.particles, 1)), np.log(DISKS), COLLISIONS_PER_SECOND)
+    slower = float(np.interp(np.log(max(scene.particles, 1)), np.log(DISKS), SLOWER))
     samples = len(scene.times) * (("tracer" in record) * 16 + ("all" in record) * 32 * scene.particles)
     recorded = COMPRESSED * samples + ("events" in record) * BYTES_PER_EVENT * (pairs + walls)
     recorded += BYTES_PER_NUMBER * measures.numbers_in(scene, observables)
     working = BYTES_PER_DISK * scene.particles
-    if measures.needs_every_disk(scene, observables, average):
+    every = measures.needs_every_disk(scene, observables, average)
+    if every:
         working += BYTES_PER_SAMPLE * len(scene.times) * scene.particles
-    seconds = _measuring(scene, observables, average)
-    seconds += EACH_RUN + (pairs + walls) / float(speed) + SECONDS_PER_BLOCK * scene.particles * blocks(time, kinds)
+    seconds = EACH_RUN + SECONDS_PER_BLOCK * scene.particles * blocks(time, kinds)
+    seconds += slower * SECONDS_PER_COLLISION * (pairs + walls)
+    seconds += slower * SECONDS_PER_CROSSING * time * crossing_rate(scene, kinds)
+    if every or "all" in record:
+        seconds += SECONDS_PER_DISK_SAMPLE * len(scene.times) * scene.particles
+    seconds += sum(_measuring(scene, name, average, len(bath_disks(scene))) for name in observables)
     return Cost(pairs, walls, seconds, recorded, working)
 
 
@@ -84,25 +103,35 @@ def of_engine(engine: Engine, scene: Scene, record=frozenset({"tracer"}), observ
         return exact._replace(seconds=exact.seconds + SECONDS_PER_DISK_STEP * scene.particles * steps)
     if engine.name == "langevin":
         seconds = EACH_LANGEVIN_RUN + SECONDS_PER_SAMPLE * len(scene.times)
+        names, average = measures.of_tracer(observables, average)
+        seconds += sum(_measuring(scene, name, average, 0) for name in names)
         measuring = friction.measuring_runs(scene) if dict(engine.settings)["friction"] == "measured" else None
         once = 0.0 if measuring is None else friction.RUNS * of_run(measuring).seconds
         return Cost(0.0, 0.0, seconds, exact.recorded, 0.0, once)
     return exact
 
 
-def _measuring(scene: Scene, names, average: str) -> float:
-    """Return the CPU seconds that it takes to look at all pairs in reach and at all time origins of a run."""
-    seconds, samples = 0.0, len(scene.times)
-    if "pair_distribution" in names:
-        bins, width = pairs.bins(scene)
-        near = min(1.0, np.pi * (bins * width) ** 2 / scene.box.area) * scene.particles**2 / 2
-        rings = bins * len(pairs.lone_pairs(scene, measures.kinds_of(scene)))
-        once = SECONDS_PER_PAIR * near + SECONDS_PER_RING * rings
-        seconds += once * (samples if measures.is_stationary(scene) else 1)
-    if average == "origins":
-        each = {"displacement": 1, "velocity_autocorrelation": 1 + len(bath_disks(scene)) / 25}
-        seconds += SECONDS_PER_ORIGIN * samples**2 / 2 * sum(each.get(name, 0) for name in names)
-    return seconds
+def _measuring(scene: Scene, name: str, average: str, bath: int) -> float:
+    """Return the CPU seconds that it takes to measure an observable in a run, with so many disks in the bath."""
+    samples, (once, each) = len(scene.times), SECONDS_TO_MEASURE[name]
+    if name in SECONDS_PER_LAG:
+        disks = len(equal_disks(scene)) if average == "disks" else 1
+        disks += bath if name == "velocity_autocorrelation" else 0
+        if average != "origins":
+            return once + each * samples * disks
+        lag, product = SECONDS_PER_LAG[name]
+        return once + samples * (lag * (2 if disks > 1 else 1) + product * disks * samples / 2)
+    counted = samples if name == "kinetic_energy" or measures.is_stationary(scene) else 1
+    seconds = once + each * counted * scene.particles
+    return seconds + (counted * _counting_pairs(scene) if name == "pair_distribution" else 0.0)
+
+
+def _counting_pairs(scene: Scene) -> float:
+    """Return the CPU seconds to count the pairs in reach in one sample, and to measure the rings around lone disks."""
+    bins, width = pairs.bins(scene)
+    near = min(1.0, np.pi * (bins * width) ** 2 / scene.box.area) * scene.particles**2 / 2
+    rings = bins * len(pairs.lone_pairs(scene, measures.kinds_of(scene)))
+    return SECONDS_PER_SNAPSHOT + SECONDS_PER_PAIR * near + SECONDS_PER_RING * rings
 
 
 def refuse_too_large(
@@ -164,15 +193,24 @@ def pair_rate(scene: Scene, kinds: Kinds) -> float:
     return float(rate)
 
 
+def crossing_rate(scene: Scene, kinds: Kinds) -> float:
+    """Return how often per time disks move by the distance of neighbours, the root of the area per disk [1/time]."""
+    return _path_rate(kinds) / float(np.sqrt(scene.box.area / max(scene.particles, 1)))
+
+
 def mean_free_path(scene: Scene) -> float:
     """Return the mean free path between collisions with other disks, averaged over all disks [length]; inf without any.
 
     Mean speed over mean collision rate.
     """
     kinds = kinds_of(scene)
-    rate = 2 * pair_rate(scene, kinds) / max(scene.particles, 1)
-    speed = float(np.sqrt(np.pi / 2) * (kinds.number @ kinds.speed) / max(scene.particles, 1))
-    return speed / rate if rate > 0 else np.inf
+    rate = 2 * pair_rate(scene, kinds)
+    return _path_rate(kinds) / rate if rate > 0 else np.inf
+
+
+def _path_rate(kinds: Kinds) -> float:
+    """Return the length of all disks' paths per time [length/time]; the mean speed is sqrt(pi/2) of that in x."""
+    return float(np.sqrt(np.pi / 2) * (kinds.number @ kinds.speed))
 
 
 def caution(engine: Engine, scene: Scene) -> str | None:
