@@ -253,6 +253,130 @@ def test_uncertain_bins_are_pooled_for_drawing_alone(dataset):
     assert pair_distribution._together(surer, CONTACT[1]) == 1
 
 
+# -- what a reader sees ---------------------------------------------------------------------------------------------
+
+
+def words(figure):
+    """Every text that is to be read, with its box [pixel]."""
+    texts = []
+    for axes in (axes for axes in figure.axes if axes.get_visible() and axes.axison):
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            near = 1e-9 * (high - low)
+            ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+            texts += [
+                tick.label1 for tick in ticks if low - near <= tick.get_loc() <= high + near
+            ]  # others stay hidden
+            texts.append(axis.label)
+        texts += [*axes.texts, *([title(axes)] if title(axes) else [])]
+        texts += axes.get_legend().get_texts() if axes.get_legend() else []
+    texts = [text for text in texts if text.get_visible() and text.get_text().strip()]
+    return [(text.get_text(), Text.get_window_extent(text)) for text in texts]
+
+
+def touching(figure):
+    """Pairs of texts that cover each other, and texts that leave the figure."""
+    found, whole = words(figure), figure.bbox
+    pairs = [(one, other) for k, (one, box) in enumerate(found) for other, its in found[:k] if box.overlaps(its)]
+    cut = [one for one, box in found if box.x0 < 0 or box.y0 < 0 or box.x1 > whole.x1 or box.y1 > whole.y1]
+    return pairs + cut
+
+
+def scenes(dataset, count):
+    """The dataset with its two scenes over and over."""
+    return dataset.isel(scene=[k % 2 for k in range(count)]).assign_coords(scene=[f"scene-{k}" for k in range(count)])
+
+
+TIMES = {
+    "as they are": np.linspace(0, 1, 21),
+    "few decades": np.linspace(0, 2.5e-4, 21),
+    "large": np.linspace(0, 250000, 21),
+    "many decades": [0, *np.geomspace(1e-7, 1e3, 20)],
+    "within a decade": [0, *np.linspace(3.1e-5, 3.9e-5, 20)],
+}
+
+
+@pytest.mark.parametrize("name", ["velocity_autocorrelation", "msd"])
+@pytest.mark.parametrize("times", TIMES)
+def test_tick_labels_stand_clear_of_each_other(dataset, name, times):
+    figure, _ = drawn(name, scenes(dataset, 5).assign_coords(time=TIMES[times]))
+    assert not touching(figure)
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(1e-9, 1e5), (0.05, 1), (2e-5, 9e-5), (5.1, 19.0), (3.1, 3.9), (0.99, 1.01), (1.0, 10.0)]
+)
+def test_labels_of_a_logarithmic_axis(low, high):
+    places = style.log_ticks(low, high)
+    assert 2 <= len(places) <= style.MOST_TICKS
+    assert low * (1 - 1e-9) <= places[0] and places[-1] <= high * (1 + 1e-9)
+
+
+def test_labels_are_moved_as_little_as_possible():
+    """Against the conditions of the least squares: pushed labels balance, others stay."""
+    rng = np.random.default_rng(1)
+    for places in rng.uniform(0.2, 0.8, (50, 6)):
+        moved = style.apart(places, 0.05, 0, 1)
+        order = np.argsort(places)
+        gaps = np.diff(moved[order])
+        assert gaps.min() > 0.05 - 1e-12
+        for block in np.split(order, np.flatnonzero(gaps > 0.05 + 1e-12) + 1):
+            assert moved[block].mean() == pytest.approx(places[block].mean())
+            assert len(block) > 1 or moved[block] == pytest.approx(places[block])
+    assert style.apart([0.99, 0.98, 0.01], 0.1, 0, 1) == pytest.approx([1, 0.9, 0.01])
+    assert style.apart([0.5] * 21, 0.1, 0, 1) == pytest.approx(np.linspace(0, 1, 21))
+
+
+def test_correlation_and_its_band_stay_in_their_panel(dataset):
+    """The first scene is anticorrelated and noisy, the last one is not: one axis holds both."""
+    name = "velocity_autocorrelation"
+    added = xarray.where((dataset.scene == "hot") & (dataset.time > 0.2), -4.0, 0.0)
+    noise = {"": 0.0, "_low": -2.0, "_high": 2.0}
+    data = dataset.assign({f"{name}{part}": dataset[f"{name}{part}"] + added + more for part, more in noise.items()})
+    _, panels = drawn(name, data)
+    for axes in panels[:2]:
+        low, high = axes.get_ylim()
+        extent = axes.collections[0].get_datalim(axes.transData)
+        assert low < extent.y0 and extent.y1 < high
+        (start,) = [line for line in axes.lines if "collision rate" in str(line.get_label())]
+        assert start.get_ydata().min() >= -1e-12
+        assert start.get_xdata()[-1] <= axes.get_xlim()[1]
+
+
+def test_logarithmic_panels_of_all_scenes_have_one_axis_that_holds_all_curves(dataset):
+    larger = xarray.where(dataset.scene == "hot", 100.0, 1.0)
+    data = dataset.assign({name: larger * dataset[name] for name in ("msd", "msd_low", "msd_high")})
+    low = drawn("msd", data)[1][2:]
+    for axes in low:
+        curve = axes.lines[0].get_ydata()
+        assert axes.get_ylim()[0] < curve.min() and curve.max() < axes.get_ylim()[1]
+
+
+def test_ballistic_flight_has_a_key(dataset):
+    for axes in drawn("msd", dataset)[1][:2]:
+        assert any("ballistic flight" in text.get_text() for text in axes.get_legend().get_texts())
+
+
+def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(dataset, tmp_path):
+    """Where the first window, or every one, begins with an MSD of more than half the ballistic one."""
+
+    def claimed(data):
+        labels = [text.get_text() for axes in drawn("msd", data)[1][:2] for text in axes.get_legend().get_texts()]
+        return [label for label in labels if "diffusion" in label]
+
+    free = dataset.drop_vars("accessible_half_width")
+    flying = {"initial_square_speed": (dataset.msd / dataset.time**2).isel(time=10)}
+    assert len(claimed(dataset)) == len(claimed(free)) == 2
+    assert claimed(dataset.assign(flying)) == claimed(free.assign(flying)) == []
+    walls = {"accessible_half_width": dataset.accessible_half_width * 0 + 0.5}  # that have stopped it, says the MSD
+    assert claimed(dataset.assign(flying | walls)) == []
+    figures.render(dataset.assign(flying), tmp_path, ["msd"])
+    assert {row["diffusion"] for row in rows(tmp_path / "msd.csv")} == {""}
+
+
+# -- tables and the summary -------------------------------------------------------------------------------------------
+
+
 def test_msd_table_is_the_dataset(dataset, folder):
     table = [row for row in rows(folder / "msd.csv") if row["scene"] == "hot"]
     case = dataset.sel(scene="hot", particles=20, engine="exact")

@@ -15,7 +15,7 @@ LACKING = "the observable kinetic_energy was not asked for"
 
 def draw(cases):
     """One column per case, one curve with its 95 % band per species, and the mean over all disks."""
-    figure, axes = columns(["kinetic energy per disk (reduced units)"], len(cases), [4.2])
+    figure, axes = columns(["kinetic energy per disk"], len(cases), [4.2])
     for case, panel in zip(cases, axes[0], strict=True):
         case = over_time(case, NAME)
         _curves(panel, case)

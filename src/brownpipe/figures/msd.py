@@ -4,12 +4,13 @@ import numpy as np
 
 from brownpipe import theory
 from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, FREE, START, band, columns, heads
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, FREE, START, band, columns, heads, log_axis
 from brownpipe.figures.tables import Table
 
 ROOM = 1.12  # of a vertical axis, times the largest value
 MOST_DOTS = 60  # of samples shown one by one
-LABELS = ("mean squared displacement $\\langle r^2 \\rangle$\n(reduced units)", "the same, logarithmic")
+LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
+FORGOTTEN = 0.5  # of the ballistic MSD: below, a tracer has left its first flight, and a slope tells of diffusion
 HEIGHTS = (4.4, 3.2)  # of the two panels of a column [inch]
 NEEDS = ("msd",)
 LACKING = "no run with a tracer was kept"
@@ -23,9 +24,13 @@ def draw(cases):
     for case, (main, low) in zip(cases, axes.T, strict=True):
         _linear(main, case, top)
         _decades(low, case)
-        main.set_xlabel("time $t$ (reduced units)")
-        low.set_xlabel("time $t$ (reduced units, logarithmic)")
+        main.set_xlabel("time $t$")
+        low.set_xlabel("time $t$")
     axes[0, 0].set_ylim(0, top)
+    moved = [values[values > 0] for case in cases for values in [case.msd.values]]
+    if any(values.size for values in moved):
+        moved = np.concatenate(moved)
+        log_axis(axes[1, 0], "y", moved.min() / 1.6, moved.max() * 1.6)
     heads(axes[0], map(title_of, cases))
     return figure
 
@@ -41,8 +46,10 @@ def _linear(axes, case, top):
         _line(axes, fit, end)
     for diffusion, label in _diffusing(case):
         axes.plot(smooth, _diffusion(case, smooth, diffusion), color=FREE, linestyle=DASHED, linewidth=1.4, label=label)
-    start = theory.ballistic_msd(smooth, float(case.initial_square_speed))
-    axes.plot(smooth[start <= top], start[start <= top], color=START, linestyle=DOTTED)
+    square_speed = float(case.initial_square_speed)
+    start = theory.ballistic_msd(smooth, square_speed)
+    label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
+    axes.plot(smooth[start <= top], start[start <= top], color=START, linestyle=DOTTED, label=label)
     axes.set_xlim(0, 1.01 * end)
 
 
@@ -60,19 +67,26 @@ def _diffusing(case):
     """The diffusion coefficient that is drawn, with its words: that of the last window, which forgets the start most.
 
     Where walls have stopped the tracer that window says nothing of D: then the D whose curve meets the data when they
-    last were below half of what the walls allow. Empty if no line could be fitted, or if it does not rise.
+    last were below half of what the walls allow. Empty if no line could be fitted, if it does not rise, or if the
+    tracer still flies as it started where the window begins: there is no diffusion to speak of yet.
     """
     stopped = np.flatnonzero(case.msd > float(case.accessible_half_width) ** 2 / 3) if _walled(case) else ()
-    if len(stopped) and stopped[0] > 1:
+    if len(stopped) and stopped[0] > 1 and _diffuses(case, case.time.values[stopped[0] - 1]):
         t, msd = case.time.values[stopped[0] - 1], float(case.msd[stopped[0] - 1])
         diffusion = theory.reflecting_square_diffusion(msd, t, float(case.accessible_half_width))
         yield diffusion, f"diffusion between walls, met at $t$ = {t:.3g}: D = {diffusion:.3g}"
         return
-    for fit in fits_of(case)[-1:]:
+    for fit in [fit for fit in fits_of(case) if _diffuses(case, float(fit.window_start))][-1:]:
         diffusion = plus_minus(fit.diffusion_coefficient, fit.diffusion_coefficient_standard_error)
         what = "diffusion between walls" if _walled(case) else "free diffusion, $4Dt$"
         if fit.diffusion_coefficient > 0:
             yield float(fit.diffusion_coefficient), f"{what}: D over {fit.window.item()} = {diffusion}"
+
+
+def _diffuses(case, time):
+    """Is the MSD at this time far below that of the first flight?"""
+    ballistic = theory.ballistic_msd(time, float(case.initial_square_speed))
+    return float(np.interp(time, case.time.values, case.msd.values)) < FORGOTTEN * ballistic
 
 
 def _walled(case):
@@ -99,12 +113,10 @@ def _decades(axes, case):
     seen = (ballistic <= high) & (ballistic >= low)
     if seen.any():
         axes.plot(smooth[seen], ballistic[seen], color=START, linestyle=DOTTED)
-        text, at = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$", (0.03, 0.95)
-        axes.text(*at, text, color=START, va="top", transform=axes.transAxes)
     for diffusion, _ in _diffusing(case):
         curve = _diffusion(case, smooth, diffusion)
         axes.plot(smooth[curve >= low], curve[curve >= low], color=FREE, linestyle=DASHED, linewidth=1.4)
-    axes.set(xscale="log", yscale="log", xlim=(t[0], t[-1]), ylim=(low, high))
+    log_axis(axes, "x", t[0], t[-1])
 
 
 def _fitted(fit, t):

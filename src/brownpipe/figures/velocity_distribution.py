@@ -1,4 +1,4 @@
-"""Figure `velocity_distribution`: velocity components and speeds of each species against Maxwell's distribution."""
+"""Figure `velocity_distribution`: velocity components and speeds of each species, and the Maxwell-Boltzmann ones."""
 
 from itertools import cycle
 from math import erf
@@ -12,7 +12,7 @@ from brownpipe.figures.tables import Table, long_table
 LIKELY = 2.0  # deviations of up to so many standard errors lie in the grey band
 FEWEST_COUNTS = 5  # expected in a bin whose residual is shown
 FEWEST = 1e-6  # densities below are not shown
-LABELS = ("probability density", "(found - Maxwell)\n/ standard error")
+LABELS = ("probability density", "(found - expected)\n/ standard error")
 HEIGHTS = (3.6, 1.4)  # of a density and its residuals [inch]
 NEEDS = ("velocity_density",)
 LACKING = "the observable velocity_distribution was not asked for"
@@ -50,7 +50,7 @@ def draw(cases):
 def _density(main, low, case, name):
     dim, *_ = SHOWN[name]
     edges, expected = _expected(case[dim].values, name)
-    main.stairs(expected, edges, color=INK, linewidth=1.0, label="Maxwell")
+    main.stairs(expected, edges, color=INK, linewidth=1.0, label="Maxwell-Boltzmann")
     low.axhspan(-LIKELY, LIKELY, color="#EFEFEF", linewidth=0)
     low.axhline(0, color=START, linewidth=0.8)
     kinds = [kind for kind in case.species.values if has(case.sel(species=kind), name)]
@@ -69,7 +69,7 @@ def _density(main, low, case, name):
 
 
 def _expected(centres, name):
-    """Edges (R + 1,) of the bins and Maxwell's density (R,) in them; the outermost bins hold what lies beyond."""
+    """Edges (R + 1,) of the bins and the density (R,) expected in them; the outermost bins hold what lies beyond."""
     width, below = centres[1] - centres[0], SHOWN[name][1]
     edges = np.append(centres - width / 2, centres[-1] + width / 2)
     upto = below(edges)
@@ -78,7 +78,7 @@ def _expected(centres, name):
 
 
 def table(cases):
-    """One row per case, species and bin, of the components first and then of the speeds, with Maxwell's density."""
+    """One row per case, species and bin, of the components first and then of the speeds, with the expected density."""
     header = ("scene", "particles", "engine", "species", "of", "value", "density")
     rows = []
     for name in (name for name in SHOWN if any(has(case, name) for case in cases)):
