@@ -374,6 +374,31 @@ def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(dataset, tmp_path)
     assert {row["diffusion"] for row in rows(tmp_path / "msd.csv")} == {""}
 
 
+def with_windows(dataset, shifts):
+    """The dataset with a window for each shift of D."""
+    names = [name for name in dataset.data_vars if "window" in dataset[name].dims]
+    parts = [f"diffusion_coefficient{part}" for part in ("", "_low", "_high")]
+    each = []
+    for k, shift in enumerate(shifts):
+        one = dataset[names].isel(window=[0]).assign_coords(window=[f"[0.{k}, 1]"])
+        each.append(one.assign({part: one[part] + shift for part in parts}))
+    return dataset.drop_dims("window").merge(xarray.concat(each, "window", data_vars="all"))
+
+
+def test_every_window_has_its_d_at_its_particle_count(dataset):
+    """Also a fourth one, whose D is below zero; the windows stand evenly on both sides of N."""
+    _, panels = drawn("particle_counts", with_windows(dataset, [0.0, 0.1, 0.05, -0.5]))
+    right = panels[1]
+    markers = np.array([bar.lines[0].get_xdata() for bar in right.containers])
+    assert markers.shape == (4, 2)
+    assert markers.mean(axis=0) == pytest.approx([10, 20])
+    assert np.ptp(markers, axis=0).max() < 1
+    assert len(right.get_legend().get_texts()) == 4
+    assert "side by side" in panels[3].get_xlabel()
+    low = min(segment[:, 1].min() for bar in right.containers for segment in bar.lines[2][0].get_segments())
+    assert right.get_ylim()[0] < low < 0
+
+
 # -- tables and the summary -------------------------------------------------------------------------------------------
 
 
