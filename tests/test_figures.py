@@ -399,6 +399,27 @@ def test_every_window_has_its_d_at_its_particle_count(dataset):
     assert right.get_ylim()[0] < low < 0
 
 
+def test_only_pairs_that_there_are_take_room(dataset):
+    """One scene has tracer and bath, the other one a single species."""
+    alone = (dataset.scene == "hot") | (dataset.species_pair == PAIRS[2])
+    figure, panels = drawn(
+        "pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(alone))
+    )
+    assert [title(axes).get_text() for axes in panels] == [
+        f"hot, N = 20: {PAIRS[1]}",
+        f"hot, N = 20: {PAIRS[2]}",
+        f"thermal, N = 20: {PAIRS[2]}",
+    ]
+    assert all(axes.axison for axes in panels)
+    assert figure.get_size_inches() == pytest.approx([3 * style.PANEL[0], 3.6])
+    other = (dataset.scene == "hot") == (dataset.species_pair == PAIRS[1])
+    figure, panels = drawn(
+        "pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(other))
+    )
+    assert [axes.axison for axes in panels] == [True, True]
+    assert figure.get_size_inches() == pytest.approx([2 * style.PANEL[0], 3.6])
+
+
 # -- tables and the summary -------------------------------------------------------------------------------------------
 
 

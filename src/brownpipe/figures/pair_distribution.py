@@ -18,19 +18,21 @@ LACKING = "the observable pair_distribution was not asked for, or no two disks c
 
 
 def draw(cases):
-    """One column per case, one row per pair of species: g(r) with its 95 % band, 1, and the values at contact."""
-    pairs = [pair for pair in cases[0].species_pair.values if any(has(_of(case, pair), NAME) for case in cases)]
-    figure, axes = columns(["pair distribution $g(r)$"] * len(pairs), len(cases), [3.6] * len(pairs), sharey=False)
-    for row, pair in zip(axes, pairs, strict=True):
-        shown = [(panel, case) for panel, case in zip(row, cases, strict=True) if has(_of(case, pair), NAME)]
-        for panel in row:
-            panel.set_axis_off()
-        for panel, case in shown:
-            panel.set_axis_on()
+    """One panel per case and pair of species: g(r) with its 95 % band, 1, and the values at contact.
+
+    Cases with equally many pairs have a column each; else all panels follow each other.
+    """
+    stacks = [[(case, pair) for pair in case.species_pair.values if has(_of(case, pair), NAME)] for case in cases]
+    if len(set(map(len, stacks))) > 1:
+        stacks = [[panel] for stack in stacks for panel in stack]
+    rows = list(zip(*stacks, strict=True))
+    figure, axes = columns(["pair distribution $g(r)$"] * len(rows), len(stacks), [3.6] * len(rows), sharey=False)
+    for panels, row in zip(axes, rows, strict=True):
+        for panel, (case, pair) in zip(panels, row, strict=True):
             _panel(panel, defined(_of(case, pair), NAME, "distance"))
-        heads([panel for panel, _ in shown], [f"{title_of(case)}: {pair}" for _, case in shown])
+        heads(panels, [f"{title_of(case)}: {pair}" for case, pair in row])
     for panel in axes[-1]:
-        panel.set_xlabel("distance $r$ of the centres (reduced units)")
+        panel.set_xlabel("distance $r$ of the centres")
     return figure
 
 
