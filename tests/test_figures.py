@@ -303,6 +303,13 @@ def test_tick_labels_stand_clear_of_each_other(dataset, name, times):
     assert not touching(figure)
 
 
+@pytest.mark.parametrize("name", ["particle_counts", "pair_distribution", "thermodynamics"])
+@pytest.mark.parametrize("count", [1, 8])
+def test_no_words_touch_with_few_and_many_scenes(dataset, name, count):
+    figure, _ = drawn(name, scenes(dataset, count))
+    assert not touching(figure)
+
+
 @pytest.mark.parametrize(
     ("low", "high"), [(1e-9, 1e5), (0.05, 1), (2e-5, 9e-5), (5.1, 19.0), (3.1, 3.9), (0.99, 1.01), (1.0, 10.0)]
 )
@@ -418,6 +425,31 @@ def test_only_pairs_that_there_are_take_room(dataset):
     )
     assert [axes.axison for axes in panels] == [True, True]
     assert figure.get_size_inches() == pytest.approx([2 * style.PANEL[0], 3.6])
+
+
+@pytest.mark.parametrize(("count", "particles"), [(1, [20]), (2, [20]), (8, [10, 20])])
+def test_no_marker_of_a_state_point_hides_another(dataset, count, particles):
+    figure, panels = drawn("thermodynamics", scenes(dataset, count).sel(particles=particles))
+    for axes in panels:
+        markers = [bar.lines[0] for bar in axes.containers]
+        assert len({(line.get_color(), line.get_marker()) for line in markers}) == count
+        x = np.sort(np.concatenate([axes.transData.transform(line.get_xydata())[:, 0] for line in markers]))
+        width = markers[0].get_markersize() / 72 * figure.dpi
+        assert x.size == count * len(particles)
+        assert (np.diff(x) > width).all()
+        assert axes.bbox.x0 + width < x[0] and x[-1] < axes.bbox.x1 - width
+    assert ("set apart" in panels[-1].get_xlabel()) == (count > 1)
+
+
+def test_no_axis_says_its_units_are_reduced(dataset):
+    for name in ("msd", "velocity_autocorrelation", "particle_counts", "pair_distribution", "energy"):
+        _, panels = drawn(name, dataset)
+        assert not any(
+            word in label
+            for axes in panels
+            for label in (axes.get_xlabel(), axes.get_ylabel())
+            for word in ("reduced", "same")
+        )
 
 
 # -- tables and the summary -------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import by_series, has
-from brownpipe.figures.style import DASHED, INK, KINDS, PANEL, START, bars, grid, heads, tall_and_low
+from brownpipe.figures.style import DASHED, INK, KINDS, PANEL, START, apart, bars, grid, heads, tall_and_low
 from brownpipe.figures.tables import long_table
 
 Z, RATE, TRACER = "compressibility", "collision_rate", "tracer_collision_rate"
@@ -14,7 +14,9 @@ PANELS = {
     RATE: ("collisions per disk and time", "collision rate of all disks"),
     TRACER: ("collisions per time", "collision rate of the tracer"),
 }
-ROOM = 1.1  # of a vertical axis, times the largest value
+ROOM = 0.12  # beyond the data, of their range; 0.1 of the value where they have none
+MARKER = 0.022  # least distance of two markers, of the horizontal axis
+LOOKS = [(KINDS[k % 4][0], KINDS[(k + k // 4) % 4][2]) for k in range(16)]  # of scenes: colour and marker
 NEEDS = (RATE,)
 LACKING = "there are no collision rates"
 
@@ -30,60 +32,79 @@ def draw(cases):
     The lower row is left out where theory expects nothing of any case.
     """
     names = [name for name in PANELS if any(has(case, name) for case in cases)]
-    figure, axes = _panels(len(names), any(np.isfinite(_expected(case, name)) for case in cases for name in names))
+    compared = any(np.isfinite(_expected(case, name)) for case in cases for name in names)
+    figure, axes = _panels(len(names), compared, len(by_series(cases)))
     for name, (main, *low) in zip(names, axes.T, strict=True):
         mine = [case for case in cases if has(case, name)]
-        _points(main, mine, name)
+        ends = _horizontal(mine)
+        phi = [float(case.packing_fraction) for case in mine]
+        place = apart(phi, min(MARKER, 0.5 / len(phi)) * (ends[1] - ends[0]), *ends)
+        series = list(_series(mine, place))
+        _points(main, series, name)
         compared = [case for case in mine if np.isfinite(_expected(case, name))]
         for panel in low:
-            _residuals(panel, mine, name)
+            _residuals(panel, series, name)
             panel.set_visible(bool(compared))
         alike = [case for case in compared if name == Z and has(case, "compressibility_rate")]
         if alike:
-            _equations_of_state(main, *low, alike)
-        main.set_xlim(0, 1.08 * max(float(case.packing_fraction) for case in mine))
+            _equations_of_state(main, *low, ends)
+        main.set_xlim(*ends)
+        main.locator_params(axis="x", nbins=5)
         below = low[0] if compared else main
-        below.set_xlabel("packing fraction $\\phi$")
+        moved = not np.allclose(place, phi, rtol=1e-9)
+        below.set_xlabel("packing fraction $\\phi$" + (" (markers set apart)" if moved else ""))
         below.tick_params(labelbottom=True)
     heads(axes[0], [PANELS[name][1] for name in names])
     return figure
 
 
-def _panels(columns, with_residuals):
-    """A figure with one row of panels, or with a low one for the residuals below each."""
+def _panels(columns, with_residuals, series):
+    """A figure with one row of panels, or with a low one for the residuals below each; higher with a long legend."""
+    legend = 0.19 * max(0, series - 2)
     if with_residuals:
-        return tall_and_low(columns, ratio=2.0, sharey=False, height=5.6)
-    return grid(1, columns, PANEL[0], 4.0)
+        return tall_and_low(columns, ratio=2.0, sharey=False, height=5.6 + legend)
+    return grid(1, columns, PANEL[0], 4.0 + legend)
 
 
-def _series(cases):
-    """Every scene: its words, how far aside its markers stand so that one does not hide the other, looks, cases."""
-    widest = max(float(case.packing_fraction) for case in cases)
+def _horizontal(cases):
+    """Ends of the axis of packing fractions: from 0 if they spread widely, else around them."""
+    phi = [float(case.packing_fraction) for case in cases]
+    room = max(0.15 * (max(phi) - min(phi)), 0.08 * max(phi))
+    return (0.0 if 2 * min(phi) < max(phi) else min(phi) - room), max(phi) + room
+
+
+def _series(cases, places):
+    """Every scene: its words, its looks, its cases and where their markers stand."""
+    at = {id(case): place for case, place in zip(cases, places, strict=True)}
     for k, (scene, mine) in enumerate(by_series(cases).items()):
-        colour, _, marker = KINDS[k % len(KINDS)]
+        colour, marker = LOOKS[k % len(LOOKS)]
         looks = {"fmt": marker, "color": colour, "markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
-        yield scene, 0.006 * k * widest, looks, mine
+        yield scene, looks, mine, [at[id(case)] for case in mine]
 
 
-def _points(axes, cases, name):
+def _points(axes, series, name):
     """The cases of each scene with their 95 % intervals."""
-    for scene, aside, looks, mine in _series(cases):
-        phi = [float(case.packing_fraction) + aside for case in mine]
+    values = [1.0] if name == Z else []
+    for scene, looks, mine, phi in series:
         axes.errorbar(phi, [float(case[name]) for case in mine], bars(mine, name), label=scene, **looks)
-    highest = np.nanmax([float(case[part]) for case in cases for part in (name, f"{name}_high")])
-    axes.set_ylim(0, ROOM * highest or 1.0)
+        values += [float(case[part]) for case in mine for part in (name, f"{name}_low", f"{name}_high")]
+        values += [_expected(case, name) for case in mine]
+    low, high = np.nanmin(values), np.nanmax(values)
+    room = max(ROOM * (high - low), 0.1 * abs(high) if name != Z else 0.02) or 1.0
+    axes.set_ylim(0 if name != Z and 0 <= 2 * low < high else low - room, high + room)
     axes.set_ylabel(PANELS[name][0])
 
 
-def _residuals(axes, cases, name):
+def _residuals(axes, series, name):
     """How far the cases of each scene are from theory."""
-    for _, aside, looks, mine in _series(cases):
-        compared = [case for case in mine if np.isfinite(_expected(case, name))]
-        reference = np.array([_expected(case, name) for case in compared])
-        residual = 100 * (np.array([float(case[name]) for case in compared]) / reference - 1)
-        phi = [float(case.packing_fraction) + aside for case in compared]
-        axes.errorbar(phi, residual, 100 * bars(compared, name) / reference, **looks)
+    for _, looks, mine, phi in series:
+        compared = np.array([np.isfinite(_expected(case, name)) for case in mine])
+        cases = [case for case, known in zip(mine, compared, strict=True) if known]
+        reference = np.array([_expected(case, name) for case in cases])
+        residual = 100 * (np.array([float(case[name]) for case in cases]) / reference - 1)
+        axes.errorbar(np.array(phi)[compared], residual, 100 * bars(cases, name) / reference, **looks)
     axes.axhline(0, color=START, linewidth=0.8)
+    axes.margins(y=0.15)
     axes.set_ylabel("difference\nfrom theory, %")
 
 
@@ -95,9 +116,9 @@ def _expected(case, name):
     return float(case[f"enskog_{name}"]) if has(case, f"enskog_{name}") else np.nan
 
 
-def _equations_of_state(main, low, cases):
+def _equations_of_state(main, low, ends):
     """The curves of Luding and of Henderson for equal disks; residuals are from the former."""
-    phi = np.linspace(0, min(DENSEST, 1.08 * max(float(case.packing_fraction) for case in cases)), 200)
+    phi = np.linspace(max(0.0, ends[0]), min(DENSEST, ends[1]), 200)
     luding = theory.compressibility(phi, theory.contact_value(phi))
     henderson = theory.compressibility(phi, theory.contact_value_henderson(phi))
     main.plot(phi, luding, color=INK, linewidth=1, label="Luding (2001), equal disks")
