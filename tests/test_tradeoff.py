@@ -6,11 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import xarray
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Annotation, Text
 
 from brownpipe import cli, storage, tradeoff
 from brownpipe.analysis import AnalysisError
+from brownpipe.figures import style
+from brownpipe.figures import tradeoff as drawing
 from brownpipe.tradeoff import bias, cost, front
 from brownpipe.tradeoff.front import Setting, Stretch
+from brownpipe.tradeoff.variables import VARIABLES
 from ensembles import make_runs, make_scene, write
 
 ENSEMBLES = 300
@@ -307,3 +313,107 @@ def test_pairs_counted_in_the_runs_are_compared(tmp_path):
     found = tradeoff.measure(files, seconds_per_run=lambda *_: 1.0).sel(scene="crowd", setting="timestep-0.03")
     assert found.contact_bias_high < 0.0 or found.contact_bias_low > 0.0
     assert found.contact_bias_standard_error < 0.1
+
+
+# -- the figure and the text ----------------------------------------------------------------------------------------
+
+SETTINGS = {  # CPU time of a run [s], relative bias of the MSD
+    "exact": (1e-3, 0.0),
+    "timestep-0.035": (8.8e-4, -0.13),
+    "timestep-0.01": (9.0e-4, 0.021),
+    "timestep-0.01-single": (9.1e-4, 0.022),
+    "timestep-0.01-late": (8.8e-4, 0.020),
+    "timestep-0.01-single-late": (8.7e-4, 0.0205),
+    "timestep-0.001": (1.5e-3, 0.003),
+    "timestep-0.001-single": (1.5e-3, 0.003),
+    "timestep-1e-05": (4.3e-3, 0.0005),
+    "langevin-boltzmann": (1.4e-4, 0.95),
+    "langevin-enskog": (1.5e-4, 0.1),
+    "langevin-measured": (1.6e-4, -0.03),
+    "exact in half": (2.5e-4, 0.004),
+    "timestep-0.035-single": (8e-4, 1.9),
+}
+
+
+def made(labels):
+    """A dataset of one scene with these settings: biases known to 0.004, a spread of 1, and all else 0.01."""
+    sizes = {"scene": 1, "setting": len(labels), "sample": 3}
+    values = {name: (one.dims, np.full([sizes[dim] for dim in one.dims], 0.01)) for name, one in VARIABLES.items()}
+    seconds, biases = np.array([SETTINGS[label] for label in labels]).T
+    found = [bias.Bias(np.array(b), np.array(0.004), np.array(b - 0.008), np.array(b + 0.008)) for b in biases]
+    of_settings = {
+        "seconds": seconds,
+        "runs": np.full(len(labels), 1000),
+        "msd_spread": np.ones(len(labels)),
+        "msd_bias": biases,
+        "msd_bias_low": biases - 0.008,
+        "msd_bias_high": biases + 0.008,
+        "msd_bias_square": [one.square.item() for one in found],
+        "msd_bias_careful": [one.careful.item() for one in found],
+    }
+    values |= {name: (("scene", "setting"), np.asarray(array)[None]) for name, array in of_settings.items()}
+    dataset = xarray.Dataset(values, {"scene": ["box"], "setting": labels})
+    for name, careful in (("pays", True), ("may_pay", False)):
+        ends = {one.label: one for one in front.pareto_front(front.settings_of(dataset, "box", careful=careful))}
+        ends |= {label: Stretch(label, np.nan, np.nan) for label in labels if label not in ends}
+        dataset[f"{name}_from"] = ("scene", "setting"), [[ends[label].start for label in labels]]
+        dataset[f"{name}_to"] = ("scene", "setting"), [[ends[label].end for label in labels]]
+    return dataset
+
+
+@pytest.mark.parametrize("count", [2, 5, 8, len(SETTINGS)])
+def test_every_line_has_its_name_beside_it(count):
+    """Names cover neither each other nor anything else, and lines lead to them without crossing."""
+    labels = list(SETTINGS)[:count] if count > 2 else ["exact", "exact in half"]
+    with style.drawing():
+        figure = drawing.draw(made(labels), "box")
+        FigureCanvasAgg(figure).draw()
+    (axes,) = figure.axes
+    named = [one for one in axes.texts if isinstance(one, Annotation) and one.arrow_patch is not None]
+    remark = next(one for one in axes.texts if one not in named)
+    assert sorted(one.get_text() for one in named) == sorted(
+        drawing.name_of(label) for label in labels if label != "timestep-0.035-single"
+    )
+    assert ("dt = 0.035, single" in remark.get_text()) == ("timestep-0.035-single" in labels)
+    texts = [*named, remark, axes.xaxis.label, axes.yaxis.label]
+    boxes = [Text.get_window_extent(one) for one in texts]
+    for k, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in (axes.bbox, *boxes[:k])), texts[k]
+        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0 and box.y1 <= figure.bbox.y1, texts[k]
+    ends = [one.xy[1] for one in named]
+    places = [one.xyann[1] for one in named]
+    assert np.argsort(ends, kind="stable").tolist() == np.argsort(places, kind="stable").tolist()
+    for one in named:
+        tip = one.arrow_patch.get_window_extent()
+        assert tip.x1 <= min(box.x0 for box in boxes[: len(named)]) + 1  # [pixel]
+
+
+def test_a_short_part_of_the_front_is_drawn():
+    """Langevin with Enskog's friction is on it from 1.5 to 1.6 ms of CPU time."""
+    with style.drawing():
+        figure = drawing.draw(made(["exact", "langevin-enskog", "langevin-measured"]), "box")
+    bold = [line for line in figure.axes[0].lines if line.get_linewidth() == 4.0]
+    assert [len(line.get_xdata()) > 1 for line in bold] == [True] * 3
+    assert bold[0].get_xdata()[[0, -1]] == pytest.approx([1.5e-3, 1.6e-3])
+
+
+def test_names_of_settings():
+    names = {
+        "exact": "exact",
+        "exact in half": "exact in half",
+        "timestep-0.01": "dt = 0.01",
+        "timestep-0.01-single": "dt = 0.01, single",
+        "timestep-0.01-late": "dt = 0.01, late",
+        "timestep-0.01-single-late": "dt = 0.01, single, late",
+        "timestep-1e-05-single": "dt = 1e-05, single",
+        "langevin-boltzmann": "Langevin, Boltzmann",
+        "langevin-measured": "Langevin, measured",
+    }
+    assert {label: drawing.name_of(label) for label in names} == names
+
+
+def test_text_names_what_is_on_the_front_and_what_is_not():
+    lines = drawing.summary(made(["exact", "timestep-0.001", "timestep-0.01", "exact in half"])).splitlines()
+    fronts = {line.split("  ")[1]: line.split()[-2:] for line in lines[2:6]}
+    assert fronts["exact"][-1] == "on" and fronts["dt = 0.01"][-1] == "-"
+    assert "  not on the Pareto front: dt = 0.001; dt = 0.01" in lines

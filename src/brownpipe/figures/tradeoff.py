@@ -1,43 +1,60 @@
-"""Figures `tradeoff_SCENE`: total error of the MSD against CPU time, one line per setting; the price list as text."""
+"""Figures `tradeoff_SCENE`: expected error of the MSD against CPU time, one line per setting; the trade-off as text."""
+
+import re
+import textwrap
 
 import numpy as np
 
 from brownpipe.figures.cases import plus_minus
-from brownpipe.figures.style import DATA, DOTTED, FIT, FREE, INK, START, grid
+from brownpipe.figures.style import DATA, DOTTED, FIT, FREE, INK, START, apart, grid, log_axis
 from brownpipe.figures.tables import Table
 from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
 
 FINEST = 2e-3  # total error down to which the lines are drawn at least
 COLOURS = (DATA, FIT, FREE, "#CC79A7", "#56B4E9", "#E69F00")  # of what is on the front
-MOST_LABELS_APART = 0.032  # of the height, between two labels
+WIDTH, HEIGHT, FRAME = 8.6, 5.4, 1.3  # of the figure, and its height beyond that of the panel [inch]
+LABEL = 13.5  # least distance of two labels [point]
+LEADER = 0.04  # length of the line from the end of a curve to its label, of the width
+REMARK_LINE = 105  # characters
 POINTS = 400
 
 
 def draw(dataset, scene):
-    """Total error of the MSD at the end against CPU time in one scene; the best buy is bold and coloured."""
+    """Expected error of the MSD at the end against CPU time in one scene; the Pareto front is bold and coloured."""
     settings, stretches = settings_of(dataset, scene), pareto_front(settings_of(dataset, scene, careful=True))
     times = np.geomspace(FEWEST_RUNS * min(one.seconds for one in settings), _last_time(settings, stretches), POINTS)
-    figure, axes = grid(1, 1, 8.2, 5.4)
+    figure, axes = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL / 72 * len(settings)))
     axes = axes[0, 0]
-    paying = dict.fromkeys(["exact", *(one.label for one in stretches)])
-    colours = dict(zip(paying, COLOURS * 9, strict=False))
+    front = dict.fromkeys(["exact", *(one.label for one in stretches)])
+    colours = dict(zip(front, COLOURS * 9, strict=False))
     for one in settings:
         _line(axes, times, one, _unresolved_below(_of(dataset, scene, one.label)), colours.get(one.label, START))
     for stretch in stretches:
         _bold(axes, times, stretch, settings, colours[stretch.label])
-    axes.set(xscale="log", yscale="log", xlim=(times[0], times[-1]))
-    axes.set_ylim(top=1.0)
-    axes.set_xlabel("CPU time of a study on this machine (s)")
-    axes.set_ylabel("expected relative error of $\\langle r^2 \\rangle$ at the end")
-    axes.set_title(f"{scene}: what a CPU time buys", pad=24)
-    remark = "bold: the best buy, for all that is known of the biases; dotted: less than what the bias may be (95 %)"
-    axes.text(0.0, 1.025, remark, transform=axes.transAxes, color=START, fontsize=8.8)
-    _direct_labels(axes, times[-1], settings, colours)
+    last = {one.label: float(total_error(one, times[-1])) for one in settings}
+    shown = {label: error for label, error in last.items() if error <= 1.0}
+    log_axis(axes, "x", times[0], times[-1])
+    log_axis(axes, "y", min(shown.values(), default=0.1) / 1.5, 1.0)
+    axes.set_xlabel("CPU time on this machine (s)")
+    axes.set_ylabel("expected relative error of $\\langle r^2 \\rangle$ at the end of a run")
+    remark = _remark([name_of(label) for label in last if label not in shown])
+    axes.set_title(f"{scene}: cost-accuracy trade-off", pad=11 + LABEL * len(remark))
+    axes.annotate(
+        "\n".join(remark), (0, 1), (0, 6), "axes fraction", "offset points", color=START, fontsize=8.8, va="bottom"
+    )
+    _direct_labels(axes, shown, colours, LABEL / 72 / (figure.get_figheight() - FRAME))
     return figure
 
 
+def _remark(beyond):
+    """Lines that explain the figure; `beyond` names the settings without a line that ends inside it."""
+    remark = "Bold: Pareto front, with unresolved biases at their 95 % upper bound. Dotted: below that bound."
+    beyond = f"Error above 100 % or fewer than {FEWEST_RUNS} runs: {'; '.join(beyond)}." if beyond else ""
+    return textwrap.wrap(remark, REMARK_LINE) + textwrap.wrap(beyond, REMARK_LINE)
+
+
 def _last_time(settings, stretches):
-    """Until the exact engine reaches the finest error, and beyond the last change of what pays."""
+    """Until the exact engine reaches the finest error, and beyond the last change of the front."""
     exact = settings[0]
     return max((exact.spread / FINEST) ** 2 * exact.seconds, *(3 * one.start for one in stretches))
 
@@ -58,45 +75,48 @@ def _line(axes, times, setting, unresolved, colour):
 
 def _bold(axes, times, stretch, settings, colour):
     best = next(one for one in settings if one.label == stretch.label)
-    inside = (times >= stretch.start) & (times <= stretch.end)
-    axes.plot(times[inside], total_error(best, times)[inside], color=colour, linewidth=4.0, solid_capstyle="round")
+    start, end = np.clip([stretch.start, stretch.end], times[0], times[-1])
+    inside = np.array([start, *times[(times > start) & (times < end)], end])
+    axes.plot(inside, total_error(best, inside), color=colour, linewidth=4.0, solid_capstyle="round")
 
 
-def _direct_labels(axes, end, settings, colours):
-    """The name of every line at its end, moved apart where they would cover each other; those off the scale by name."""
+def _direct_labels(axes, errors, colours, least):
+    """The name of every line beside its end, moved apart where names would touch; `errors` are those at the end."""
     low, high = np.log(axes.get_ylim())
-    known = [(float(np.log(total_error(one, end))), one.label) for one in settings if one.seconds < end / FEWEST_RUNS]
-    place = -np.inf
-    for at, label in sorted(one for one in known if one[0] <= high):
-        end_of_line = (at - low) / (high - low)
-        place = max(end_of_line, place + MOST_LABELS_APART)
+    ends = [(np.log(error) - low) / (high - low) for error in errors.values()]
+    for label, end, place in zip(errors, ends, apart(ends, least, 0.0, 1.0), strict=True):
         colour = colours.get(label, INK)
         axes.annotate(
             name_of(label),
-            (1.0, end_of_line),
-            (1.03, place),
+            (1.0, end),
+            (1.0 + LEADER, place),
             xycoords="axes fraction",
             va="center",
             fontsize=8.5,
             color=colour,
             weight="bold" if label in colours else "normal",
-            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
+            arrowprops={
+                "arrowstyle": "-",
+                "color": colour,
+                "linewidth": 0.6,
+                "relpos": (0, 0.5),
+                "shrinkA": 1,
+                "shrinkB": 0,
+            },
             annotation_clip=False,
         )
-    beyond = [name_of(label) for at, label in sorted(known) if at > high]
-    if beyond:
-        text = "off by more than 100 %:\n" + "\n".join(beyond)
-        axes.text(0.98, 0.98, text, transform=axes.transAxes, ha="right", va="top", fontsize=8.5, color=START)
 
 
 def name_of(label):
-    """A setting in words: timestep-0.001-single is `dt = 0.001, single`."""
+    """A setting in words: timestep-0.001-single-late is `dt = 0.001, single, late`."""
     engine, _, settings = label.partition("-")
-    names = {"timestep": "dt = ", "langevin": "Langevin, "}
-    return f"{names[engine]}{settings.replace('-s', ', s')}" if engine in names else label
+    words = re.sub("-(?=[a-z])", ", ", settings)  # not the sign in 1e-05
+    if engine == "langevin":
+        return f"Langevin, {words.replace('boltzmann', 'Boltzmann').replace('enskog', 'Enskog')}"
+    return f"dt = {words}" if engine == "timestep" else label
 
 
-# --- the price list
+# --- the trade-off in numbers
 
 
 NUMBERS = ("runs", "failed_runs", "paired_runs", "seconds", "study_seconds", "msd_spread", "d_spread")
@@ -107,7 +127,7 @@ HEALTH = ("worst_energy_drift", "worst_overlap", "departure_time", "pays_from", 
 
 
 def table(dataset):
-    """One row per scene and setting: price, biases with intervals, health, and when it pays."""
+    """One row per scene and setting: cost, biases with intervals, health, and CPU times on the Pareto front."""
     header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *HEALTH)
     rows = []
     for scene in _scenes(dataset):
@@ -118,14 +138,16 @@ def table(dataset):
 
 
 def summary(dataset):
-    """The price list as plain text: a table for every scene, what pays when, and what never does."""
+    """The trade-off as plain text: for every scene a table, and the settings that are not on the Pareto front."""
     return "\n".join("\n".join(_of_scene(dataset, scene)) for scene in _scenes(dataset)) + "\n" + REMARK
 
 
 REMARK = (
-    "Bias: relative to exact, ± one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
-    "Distance: of the displacement distributions at the end. Parts: median time at which the tracer leaves the exact\n"
-    "trajectory. Pays: CPU times of a study between which nothing has a smaller error of the MSD, on this machine.\n"
+    "cost: CPU time of a run, in units of an exact one. bias: relative to exact, ± one standard error; `< 2 %`: not\n"
+    "resolved, below 2 % with 95 % confidence. distance: total variation distance of the displacement distributions\n"
+    "at the end. departs: median time at which the tracer leaves the exact trajectory. front: CPU times at which the\n"
+    "setting is on the Pareto front, where none has a smaller expected error of the MSD; unresolved biases count with\n"
+    "their 95 % upper bound. CPU times are those of this machine.\n"
 )
 
 
@@ -134,28 +156,29 @@ def _of_scene(dataset, scene):
     head = (
         "setting",
         "runs",
-        "ms a run",
-        "price",
+        "ms/run",
+        "cost",
         "MSD bias",
         "D bias",
         "distance",
         "g(contact)",
         "overlap",
-        "parts",
-        "pays, s",
+        "departs",
+        "front, s",
     )
     rows = [head, *(_row(dataset.sel(scene=scene, setting=one.label), settings[0].seconds) for one in settings)]
     columns = [one for one in zip(*rows, strict=True) if one[0] != "g(contact)" or set(one[1:]) != {"-"}]
     rows, widths = list(zip(*columns, strict=True)), [max(map(len, column)) for column in columns]
     yield f"{scene}, N = {int(dataset.sel(scene=scene).particles)}"
     yield from ("  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-    pays, may = (
+    front, possible = (
         {one.label: _of(dataset, scene, one.label)[f"{kind}_from"] for one in settings} for kind in ("pays", "may_pay")
     )
-    never = [name_of(label) for label in pays if np.isnan(pays[label]) and np.isnan(may[label])]
-    unsure = [name_of(label) for label in pays if np.isnan(pays[label]) and not np.isnan(may[label])]
-    yield f"  never pays: {'; '.join(never) or 'none of them'}"
-    yield f"  may pay if its bias is smaller than could be seen: {'; '.join(unsure)}\n" if unsure else ""
+    missing = [label for label in front if np.isnan(front[label])]
+    never = [name_of(label) for label in missing if np.isnan(possible[label])]
+    unsure = [name_of(label) for label in missing if not np.isnan(possible[label])]
+    yield f"  not on the Pareto front: {'; '.join(never) or 'none of them'}"
+    yield f"  on it only if its unresolved bias is small: {'; '.join(unsure)}\n" if unsure else ""
 
 
 def _of(dataset, scene, label):
@@ -175,7 +198,7 @@ def _row(one, exact_seconds):
         "-" if setting == "exact" else _bias(one, "contact_bias"),
         "-" if np.isnan(one.worst_overlap) else f"{float(one.worst_overlap):.1g}",
         _time(float(one.departure_time)),
-        _pays(float(one.pays_from), float(one.pays_to)),
+        _stretch(float(one.pays_from), float(one.pays_to)),
     )
 
 
@@ -202,9 +225,9 @@ def _time(value):
     return "-" if np.isnan(value) else f"{value:.3g}" if value < np.inf else "never"
 
 
-def _pays(start, end):
+def _stretch(start, end):
     if np.isnan(start):
-        return "never"
+        return "-"
     return f"{start:.2g} on" if end == np.inf else f"{start:.2g} to {end:.2g}"
 
 
