@@ -180,9 +180,12 @@ def test_averages_are_those_of_plain_loops(boundary, average):
     if boundary == P:
         unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
     followed = [0, 16, 17, 18, 19] if average == "disks" else [0]
+    both = np.stack([unwrapped, run.whole.velocity], axis=2)  # (T, N, 2, 2)
     for name, disks, values, what in (
         ("square_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2)),
+        ("displacement_velocity", followed, both, lambda a, b: np.vdot(b[1], b[0] - a[0])),
         ("velocity_autocorrelation", followed, run.whole.velocity, np.vdot),
+        ("velocity_displacement", followed, both, lambda a, b: np.vdot(a[1], b[0] - a[0])),
         ("bath_velocity_autocorrelation", range(1, 13), run.whole.velocity, np.vdot),
     ):
         by_disk = [
@@ -285,6 +288,8 @@ def test_ballistic_flight():
     v2 = found["initial_square_speed"][:, None]
     np.testing.assert_allclose(found["velocity_autocorrelation"], np.tile(v2, len(scene.times)), rtol=1e-14)
     np.testing.assert_allclose(found["square_displacement"], v2 * scene.times**2, rtol=1e-12, atol=1e-14)
+    for name in ("displacement_velocity", "velocity_displacement"):  # positions of size 6 have round-off 1e-15
+        np.testing.assert_allclose(found[name], v2 * scene.times, rtol=1e-12, atol=1e-14 * np.sqrt(v2.max()))
 
 
 def test_logarithmic_samples_see_the_same_run():

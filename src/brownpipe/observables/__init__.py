@@ -65,7 +65,13 @@ VARIABLES = {
     "square_displacement": Variable(
         ("time",), "length^2", "squared displacement of the tracer; /parameters says over what it is averaged"
     ),
+    "displacement_velocity": Variable(
+        ("time",), "length^2/time", "v(t).(r(t) - r(0)) of the tracer, half of d(r^2)/dt; averaged likewise"
+    ),
     "velocity_autocorrelation": Variable(("time",), "length^2/time^2", "v(0).v(t) of the tracer; averaged likewise"),
+    "velocity_displacement": Variable(
+        ("time",), "length^2/time", "v(0).(r(t) - r(0)) of the tracer, the integral of v(0).v(s); averaged likewise"
+    ),
     "bath_velocity_autocorrelation": Variable(
         ("time",), "length^2/time^2", "v(0).v(t), mean over the disks of the most numerous species but the tracer's"
     ),
@@ -79,9 +85,10 @@ VARIABLES = {
     ),
 }
 OBSERVABLES = {
-    "displacement": Observable(displacement.square_displacement, ("square_displacement",)),
+    "displacement": Observable(displacement.square_displacement, ("square_displacement", "displacement_velocity")),
     "velocity_autocorrelation": Observable(
-        velocity.autocorrelation, ("velocity_autocorrelation", "bath_velocity_autocorrelation")
+        velocity.autocorrelation,
+        ("velocity_autocorrelation", "velocity_displacement", "bath_velocity_autocorrelation"),
     ),
     "kinetic_energy": Observable(velocity.kinetic_energy, ("species_energy",)),
     "velocity_distribution": Observable(velocity.distribution, ("velocity_counts", "speed_counts")),

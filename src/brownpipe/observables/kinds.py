@@ -37,6 +37,14 @@ def equal_disks(scene: Scene) -> np.ndarray:
     return np.flatnonzero((radius == radius[0]) & (mass == mass[0]))
 
 
+def followed(scene: Scene, run, average: str):
+    """The `state.Track` of the tracer, M = 1, or in an average over `disks` that of all disks equal to it."""
+    if average != "disks":
+        return run.tracer
+    disks = equal_disks(scene)
+    return run.whole._make(None if values is None else values[:, disks] for values in run.whole)
+
+
 def bath_disks(scene: Scene) -> np.ndarray:
     """The indices of the disks of the most numerous kind that is not the tracer's; none where there is one kind."""
     kinds = kinds_of(scene)

@@ -1,6 +1,8 @@
 """Averages over time origins: every sample of a stationary run is as good a beginning as t = 0."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+
+import numpy as np
 
 from brownpipe.sampling import SAME
 from brownpipe.scene import Scene
@@ -33,6 +35,16 @@ def unfit(scene: Scene) -> str | None:
     if len(scene.times) > MOST_SAMPLES:
         return f"origins needs at most {MOST_SAMPLES} samples; there are {len(scene.times)}"
     return None
+
+
+def averaged(scene: Scene, average: str, products: Callable) -> np.ndarray:
+    """Means (K, T) over disks, and origins if these are asked for, of K products of two samples.
+
+    `products` (earlier, later) yields arrays (T', M), one for each product, of the samples in two slices.
+    """
+    if average != "origins":
+        return np.stack([product.mean(axis=1) for product in products(slice(0, 1), slice(None))])
+    return np.array([[product.mean() for product in products(*pair)] for pair in lags(scene)]).T
 
 
 def lags(scene: Scene) -> Iterator[tuple[slice, slice]]:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from brownpipe.observables.kinds import bath_disks, equal_disks, kinds_of
+from brownpipe.observables.displacement import velocity_displacement
+from brownpipe.observables.kinds import bath_disks, followed, kinds_of
 from brownpipe.observables.origins import is_stationary, lags
 from brownpipe.scene import Scene
 
@@ -20,11 +21,13 @@ VALUES_AT_ONCE = 2**18  # so that what is computed on the way takes little memor
 def autocorrelation(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
     """v(0).v(t) (T,) of the tracer and, averaged over its disks, of the most numerous other kind, if there is one.
 
-    Green and Kubo: in the plane D is half of its integral. `average` is that of `displacement.square_displacement`;
-    over `disks` it is the mean over those equal to the tracer.
+    With the tracer's v(0).(r(t) - r(0)), the integral of v(0).v(s) up to t: in the plane D is half of it (Green-Kubo).
+    `average` is that of `displacement.square_displacement`; over `disks` it is the mean over those equal to the tracer.
     """
-    tracer = run.whole.velocity[:, equal_disks(scene)] if average == "disks" else run.tracer.velocity
-    found = {"velocity_autocorrelation": _correlation(scene, tracer, average)}
+    found = {
+        "velocity_autocorrelation": _correlation(scene, followed(scene, run, average).velocity, average),
+        "velocity_displacement": velocity_displacement(scene, run, average),
+    }
     bath = bath_disks(scene)
     if len(bath) and run.whole is not None:  # not in a run of the tracer alone
         found["bath_velocity_autocorrelation"] = _correlation(scene, run.whole.velocity[:, bath], average)
@@ -51,7 +54,7 @@ def distribution(scene: Scene, run, _) -> dict[str, np.ndarray]:
     """Counts of velocity components (K, 120) and of speeds (K, 80) in units of sqrt(kT/m).
 
     kT is the scene's temperature; without one, the mean kinetic energy per disk of the samples that are counted. In
-    equilibrium the components are normal and the speeds have the density u exp(-u^2/2) (Maxwell and Boltzmann). Of all
+    equilibrium the components are normal and the speeds have the density u exp(-u^2/2) (Maxwell-Boltzmann). Of all
     samples if the run is stationary, of the last one otherwise. The outermost bins hold what lies beyond.
     """
     kinds, velocity = kinds_of(scene), run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
