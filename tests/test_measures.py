@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from brownpipe import analysis, exact, observables, theory
+from brownpipe import analysis, exact, langevin, observables, theory
 from brownpipe.analysis import conditions, displacement, measure, pairs, runs, thermodynamics, velocity
 from brownpipe.scene import parse_scene
+from brownpipe.state import Track
 from brownpipe.storage import write_trajectories
 from ensembles import make_scene
 
@@ -90,10 +91,87 @@ def test_densities_and_energies(dataset):
 # --- velocities
 
 
-def test_green_kubo_is_the_integral():
-    times = np.array([0.0, 0.1, 0.3, 0.7])
-    lines = np.array([[1.0], [2.0]]) * (3 - 2 * times)
-    assert velocity.integral(lines, times) == pytest.approx(np.array([[1.0], [2.0]]) * (3 * times - times**2))
+def langevin_runs(times, gamma, start, runs, seed):
+    """Position and velocity (T, n, 2) of free Langevin particles with kT/m = 1; `start` is the variance of v(0)."""
+    rng = np.random.default_rng(seed)
+    position, velocity = np.zeros((2, len(times), runs, 2))
+    velocity[0] = np.sqrt(start) * rng.standard_normal((runs, 2))
+    for k, (decay, spread, middle, loose) in enumerate(langevin.step_weights(np.diff(times), gamma, 1.0)):
+        noise = rng.standard_normal((2, runs, 2))
+        velocity[k + 1] = decay * velocity[k] + spread * noise[0]
+        position[k + 1] = position[k] + middle * (velocity[k] + velocity[k + 1]) + loose * noise[1]
+    return position, velocity
+
+
+def observed(position, velocity):
+    """The arrays that runs with these tracks yield."""
+    return {
+        "square_displacement": (position**2).sum(axis=-1).T,
+        "displacement_velocity": (position * velocity).sum(axis=-1).T,
+        "velocity_autocorrelation": (velocity * velocity[0]).sum(axis=-1).T,
+        "velocity_displacement": (position * velocity[0]).sum(axis=-1).T,
+    }
+
+
+def estimates(scene, seen):
+    """The variables of both measures, of runs with the arrays `seen`."""
+    case, n = case_of(scene), len(seen["square_displacement"])
+    values = {}
+    for one in (displacement.MEASURE, velocity.MEASURE):
+        found = measure.NOTHING
+        for seeds in np.split(np.arange(n), range(1024, n, 1024)):
+            part = runs.Runs(seeds, None, {name: array[seeds] for name, array in seen.items()})
+            found = measure.add_runs(found, seeds, one.sample(case, part))
+        values |= one.estimate(case, measure.estimated(found))
+    return values
+
+
+@pytest.mark.parametrize("start", [1.0, 4.0])
+def test_routes_to_d_have_no_error_of_the_sample_interval(start):
+    """10,240 Ornstein-Uhlenbeck velocities sampled once a relaxation time: D(t) is exact, by both routes.
+
+    They agree in equilibrium (start = 1), by time reversal, and differ where the runs begin hot. With such samples the
+    trapezoid is off by (h/2) coth(h/2) = 8 %, and the central difference by more.
+    """
+    scene = gas(duration=4.0, sample_interval=1.0)
+    t, n = scene.times, 10_240
+    seen = observed(*langevin_runs(t, 1.0, start, n, 11))
+    found = estimates(scene, seen)
+    growing = (start - 1) * np.exp(-t) * (1 - np.exp(-t)) + 1 - np.exp(-t)  # d<r^2>/dt / 4
+    integral = start * (1 - np.exp(-t))
+    off = {"diffusion_running": found["diffusion_running"] - growing, "green_kubo": found["green_kubo"] - integral}
+    for name, difference in off.items():
+        assert (np.abs(difference) <= SIGMAS * found[f"{name}_standard_error"]).all()
+    errors = [found[f"{name}_standard_error"] for name in off]
+    apart = np.abs(found["diffusion_running"] - found["green_kubo"])[1:] > SIGMAS * np.hypot(*errors)[1:]
+    assert apart.all() if start > 1 else not apart.any()
+    c, r2 = seen["velocity_autocorrelation"].mean(axis=0), seen["square_displacement"].mean(axis=0)
+    trapezoid, quotient = (c[0] + c[1]) / 4, (r2[2] - r2[0]) / 8
+    assert trapezoid - integral[1] > SIGMAS * found["green_kubo_standard_error"][1]
+    assert abs(quotient - growing[1]) > SIGMAS * found["diffusion_running_standard_error"][1]
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+def test_routes_to_d_from_a_recorded_track_with_velocities(boundary):
+    """To the bit as from the observables, in a periodic box unwrapped; without velocities there are none."""
+    scene = gas(boundary, duration=20.0)
+    made = exact.simulate(scene, [0], {"all"}, observables=("displacement", "velocity_autocorrelation"))
+    track = Track(*(None if values is None else values[:, :1] for values in made.whole[0]))
+    assert boundary == "reflecting" or track.image.any()
+    case = case_of(scene)
+    for one, name in ((displacement.MEASURE, "diffusion_running"), (velocity.MEASURE, "green_kubo")):
+        seen = one.sample(case, runs.Runs(np.arange(1), None, made.observables)).means
+        from_track = one.sample(case, runs.Runs(np.arange(1), track, {})).means
+        assert from_track[name].tobytes() == seen[name].tobytes()
+        assert name not in one.sample(case, runs.Runs(np.arange(1), track._replace(velocity=None), {})).means
+
+
+def test_files_without_products_of_velocity_and_displacement_have_no_running_d():
+    scene = gas()
+    shape = (12, len(scene.times))
+    found = estimates(scene, {name: np.ones(shape) for name in ("square_displacement", "velocity_autocorrelation")})
+    assert "msd" in found and "velocity_autocorrelation" in found
+    assert not {"diffusion_running", "green_kubo"} & found.keys()
 
 
 def test_slope_of_a_parabola():

@@ -1,4 +1,4 @@
-"""Mean squared displacement of the tracer: its curve, its lines, its slope from time to time.
+"""Mean squared displacement of the tracer: its curve, its straight-line fits, its slope at each time.
 
 S runs, T sample times, W windows. Lengths and times in the scene's own units.
 """
@@ -21,7 +21,7 @@ class Line(NamedTuple):
 
     slope: float
     intercept: float
-    naive_slope_error: float  # what least squares claims for independent points; wrong for an MSD, see `fit_line`
+    naive_slope_error: float  # by least squares for independent points; not valid for an MSD, see `fit_line`
 
 
 def squared_displacement(position, image=None, size=(0.0, 0.0)):
@@ -54,8 +54,9 @@ def _inside(times, window):
 def fit_line(times, values, window):
     """Least-squares line through `values` (T,) at `times` (T,) inside `window`.
 
-    The points of an MSD curve come from the same runs, so the error least squares claims is far too small (13 times in
-    the note's scene). For the slope's true error `resample` the slopes of the single runs, `per_run_lines`.
+    The points of an MSD curve come from the same runs, so the standard error of least squares, which is for independent
+    points, is not valid (13 times too small in the note's scene). For the slope's true error `resample` the slopes of
+    the single runs, `per_run_lines`.
     """
     slope, intercept = (line_weights(times, window) * values).sum(axis=-1)
     inside = _inside(times, window)
@@ -94,13 +95,26 @@ def from_start(case, runs):
     return squared_displacement(runs.tracer.position, runs.tracer.image, (case.scene.box.width, case.scene.box.height))
 
 
+def with_velocity(case, runs, name):
+    """The observable `displacement_velocity` or `velocity_displacement` (n, T) of every run.
+
+    v(t).(r(t) - r(0)) or v(0).(r(t) - r(0)): as observed, else of the tracer's track; None if that has no velocities.
+    """
+    if name in runs.observables or runs.tracer is None or runs.tracer.velocity is None:
+        return runs.observables.get(name)
+    position, velocity, image = runs.tracer
+    moved = of_a_run.displacement(position, image, (case.scene.box.width, case.scene.box.height))
+    return (moved * (velocity if name == "displacement_velocity" else velocity[:1])).sum(axis=-1).T
+
+
 def _sample(case, runs):
     squared = squared_of(case, runs)
     if squared is None:
         return Columns()
     means = {"msd": squared, "lines": per_run_lines(squared, case.times, case.asked.windows)}
-    if len(case.times) > 1:
-        means["diffusion_running"] = np.gradient(squared, case.times, axis=1) / 4
+    growth = with_velocity(case, runs, "displacement_velocity")
+    if growth is not None:
+        means["diffusion_running"] = growth / 2
     v2 = runs.observables.get("initial_square_speed")
     if v2 is None or np.isnan(initial_square_speed(case.scene)):
         return Columns(means)
@@ -177,13 +191,19 @@ MEASURE = Measure(
             ),
             **error_of("intercept", WINDOW, AREA, "intercept of the least-squares line over the window"),
             "naive_slope_error": Variable(
-                WINDOW, RATE, "what least squares alone claims as error of the slope; far too small"
+                WINDOW,
+                RATE,
+                "the standard error that least squares would state for independent points; an MSD's points are the "
+                "same runs, so it is not valid",
             ),
             **estimate_of("diffusion_coefficient", WINDOW, RATE, "diffusion coefficient, slope/4, over the window"),
         }
     )
     | estimate_of(
-        "diffusion_running", TIME, RATE, "a quarter of the slope of the mean squared displacement between neighbours"
+        "diffusion_running",
+        TIME,
+        RATE,
+        "half of <v(t).(r(t) - r(0))> of the tracer, which is d<r^2>/dt / 4 at the time",
     )
     | estimate_of("msd_controlled", TIME, AREA, "mean squared displacement with the known <v0^2> as control variate")
     | {"control_variance_ratio": Variable(TIME, "1", "variance of msd_controlled over that of msd")},

@@ -1,4 +1,4 @@
-"""Velocities: autocorrelations, Green and Kubo's integral, energies of the species, distributions.
+"""Velocities: autocorrelations, Green-Kubo integral, energies of the species, distributions.
 
 What is averaged here are the arrays that `brownpipe.observables` makes of every run.
 """
@@ -6,6 +6,7 @@ What is averaged here are the arrays that `brownpipe.observables` makes of every
 import numpy as np
 
 from brownpipe import theory
+from brownpipe.analysis.displacement import with_velocity
 from brownpipe.analysis.measure import Columns, Measure, with_interval
 from brownpipe.analysis.thermodynamics import enskog
 from brownpipe.analysis.variables import EACH, RATE, SPEED2, Variable, estimate_of
@@ -13,12 +14,6 @@ from brownpipe.analysis.variables import EACH, RATE, SPEED2, Variable, estimate_
 CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
 EARLY = 0.25  # of the velocity autocorrelation, lost at the times from which its initial slope is taken
 DENSITIES = {"velocity_density": "velocity_counts", "speed_density": "speed_counts"}
-
-
-def integral(correlation, times):
-    """Integral (n, T) from 0 to each of the times (T,) of `correlation` (n, T), by trapezoids."""
-    steps = np.diff(times) * (correlation[:, 1:] + correlation[:, :-1]) / 2
-    return np.concatenate([np.zeros((len(correlation), 1)), np.cumsum(steps, axis=1)], axis=1)
 
 
 def early(scene, times):
@@ -63,11 +58,13 @@ def expected_slope(case, found):
 def _sample(case, runs):
     means = {name: runs.observables[name] for name in CORRELATIONS if name in runs.observables}
     if "velocity_autocorrelation" in means:
-        means["green_kubo"] = integral(means["velocity_autocorrelation"], case.times) / 2
         if len(case.times) > 2:
             chosen = early(case.scene, case.times)
             first = means["velocity_autocorrelation"][:, chosen]
             means["vacf_initial_slope"] = (first * slope_weights(case.times[chosen])).sum(axis=1)
+    integral = with_velocity(case, runs, "velocity_displacement")
+    if integral is not None:
+        means["green_kubo"] = integral / 2
     if "species_energy" in runs.observables:
         means["species_energy"] = runs.observables["species_energy"]
     for name, counts in DENSITIES.items():
@@ -110,7 +107,12 @@ MEASURE = Measure(
     {
         **estimate_of("velocity_autocorrelation", TIME, SPEED2, "velocity autocorrelation v(0).v(t) of the tracer"),
         **estimate_of("bath_velocity_autocorrelation", TIME, SPEED2, "velocity autocorrelation v(0).v(t) in the bath"),
-        **estimate_of("green_kubo", TIME, RATE, "half of the integral of the velocity autocorrelation up to the time"),
+        **estimate_of(
+            "green_kubo",
+            TIME,
+            RATE,
+            "half of <v(0).(r(t) - r(0))> of the tracer, the integral of its velocity autocorrelation up to the time",
+        ),
         **estimate_of(
             "vacf_initial_slope", EACH, "length^2/time^3", "slope at 0 of the velocity autocorrelation, by a parabola"
         ),

@@ -1,4 +1,4 @@
-"""Figure `diffusion`: D against the time it is taken at, by three routes, and what kinetic theory says."""
+"""Figure `diffusion`: D against the time it is taken at, by three routes, and by kinetic theory."""
 
 import numpy as np
 
@@ -22,9 +22,9 @@ from brownpipe.figures.tables import long_table
 ROUTES = {
     "diffusion_running": ("d$\\langle r^2 \\rangle$/d$t$ / 4", DATA, "-"),
     "msd_over_4t": ("$\\langle r^2 \\rangle$ / 4$t$", FIT, DASHED),
-    "green_kubo": ("Green and Kubo: half the integral of $\\langle v(0) v(t) \\rangle$", FREE, DASH_DOT),
+    "green_kubo": ("Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2", FREE, DASH_DOT),
 }
-SPREADING = ("diffusion_running", "msd_over_4t")  # these decide the axis: the integral has the errors of all times
+SPREADING = ("diffusion_running", "msd_over_4t")  # shown in every case; they decide the axis
 ROOM = 1.25  # above the largest mean
 NEEDS = ("msd",)
 LACKING = "no run with a tracer was kept"
@@ -53,7 +53,7 @@ def _routes(axes, case):
 
 
 def _in_equilibrium(case):
-    """Does theory know its temperature? Out of equilibrium the integral of Green and Kubo is no D."""
+    """Does theory know its temperature? Out of equilibrium the Green-Kubo integral is no D."""
     return has(case, "enskog_diffusion")
 
 
