@@ -104,7 +104,7 @@ def with_velocity(case, runs, name):
         return runs.observables.get(name)
     position, velocity, image = runs.tracer
     moved = of_a_run.displacement(position, image, (case.scene.box.width, case.scene.box.height))
-    return (moved * (velocity if name == "displacement_velocity" else velocity[:1])).sum(axis=-1).T
+    return of_a_run.dot(moved, velocity if name == "displacement_velocity" else velocity[:1]).T
 
 
 def _sample(case, runs):

@@ -21,7 +21,7 @@ def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray
 
     def products(earlier: slice, later: slice) -> tuple[np.ndarray, np.ndarray]:
         moved = displacement(track.position, track.image, size, earlier, later)
-        return (moved**2).sum(axis=-1), (moved * track.velocity[later]).sum(axis=-1)
+        return (moved**2).sum(axis=-1), dot(moved, track.velocity[later])
 
     squared, growth = averaged(scene, average, products)
     return {"square_displacement": squared, "displacement_velocity": growth}
@@ -33,7 +33,7 @@ def velocity_displacement(scene: Scene, run, average: str) -> np.ndarray:
 
     def product(earlier: slice, later: slice) -> tuple[np.ndarray]:
         moved = displacement(track.position, track.image, size, earlier, later)
-        return ((moved * track.velocity[earlier]).sum(axis=-1),)
+        return (dot(moved, track.velocity[earlier]),)
 
     return averaged(scene, average, product)[0]
 
@@ -52,6 +52,11 @@ def displacement(
     """
     moved = position[later] - position[earlier]
     return moved if image is None else moved + (image[later] - image[earlier]) * np.asarray(size, float)
+
+
+def dot(moved: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Scalar products (T, M) of displacements (T, M, 2) and velocities (T, M, 2) or (1, M, 2)."""
+    return np.einsum("tmc,tmc->tm", moved, velocity)
 
 
 def from_start(position: np.ndarray, image: np.ndarray | None, size: tuple[float, float]) -> np.ndarray:
