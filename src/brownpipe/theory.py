@@ -228,7 +228,8 @@ def mixture_collision_rates(number_densities, diameters, masses, temperature):
 def mixture_compressibility(number_densities, diameters):
     """Z = P/(n kT) of a mixture, 1 + (pi/2n) sum_ij n_i n_j sigma_ij^2 chi_ij: the virial theorem in the plane."""
     n, distance = np.asarray(number_densities, float), np.add.outer(diameters, diameters) / 2.0
-    return 1.0 + np.pi / 2.0 * n @ (distance**2 * mixture_contact_values(n, diameters)) @ n / n.sum()
+    pairs = n[:, None] * n * distance**2 * mixture_contact_values(n, diameters)
+    return 1.0 + np.pi / 2.0 * pairs.sum() / n.sum()
 
 
 # --- two uniform points in a box
