@@ -31,7 +31,7 @@ def test_scene():
     assert "adds to a run, one by one: displacement 0.01" in said["measure"]
     assert all(f" {name} " in said["measure"] for name in OBSERVABLES)
     assert "in steps of --time-step; some " in said["timestep"]
-    assert "--friction enskog: the tracer alone, gamma = 7.26; no 1/t tail" in said["langevin"]
+    assert "--friction enskog: the tracer alone, gamma = 7.35; no 1/t tail" in said["langevin"]
     assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in said["caution"]
 
 
@@ -97,7 +97,7 @@ def test_study_of_several_engines(tmp_path):
     assert [line.split(":")[0].split()[-1] for line in lines if line.startswith("engine ")] == [
         "exact", "timestep-0.001", "langevin-enskog"
     ]  # fmt: skip
-    assert "gamma = 2 to 7.26" in "\n".join(lines)
+    assert "gamma = 2.02 to 7.35" in "\n".join(lines)
     assert sum(line.startswith("caution ") for line in lines) == 1
     assert "360 runs in 6 jobs" in lines[-2]
 

@@ -2,16 +2,19 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from brownpipe import exact, friction, langevin, theory
+from brownpipe.analysis import thermodynamics
 from brownpipe.langevin import step_weights
-from brownpipe.scene import SceneError, parse_scene
+from brownpipe.scene import SceneError, Velocities, parse_scene, read_scene
 from brownpipe.state import draw, draw_tracer, noise
 
 RUNS = 4000
+SCENES = Path(__file__).parents[1] / "config" / "scenes"
 FAR = 3.3  # standard errors: 0.1 % false alarms of one comparison
 
 
@@ -259,13 +262,36 @@ def test_a_cold_bath_does_nothing():
 
 
 def test_friction_of_the_note():
-    """By hand: n = 149/36, sigma = 0.4, mu = 0.4/1.4, kT = 0.4 x 2^2."""
-    covered = 149 / 36 * math.pi * 0.1**2
-    chi = 1 / (1 - covered) + 9 / 8 * (0.6 * 0.2 / 0.8) * (149 / 36 * math.pi / 4 * 0.2) / (1 - covered) ** 2
+    """By hand: n = 149/36, sigma = 0.4, mu = 0.4/1.4, kT = 0.4 x 2^2; the tracer covers a part of the box, too."""
+    covered = (149 * 0.1**2 + 0.3**2) * math.pi / 36
+    surface = math.pi / 4 * (149 * 0.2 + 0.6) / 36
+    chi = 1 / (1 - covered) + 9 / 8 * (0.6 * 0.2 / 0.8) * surface / (1 - covered) ** 2
     thin = 2 * 149 / 36 * 0.4 * math.sqrt(2 * math.pi * 0.4 / 1.4 * 1.6)
     assert friction.friction_rate(scene_of(), "boltzmann") == pytest.approx(thin, rel=1e-14)
     assert friction.friction_rate(scene_of(), "enskog") == pytest.approx(chi * thin, rel=1e-14)
     assert friction.friction_rate(scene_of(velocities={"temperature": 1.6}), "boltzmann") == pytest.approx(thin)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.yaml")))
+def test_enskogs_diffusion_and_the_friction_of_the_engine_are_one_number(name):
+    """D = kT/(m gamma), to the last bit; a scene without a temperature is taken at that of its bath."""
+    scene = read_scene(SCENES / f"{name}.yaml")
+    hot = replace(scene, velocities=Velocities(None, friction.bath_of(scene).temperature))
+    assert scene.velocities.temperature in (None, hot.velocities.temperature)
+    expected = thermodynamics.enskog(hot)
+    gamma = friction.friction_rate(scene, "enskog")
+    assert expected["enskog_diffusion"] == hot.velocities.temperature / (scene.mass[0] * gamma)
+    assert expected["enskog_tracer_collision_rate"] == friction.partners_of(scene).rate.sum()
+
+
+def test_a_tagged_disk_has_the_friction_of_one_fluid():
+    """Equal radii: Luding's contact value at the packing fraction of all disks, whether or not one has a name."""
+    bath = [{"name": "bath", "count": "rest", "radius": 0.1, "mass": 1.0}]
+    scene = scene_of(species=bath, tracer={"radius": 0.1, "mass": 4.0}, particles=400)
+    chi = theory.contact_value(400 * math.pi * 0.1**2 / 36)
+    assert friction.partners_of(scene).contact_value == pytest.approx([chi], rel=1e-14)
+    zeta = theory.enskog_friction(399 / 36, 0.2, chi, 0.8, 4.0)
+    assert friction.friction_rate(scene, "enskog") == pytest.approx(zeta / 4.0, rel=1e-14)
 
 
 def test_frictions_of_several_species_add():

@@ -33,6 +33,14 @@ class Bath(NamedTuple):
     temperature: float  # kT, the mean kinetic energy per disk
 
 
+class Partners(NamedTuple):
+    """Enskog's theory of the followed disk, by species of its bath, shape (K,) each."""
+
+    contact_value: np.ndarray  # [1]
+    friction: np.ndarray  # zeta [mass/time]
+    rate: np.ndarray  # collisions of the followed disk with the species [1/time]
+
+
 def followed(scene: Scene) -> Species:
     """Return the species of disk 0."""
     return next(one for one in scene.species if one.count)
@@ -46,25 +54,46 @@ def bath_of(scene: Scene) -> Bath:
     number, radius, mass = np.array(rows, dtype=float).reshape(-1, 3).T
     temperature = given.temperature
     if temperature is None:
-        temperature = given.standard_deviation * given.standard_deviation * float(number @ mass / number.sum())
+        temperature = given.standard_deviation * given.standard_deviation * float((number * mass).sum() / number.sum())
     return Bath(number, radius, mass, temperature)
 
 
 def friction_rate(scene: Scene, friction: str) -> float:
     """Return gamma [1/time] of the followed disk, dv/dt = -gamma v + noise.
 
-    `enskog`: the frictions of all species of the bath at its mean number density N_k/A and temperature, with contact
-    values of the mixture, summed (`theory.enskog_friction`). `boltzmann`: the same with the contact values 1, the limit
-    of a thin bath. `measured`: Enskog's sum with the tracer's collision rate as measured for Enskog's. Since for each
-    species zeta = 2 n chi sigma sqrt(2 pi mu kT) = 2 mu times the rate n chi sigma sqrt(2 pi kT/mu), with one species
-    this is 2 mu rate/m, the initial decay of the velocity autocorrelation, whatever chi is; several share the rate as
-    Enskog has it. The density that walls add by the room they take is in it, too.
+    `enskog`: the sum of the frictions of all species of the bath (`partners_of`). `boltzmann`: the same with contact
+    values 1, the limit of a thin bath. `measured`: Enskog's sum times the tracer's measured collision rate over
+    Enskog's. Since for each species zeta = 2 n chi sigma sqrt(2 pi mu kT) = 2 mu times the rate
+    n chi sigma sqrt(2 pi kT/mu), with one species this is 2 mu rate/m, the initial decay of the velocity
+    autocorrelation, whatever chi is; with several the measured rate is divided in Enskog's proportions. It includes the
+    higher density of centres between walls.
     """
-    zeta, rate = _by_species(scene, crowded=friction != "boltzmann")
-    gamma = zeta.sum() / followed(scene).mass
+    partners = partners_of(scene, crowded=friction != "boltzmann")
+    gamma = partners.friction.sum() / followed(scene).mass
     if friction == "measured" and gamma > 0:
-        gamma *= _measured_rate(measuring_runs(scene)) / rate.sum()
+        gamma *= _measured_rate(measuring_runs(scene)) / partners.rate.sum()
     return float(gamma)
+
+
+def partners_of(scene: Scene, crowded: bool = True) -> Partners:
+    """Return contact values, frictions and collision rates of the followed disk with every species of its bath.
+
+    A species of N_k disks, the followed one not counted, has the number density N_k/A. The contact values are those of
+    the whole box, the followed disk included (`theory.mixture_contact_values`), at a packing fraction of at most
+    DENSEST; 1 unless `crowded`. Walls are not considered.
+    """
+    tracer, bath = followed(scene), bath_of(scene)
+    present = [one for one in scene.species if one.count]
+    chi = np.ones(len(bath.number))
+    if crowded:
+        fluid = min(1.0, DENSEST / scene.packing_fraction)
+        density = fluid * np.array([one.count for one in present]) / scene.box.area
+        contact = theory.mixture_contact_values(density, 2 * np.array([one.radius for one in present]))
+        met = np.array([one.count > (one is tracer) for one in present])
+        chi = contact[present.index(tracer), met]
+    mu = theory.reduced_mass(tracer.mass, bath.mass)
+    known = bath.number / scene.box.area, tracer.radius + bath.radius, chi, mu, bath.temperature
+    return Partners(chi, theory.enskog_friction(*known), theory.collision_rate(*known))
 
 
 def measuring_runs(scene: Scene) -> Scene | None:
@@ -73,7 +102,7 @@ def measuring_runs(scene: Scene) -> Scene | None:
     All disks are in equilibrium at the temperature of the bath, and the tracer free: it is an average over where the
     tracer comes to, and the same number whichever runs it is for.
     """
-    expected = _by_species(scene, crowded=True)[1].sum()
+    expected = partners_of(scene).rate.sum()
     if expected == 0:
         return None
     duration = float(COLLISIONS / (RUNS * expected))
@@ -97,18 +126,6 @@ def _measured_rate(scene: Scene) -> float:
         raise RunError(f"{scene.name}: the runs that measure the friction failed their health check")
     heat = found["kinetic_energy"] / (scene.particles * scene.velocities.temperature)  # of a run; rates go as its root
     return float(np.sum(found["tracer_collisions"] / np.sqrt(heat)) / (RUNS * scene.duration))
-
-
-def _by_species(scene: Scene, crowded: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return frictions (K,) [mass/time] and collision rates (K,) [1/time] of the followed disk with each species."""
-    tracer, bath = followed(scene), bath_of(scene)
-    density = bath.number / scene.box.area
-    chi = np.ones(len(density))
-    if crowded:
-        chi = theory.contact_value_mixture(2 * tracer.radius, 2 * bath.radius, density, 2 * bath.radius)
-    mu = theory.reduced_mass(tracer.mass, bath.mass)
-    known = density, tracer.radius + bath.radius, chi, mu, bath.temperature
-    return theory.enskog_friction(*known), theory.collision_rate(*known)
 
 
 # -- where it means something ---------------------------------------------------------------------------------------

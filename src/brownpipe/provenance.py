@@ -38,7 +38,9 @@ class Step(NamedTuple):
 
 STEPS = {
     "simulate": Step(("storage",), ("numpy", "numba", "h5py")),  # and the engine
-    "aggregate": Step(("storage", "observables", "analysis", "theory"), ("numpy", "scipy", "xarray", "h5py")),
+    "aggregate": Step(
+        ("storage", "observables", "analysis", "theory", "friction"), ("numpy", "scipy", "xarray", "h5py")
+    ),
     "tradeoff": Step(("storage", "analysis", "tradeoff"), ("numpy", "scipy", "xarray", "h5py")),
     "tradeoff_figures": Step(("figures", "tradeoff", "analysis", "storage"), ("numpy", "matplotlib")),
     "figures": Step(("figures", "analysis", "storage", "theory"), ("numpy", "matplotlib")),

@@ -5,12 +5,12 @@ Every run has its own temperature, from its own energy: rates and the virial of 
 
 import numpy as np
 
-from brownpipe import theory
+from brownpipe import friction, theory
 from brownpipe.analysis.measure import Columns, Measure, with_error, with_interval
 from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
+from brownpipe.friction import DENSEST
 
 COLLISIONS = ("pair_collisions", "wall_collisions", "tracer_collisions")
-DENSEST = 0.7  # packing fraction up to which the contact values are known
 
 
 def temperature(scene, energy):
@@ -40,26 +40,24 @@ def is_alike(scene):
 def enskog(scene):
     """Collision rates, contact value, compressibility, and diffusion coefficient of the tracer: Enskog's theory.
 
-    Of the whole box, walls or not; {} without a temperature or beyond DENSEST. Of the tracer's own species the others
-    alone count as its bath.
+    Of the whole box, walls or not; {} without a temperature or beyond DENSEST. The tracer's own rate, contact value and
+    diffusion coefficient kT/(m gamma) are those of the langevin engine (`friction.partners_of`).
     """
     kt = scene.velocities and scene.velocities.temperature
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
         return {}
     kinds = [one for one in scene.species if one.count]
     radius, mass, number = (np.array([getattr(one, of) for one in kinds]) for of in ("radius", "mass", "count"))
-    n, bath = number / scene.box.area, (number - (np.arange(len(kinds)) == 0)) / scene.box.area
+    n = number / scene.box.area
     rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt)
     rates = rates * np.where(np.eye(len(kinds)) > 0, (1 - 1 / number), 1.0)  # no disk meets itself
-    chi = theory.mixture_contact_values(n, 2 * radius)[0]
-    mu = theory.reduced_mass(mass[0], mass)
-    friction = theory.enskog_friction(bath, radius[0] + radius, chi, mu, kt).sum()
+    partners = friction.partners_of(scene)
     return {
-        "enskog_collision_rate": number @ rates.sum(axis=1) / number.sum(),
-        "enskog_tracer_collision_rate": rates[0].sum(),
-        "enskog_contact_value": chi[np.argmax(bath)],
+        "enskog_collision_rate": (number * rates.sum(axis=1)).sum() / number.sum(),
+        "enskog_tracer_collision_rate": partners.rate.sum(),
+        "enskog_contact_value": partners.contact_value[np.argmax(friction.bath_of(scene).number)],
         "enskog_compressibility": theory.mixture_compressibility(n, 2 * radius),
-        "enskog_diffusion": kt / friction,
+        "enskog_diffusion": kt / (mass[0] * friction.friction_rate(scene, "enskog")),
     }
 
 
