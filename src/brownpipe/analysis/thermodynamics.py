@@ -23,8 +23,22 @@ def temperature(scene, energy):
 
 
 def compressibility(scene, virial, kt, duration):
-    """Z = 1 + sum of abs(momentum transfer) * contact distance / (2 N kT T), from pair collisions; virial theorem."""
+    """Z = 1 + W/(2 N kT T), W the sum of abs(momentum transfer) * contact distance over pair collisions in a time T.
+
+    In a periodic box this is P/(n kT). Between walls it is not: their forces act on centres at a distance R from the
+    sides w and h and have a virial, too. By the virial theorem, for equal disks and one pressure P on all walls,
+
+        2 N kT + W/T = P [h (w - 2R) + w (h - 2R)],  so that  Z = Z_wall (1 - R/w - R/h),
+
+    with Z_wall = P/(n kT) of `wall_compressibility`. With several species R is the mean over the momentum that the
+    walls receive.
+    """
     return 1.0 + virial / (2.0 * scene.particles * kt * duration)
+
+
+def wall_compressibility(scene, pressure, kt):
+    """Z_wall = P/(n kT) with the `pressure` P on the walls and n = N/A, A the area of the box."""
+    return pressure * scene.box.area / (scene.particles * kt)
 
 
 def compressibility_from_rate(scene, rate, kt):
@@ -80,6 +94,8 @@ def _of_temperature(case, seen, kt, means):
     found, hot = {"kinetic_temperature": kt}, np.where(kt > 0, kt, np.nan)
     if "virial" in seen:
         found["compressibility"] = compressibility(case.scene, seen["virial"], hot, case.times[-1])
+    if "wall_pressure" in means:
+        found["wall_compressibility"] = wall_compressibility(case.scene, means["wall_pressure"], hot)
     if "collision_rate" in means and is_alike(case.scene):
         found["compressibility_rate"] = compressibility_from_rate(case.scene, means["collision_rate"], hot)
     return found
@@ -89,10 +105,13 @@ MEASURED = {
     "collision_rate": ("1/time", "collisions of a disk with others per time"),
     "tracer_collision_rate": ("1/time", "collisions of the tracer with others per time"),
     "kinetic_temperature": ("energy", "temperature kT from the kinetic energy"),
-    "compressibility": ("1", "compressibility factor P/(n kT) from the virial of the pair collisions"),
+    "compressibility": (
+        "1", "compressibility factor 1 + W/(2 N kT t), W the virial of pair collisions in time t; P/(n kT) if periodic"
+    ),
+    "wall_compressibility": ("1", "compressibility factor P/(n kT) from the pressure P on the walls, n = N/A"),
     "compressibility_rate": ("1", "compressibility factor of equal disks from their collision rate"),
     "wall_pressure": ("energy/length^2", "momentum given to the walls per length and time"),
-}
+}  # fmt: skip
 
 
 def _estimate(case, found):
@@ -119,7 +138,9 @@ MEASURE = Measure(
         "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
         "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
         "enskog_contact_value": Variable(EACH, "1", "contact value of the tracer and its most numerous partners"),
-        "enskog_compressibility": Variable(EACH, "1", "compressibility factor P/(n kT), from the contact values"),
+        "enskog_compressibility": Variable(
+            EACH, "1", "compressibility factor of a periodic box, from the contact values"
+        ),
         "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient of the tracer, Enskog's theory"),
     },
 )

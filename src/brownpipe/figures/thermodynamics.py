@@ -10,7 +10,7 @@ from brownpipe.figures.tables import long_table
 
 Z, RATE, TRACER = "compressibility", "collision_rate", "tracer_collision_rate"
 PANELS = {
-    Z: ("$Z = P / nkT$", "compressibility from the virial"),
+    Z: ("$Z = 1 + W / 2NkTt$", "compressibility from the pair virial $W$"),
     RATE: ("collisions per disk and time", "collision rate of all disks"),
     TRACER: ("collisions per time", "collision rate of the tracer"),
 }
@@ -128,7 +128,7 @@ def _equations_of_state(main, low, ends):
 
 def table(cases):
     """One row per case: what was measured, with its uncertainties, and what is expected."""
-    extra = (Z, f"{Z}_rate", RATE, TRACER, "wall_pressure", "kinetic_temperature")
+    extra = (Z, f"{Z}_rate", f"wall_{Z}", RATE, TRACER, "wall_pressure", "kinetic_temperature")
     references = (f"enskog_{name}" for name in PANELS)
     names = [name for name in (*extra, *references) if any(has(case, name) for case in cases)]
     return long_table(cases, (), ["packing_fraction", *names])
