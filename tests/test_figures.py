@@ -214,6 +214,18 @@ def test_residuals_only_where_theory_expects_something(dataset):
     assert panels(dataset.drop_vars(theory)) == 3
 
 
+def test_residuals_of_rates_are_those_at_the_temperature_of_the_scene(dataset):
+    """Where a case has such a rate, with its own interval; the raw rate stays in the upper panel."""
+    name = "collision_rate_at_temperature"
+    scaled = {f"{name}{part}": 1.01 * dataset.enskog_collision_rate for part in ("", "_low", "_high")}
+    axes = drawn("thermodynamics", dataset.assign(scaled))[0].axes
+    for container in axes[4].containers:
+        assert container.lines[0].get_ydata() == pytest.approx(np.ones(2))
+        assert np.concatenate(container.lines[2][0].get_segments())[:, 1] == pytest.approx(np.ones(4))
+    above = np.concatenate([container.lines[0].get_ydata() for container in axes[1].containers])
+    assert sorted(above) == sorted(dataset.collision_rate.values.ravel())
+
+
 def test_equations_of_state_end_where_they_are_known(dataset):
     dense = dataset.assign(
         packing_fraction=0 * dataset.packing_fraction + xarray.DataArray([0.68, 0.75], dims="particles")

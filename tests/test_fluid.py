@@ -5,6 +5,8 @@ import pytest
 from scipy import stats
 
 from brownpipe import theory
+from brownpipe.analysis import measure, thermodynamics
+from brownpipe.analysis.runs import Runs
 from brownpipe.exact import setup, simulate
 from brownpipe.scene import parse_scene
 from test_exact import P, W, box, crowded, make, species
@@ -89,6 +91,27 @@ def assert_one_contact_value(phi, rates, virials):
     difference = rates * np.sqrt(np.pi) / (8 * phi) / ((virials - 1) / (2 * phi)) - 1
     assert abs(difference.mean()) < 4.5 * difference.std(ddof=1) / np.sqrt(len(rates)) + 1 / 1024
     assert difference.std(ddof=1) / np.sqrt(len(rates)) < 1e-3
+
+
+def test_collision_rate_at_the_temperature_of_the_scene():
+    """Against 0.80101(38), as above, and with the scatter of the temperatures of runs taken away.
+
+    A run's rate is a sum of independent parts: the rate at the temperature of the scene, and half its relative
+    deviation in kT, whose variance is 1/(N - 1). Ratio of the two standard errors for 150 runs: 4 times the
+    1/sqrt(2 x 149) of each, a false alarm in 10,000.
+    """
+    scene, seeds = fluid(0.14, 40.0, {"placement": "random"}), np.arange(150)
+    case = measure.Case(scene, "exact", scene.times, measure.Asked((), np.arange(2.0), ()))
+    means = thermodynamics.MEASURE.sample(
+        case, Runs(seeds, None, simulate(scene, seeds, frozenset()).observables)
+    ).means
+    raw, scaled = means["collision_rate"], means["collision_rate_at_temperature"]
+    gain = np.sqrt(1 + (scaled.mean() / scaled.std(ddof=1)) ** 2 / (4 * 1023))
+    assert gain > 2
+    assert raw.std() / scaled.std() == pytest.approx(gain, rel=4 * np.sqrt(2) / np.sqrt(2 * 149))
+    error = scaled.std(ddof=1) / np.sqrt(len(seeds))
+    assert error < 0.0007 * 0.80101
+    assert abs(scaled.mean() - 0.80101) < 4.5 * np.hypot(error, 0.00038)
 
 
 def test_collision_rate_and_pressure_of_the_dense_fluid():

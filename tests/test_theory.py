@@ -203,6 +203,16 @@ def test_collision_rate_against_free_flight():
     assert_mean(2 * n * sigma * chi * np.hypot(*u.T), expected)
 
 
+def test_mean_root_of_a_chi_square():
+    """2 degrees: the mean of a Rayleigh variate, sqrt(pi)/2; many: 1 - 1/4d + 1/32d^2. By recurrence in between."""
+    assert theory.mean_root_chi_square(2) == pytest.approx(np.sqrt(np.pi) / 2, rel=1e-14)
+    for d in range(2, 50, 2):  # Gamma(x + 1) = x Gamma(x)
+        expected = theory.mean_root_chi_square(d) * (d + 1) / np.sqrt(d * (d + 2))
+        assert theory.mean_root_chi_square(d + 2) == pytest.approx(expected, rel=1e-13)
+    assert theory.mean_root_chi_square(1000) == pytest.approx(1 - 1 / 4000 + 1 / 32e6, abs=2e-10)
+    assert theory.mean_root_chi_square(2_000_000) == pytest.approx(1 - 1 / 8e6, abs=1e-8)
+
+
 def test_friction_and_rate_are_one_quantity():
     """gamma = 2 mu rate / m_a without a factor to choose: zeta = 2 mu rate."""
     arguments = (0.7, 0.4, 1.2, 0.3, 1.6)

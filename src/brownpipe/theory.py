@@ -5,6 +5,8 @@ are in the scene's own units of length, time and mass; `temperature` is kT, an e
 D. W. Harrison, "Brownian motion simulation" (2020), the note that brownpipe follows.
 """
 
+import math
+
 import numpy as np
 
 # Below this D t / a^2 the walls of a square of half-width a change the MSD by less than round-off: the chance
@@ -188,6 +190,16 @@ def collision_rate(number_density, distance, contact, mass, temperature):
     n chi sigma sqrt(2 pi kT / mu). For equal disks this is 2 n s chi sqrt(pi kT / m).
     """
     return number_density * contact * distance * np.sqrt(2.0 * np.pi * temperature / mass)
+
+
+def mean_root_chi_square(degrees):
+    """Mean of sqrt(X/d), X chi-square with d > 0 `degrees` of freedom: sqrt(2/d) Gamma((d + 1)/2)/Gamma(d/2).
+
+    The mean of sqrt(kT_run/kT) over runs whose kinetic energy has d degrees of freedom, about 1 - 1/(4 d). Its inverse
+    is the mean relative speed at fixed energy over that of the Maxwell-Boltzmann distribution of the same kT. A number.
+    """
+    half = degrees / 2.0
+    return math.exp(math.lgamma(half + 0.5) - math.lgamma(half)) / math.sqrt(half)
 
 
 def enskog_friction(number_density, distance, contact, mass, temperature):

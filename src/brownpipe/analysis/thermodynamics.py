@@ -11,6 +11,7 @@ from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimat
 from brownpipe.friction import DENSEST
 
 COLLISIONS = ("pair_collisions", "wall_collisions", "tracer_collisions")
+RATES = ("collision_rate", "tracer_collision_rate")
 
 
 def temperature(scene, energy):
@@ -18,8 +19,23 @@ def temperature(scene, energy):
 
     In a periodic box without total momentum two degrees of freedom are missing: per disk but one.
     """
-    missing = scene.box.periodic and scene.velocities is not None and scene.velocities.zero_momentum
-    return energy / ((scene.particles - missing) or np.nan)
+    return energy / (_moving(scene) or np.nan)
+
+
+def _moving(scene):
+    """Half of the degrees of freedom of the velocities."""
+    return scene.particles - (scene.box.periodic and scene.velocities is not None and scene.velocities.zero_momentum)
+
+
+def rate_at(temperature, scene, rate, kt):
+    """Collision rates (n,) of runs with kinetic temperatures `kt` (n,), scaled to the canonical mean at `temperature`.
+
+    If all velocities are multiplied by a factor, hard disks follow the same paths, faster by this factor: rates go as
+    sqrt(kt). Over runs with velocities drawn at `temperature` the mean of sqrt(kt/temperature) is slightly below 1
+    (`theory.mean_root_chi_square`). With this factor the scaled rate has, in equilibrium, the mean of the rate itself,
+    without the scatter of the temperatures of runs.
+    """
+    return rate * np.sqrt(temperature / kt) * theory.mean_root_chi_square(2 * _moving(scene))
 
 
 def compressibility(scene, virial, kt, duration):
@@ -91,19 +107,28 @@ def _sample(case, runs):
 
 def _of_temperature(case, seen, kt, means):
     """What needs the temperature of the runs (n,); NaN where nothing moves."""
-    found, hot = {"kinetic_temperature": kt}, np.where(kt > 0, kt, np.nan)
+    scene, found, hot = case.scene, {"kinetic_temperature": kt}, np.where(kt > 0, kt, np.nan)
     if "virial" in seen:
-        found["compressibility"] = compressibility(case.scene, seen["virial"], hot, case.times[-1])
+        found["compressibility"] = compressibility(scene, seen["virial"], hot, case.times[-1])
+    if scene.velocities and scene.velocities.temperature and scene.particles > 1:
+        for name in (name for name in RATES if name in means):
+            found[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], hot)
     if "wall_pressure" in means:
-        found["wall_compressibility"] = wall_compressibility(case.scene, means["wall_pressure"], hot)
-    if "collision_rate" in means and is_alike(case.scene):
-        found["compressibility_rate"] = compressibility_from_rate(case.scene, means["collision_rate"], hot)
+        found["wall_compressibility"] = wall_compressibility(scene, means["wall_pressure"], hot)
+    if "collision_rate" in means and is_alike(scene):
+        found["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], hot)
     return found
 
 
 MEASURED = {
     "collision_rate": ("1/time", "collisions of a disk with others per time"),
     "tracer_collision_rate": ("1/time", "collisions of the tracer with others per time"),
+    "collision_rate_at_temperature": (
+        "1/time", "collisions of a disk with others per time, each run's scaled to the temperature of the scene"
+    ),
+    "tracer_collision_rate_at_temperature": (
+        "1/time", "collisions of the tracer with others per time, each run's scaled to the temperature of the scene"
+    ),
     "kinetic_temperature": ("energy", "temperature kT from the kinetic energy"),
     "compressibility": (
         "1", "compressibility factor 1 + W/(2 N kT t), W the virial of pair collisions in time t; P/(n kT) if periodic"

@@ -96,16 +96,23 @@ def _points(axes, series, name):
 
 
 def _residuals(axes, series, name):
-    """How far the cases of each scene are from theory."""
+    """How far the cases of each scene are from theory: rates at the temperature of the scene, as theory has them."""
     for _, looks, mine, phi in series:
-        compared = np.array([np.isfinite(_expected(case, name)) for case in mine])
-        cases = [case for case, known in zip(mine, compared, strict=True) if known]
+        known = np.array([np.isfinite(_expected(case, name)) for case in mine])
+        cases = [case for case, compared in zip(mine, known, strict=True) if compared]
         reference = np.array([_expected(case, name) for case in cases])
-        residual = 100 * (np.array([float(case[name]) for case in cases]) / reference - 1)
-        axes.errorbar(np.array(phi)[compared], residual, 100 * bars(cases, name) / reference, **looks)
+        shown = [_at_temperature(case, name) for case in cases]
+        value = np.array([float(case[one]) for case, one in zip(cases, shown, strict=True)])
+        reach = np.reshape([bars([case], one)[:, 0] for case, one in zip(cases, shown, strict=True)], (-1, 2)).T
+        axes.errorbar(np.array(phi)[known], 100 * (value / reference - 1), 100 * reach / reference, **looks)
     axes.axhline(0, color=START, linewidth=0.8)
     axes.margins(y=0.15)
     axes.set_ylabel("difference\nfrom theory, %")
+
+
+def _at_temperature(case, name):
+    """The variable that is compared with theory: of a rate, the one at the temperature of the scene if there is one."""
+    return f"{name}_at_temperature" if has(case, f"{name}_at_temperature") else name
 
 
 def _expected(case, name):
@@ -128,7 +135,8 @@ def _equations_of_state(main, low, ends):
 
 def table(cases):
     """One row per case: what was measured, with its uncertainties, and what is expected."""
-    extra = (Z, f"{Z}_rate", f"wall_{Z}", RATE, TRACER, "wall_pressure", "kinetic_temperature")
+    rates = (one for name in (RATE, TRACER) for one in (name, f"{name}_at_temperature"))
+    extra = (Z, f"{Z}_rate", f"wall_{Z}", *rates, "wall_pressure", "kinetic_temperature")
     references = (f"enskog_{name}" for name in PANELS)
     names = [name for name in (*extra, *references) if any(has(case, name) for case in cases)]
     return long_table(cases, (), ["packing_fraction", *names])
