@@ -5,7 +5,7 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.analysis.conditions import accessible
 from brownpipe.analysis.measure import Columns, Measure, scaled, with_interval
-from brownpipe.analysis.thermodynamics import temperature
+from brownpipe.analysis.thermodynamics import mean_root, temperature
 from brownpipe.analysis.variables import EACH, Variable, estimate_of
 
 NEAR = 1.15  # contact distances up to which g(r) is extrapolated to contact by a parabola
@@ -67,7 +67,8 @@ def contact_from_rate(scene, collisions, kt, duration):
     """Contact values (n, P) from `collisions` (n, P) of runs of temperature `kt` (n,), in equilibrium.
 
     A pair meets at the rate p(sigma) chi sqrt(kT/(2 pi mu)), p the density of its distance in an ideal gas: the flux
-    through contact of a normal law of relative velocities (S. Chapman and T. G. Cowling, ch. 5, in the plane).
+    through contact of a normal distribution of relative velocities (S. Chapman and T. G. Cowling, ch. 5, in the plane).
+    A run keeps its energy, at which the mean speed is larger by 1/`thermodynamics.mean_root`.
     """
     kinds, pairs = pairs_of(scene)
     chi = np.full(collisions.shape, np.nan)
@@ -77,7 +78,8 @@ def contact_from_rate(scene, collisions, kt, duration):
         near = 2 * np.pi * contact / scene.box.area
         p = near if scene.box.periodic else float(theory.pair_distance_density_between(contact, *rooms))
         if number > 0 and p > 0:
-            chi[:, k] = collisions[:, k] / (duration * number * p * np.sqrt(kt / (2 * np.pi * mu)))
+            expected = duration * number * p * np.sqrt(kt / (2 * np.pi * mu)) / mean_root(scene)
+            chi[:, k] = collisions[:, k] / expected
     return chi
 
 

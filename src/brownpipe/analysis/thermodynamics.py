@@ -32,10 +32,15 @@ def rate_at(temperature, scene, rate, kt):
 
     If all velocities are multiplied by a factor, hard disks follow the same paths, faster by this factor: rates go as
     sqrt(kt). Over runs with velocities drawn at `temperature` the mean of sqrt(kt/temperature) is slightly below 1
-    (`theory.mean_root_chi_square`). With this factor the scaled rate has, in equilibrium, the mean of the rate itself,
+    (`mean_root`). With this factor the scaled rate has, in equilibrium, the mean of the rate itself,
     without the scatter of the temperatures of runs.
     """
-    return rate * np.sqrt(temperature / kt) * theory.mean_root_chi_square(2 * _moving(scene))
+    return rate * np.sqrt(temperature / kt) * mean_root(scene)
+
+
+def mean_root(scene):
+    """Mean of sqrt(kT_run/kT) over runs with velocities drawn at kT: `theory.mean_root_chi_square`."""
+    return theory.mean_root_chi_square(2 * _moving(scene))
 
 
 def compressibility(scene, virial, kt, duration):
@@ -58,8 +63,11 @@ def wall_compressibility(scene, pressure, kt):
 
 
 def compressibility_from_rate(scene, rate, kt):
-    """Z = 1 + 2 phi chi of equal disks, whose collision rate is 2 n s chi sqrt(pi kT/m): 1 + rate s sqrt(pi m/kT)/4."""
-    return 1.0 + rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
+    """Z = 1 + 2 phi chi of equal disks, whose collision rate is 2 n s chi sqrt(pi kT/m): 1 + rate s sqrt(pi m/kT)/4.
+
+    This is the mean rate over energies. A run keeps its own, at which disks are faster by 1/`mean_root`.
+    """
+    return 1.0 + mean_root(scene) * rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
 
 
 def is_alike(scene):
