@@ -334,6 +334,69 @@ def test_the_note_by_langevin_and_by_collisions():
         assert least * other - slack < other - one < most * other + slack
 
 
+# -- units ---
+
+
+def in_units(length=0, time=0, mass=0, **more):
+    """The note's scene in units smaller by these powers of two."""
+    tracer, bath = {"radius": 0.3, "mass": 1.0}, {"radius": 0.1, "mass": 0.4}
+    for kind in (tracer, bath):
+        kind["radius"], kind["mass"] = math.ldexp(kind["radius"], length), math.ldexp(kind["mass"], mass)
+    return scene_of(
+        width=math.ldexp(6.0, length),
+        tracer=tracer | {"position": [0.0, 0.0]},
+        species=[{"name": "bath", "count": "rest"} | bath],
+        velocities={"standard_deviation": math.ldexp(2.0, length - time)},
+        duration=math.ldexp(1.0, time),
+        sample_interval=math.ldexp(0.125, time),
+        **more,
+    )
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+@pytest.mark.parametrize("length", [-400, 0, 400])
+@pytest.mark.parametrize("time", [-400, 0, 400])
+@pytest.mark.parametrize("mass", [-900, 0, 900])
+def test_units_are_powers_of_two_or_refused(boundary, length, time, mass):
+    """The path to the square root of odd powers, 4 units of round-off; kT and kT/m must be numbers with all digits."""
+    scene, usual = in_units(length, time, mass, boundary=boundary), in_units(boundary=boundary)
+    if abs(2 * (length - time) + mass) > 1018 or abs(2 * (length - time)) > 1018:
+        with pytest.raises(SceneError, match=r"needs a temperature of the bath below|needs kT and kT/m of at least"):
+            langevin.simulate(scene, [1, 2])
+        return
+    found, plain = langevin.simulate(scene, [1, 2]), langevin.simulate(usual, [1, 2])
+    moved = np.ldexp(unwrapped(scene, found), -length)
+    np.testing.assert_allclose(moved, unwrapped(usual, plain), rtol=0, atol=4e-15 * 6)
+    assert found.observables["failed"].tolist() == [0, 0]
+    gamma = np.ldexp(found.observables["friction_rate"], time)
+    np.testing.assert_allclose(gamma, plain.observables["friction_rate"], rtol=4e-16 * 4)
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+def test_a_path_too_long_to_be_known_fails(boundary):
+    """Periodic images, or reflections, beyond 2^30: sqrt(2 D t) of duration 1e18 is 5e8 boxes, of 1e22 it is 5e10."""
+    for duration, failed in ((1e14, [0, 0]), (1e22, [1, 1])):
+        scene = scene_of(boundary=boundary, duration=duration, sample_interval=duration)
+        found = langevin.simulate(scene, [1, 2])
+        assert found.observables["failed"].tolist() == failed
+        assert np.all(np.abs(found.tracer.position) <= 3.0)
+    path = np.zeros((2, 2, 2))
+    for value in (math.nan, math.inf, -math.inf):
+        path[1, 0, 0] = value
+        assert not langevin.is_known(scene, path)
+    path[1, 0, 0] = 5.0
+    assert langevin.is_known(scene, path)
+
+
+def test_steps_of_any_length_diffuse():
+    """Position adds 2 kT/(m gamma) t, whatever gamma t: to 1e-12, where the start no longer counts."""
+    for x in (1e20, 1e154, 1e160, 1e300):
+        middle, loose = step_weights(x, 1.0, 1.0)[2:]
+        assert loose / math.sqrt(2 * x) == pytest.approx(1.0, abs=1e-12)
+        assert middle == pytest.approx(1.0, abs=1e-12)
+    assert step_weights(1e-200, 1e-100, 1e-250)[1] == pytest.approx(math.sqrt(2) * 1e-275, rel=1e-12)
+
+
 # -- where it is refused --------------------------------------------------------------------------------------------
 
 

@@ -3,6 +3,8 @@
 Monte-Carlo tolerances are 4.5 standard errors: a false alarm in 1 of 150,000 comparisons.
 """
 
+import math
+from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
@@ -329,3 +331,16 @@ def test_rings_around_a_uniform_centre_are_those_of_two_uniform_points():
     mean = np.einsum("i,j,ijk->k", wx, wy, area) / np.prod(second)
     # a kink per wall: quadrature is off by some 200^-2
     assert np.diff(mean) == pytest.approx(theory.pair_distance_probability(edges, first, second), abs=1e-5)
+
+
+@pytest.mark.parametrize(("light", "heavy"), [(1e-300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (2.0, 3.0)])
+def test_reduced_mass_friction_and_rate_in_any_units(light, heavy):
+    """sqrt(2 pi mu kT) and sqrt(2 pi kT/mu) to 4 units of round-off, where mu kT, kT/mu or m_a m_b are no numbers."""
+    mu = theory.reduced_mass(light, heavy)
+    assert mu == theory.reduced_mass(heavy, light) == pytest.approx(float(Fraction(light) * Fraction(heavy) / (
+        Fraction(light) + Fraction(heavy))), rel=1e-15)  # fmt: skip
+    for temperature in (1e-200, 1.0, 1e200):
+        root = math.sqrt(2 * math.pi) * math.sqrt(mu) * math.sqrt(temperature)
+        assert theory.enskog_friction(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(2 * root, rel=1e-15)
+        root = math.sqrt(2 * math.pi) / math.sqrt(mu) * math.sqrt(temperature)
+        assert theory.collision_rate(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(root, rel=1e-15)

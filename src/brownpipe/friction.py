@@ -21,6 +21,7 @@ HEAVY = 10.0  # from here on, the Langevin equation is within some percent
 DENSEST = 0.7  # packing fraction above which disks freeze; the contact value holds for the fluid
 COLLISIONS = 4000  # of the tracer, that its rate is measured by: 1.6 % if they come at random
 RUNS = 8  # that they are shared out to
+SMALLEST = 2.3e-308  # floating-point number that has all its digits
 SETTLING = 0.1  # of the time of such a run passes before it
 
 
@@ -37,7 +38,7 @@ class Partners(NamedTuple):
     """Enskog's theory of the followed disk, by species of its bath, shape (K,) each."""
 
     contact_value: np.ndarray  # [1]
-    friction: np.ndarray  # zeta [mass/time]
+    friction: np.ndarray  # gamma = zeta/m_a [1/time]
     rate: np.ndarray  # collisions of the followed disk with the species [1/time]
 
 
@@ -54,7 +55,9 @@ def bath_of(scene: Scene) -> Bath:
     number, radius, mass = np.array(rows, dtype=float).reshape(-1, 3).T
     temperature = given.temperature
     if temperature is None:
-        temperature = given.standard_deviation * given.standard_deviation * float((number * mass).sum() / number.sum())
+        unit = math.ldexp(1.0, math.frexp(mass.max(initial=0.0))[1] - 1)  # many masses of 1e300 add up to infinity
+        mean = float((number * (mass / unit)).sum() / number.sum()) * unit
+        temperature = given.standard_deviation * given.standard_deviation * mean
     return Bath(number, radius, mass, temperature)
 
 
@@ -69,9 +72,13 @@ def friction_rate(scene: Scene, friction: str) -> float:
     higher density of centres between walls.
     """
     partners = partners_of(scene, crowded=friction != "boltzmann")
-    gamma = partners.friction.sum() / followed(scene).mass
+    gamma = partners.friction.sum()
     if friction == "measured" and gamma > 0:
         gamma *= _measured_rate(measuring_runs(scene)) / partners.rate.sum()
+    moves = scene.velocities.temperature or scene.velocities.standard_deviation
+    if not (math.isfinite(gamma) and (gamma >= SMALLEST or not moves)):
+        allowed = f"from {SMALLEST:.3g} to 1.8e308"
+        _refuse(scene, f"needs a friction rate {allowed}, found {gamma:g}; choose another unit of time")
     return float(gamma)
 
 
@@ -80,7 +87,8 @@ def partners_of(scene: Scene, crowded: bool = True) -> Partners:
 
     A species of N_k disks, the followed one not counted, has the number density N_k/A. The contact values are those of
     the whole box, the followed disk included (`theory.mixture_contact_values`), at a packing fraction of at most
-    DENSEST; 1 unless `crowded`. Walls are not considered.
+    DENSEST; 1 unless `crowded`. Walls are not considered. Masses and kT are divided by the mass of the followed disk
+    first: its friction coefficient zeta alone may be no floating-point number.
     """
     tracer, bath = followed(scene), bath_of(scene)
     present = [one for one in scene.species if one.count]
@@ -91,8 +99,8 @@ def partners_of(scene: Scene, crowded: bool = True) -> Partners:
         contact = theory.mixture_contact_values(density, 2 * np.array([one.radius for one in present]))
         met = np.array([one.count > (one is tracer) for one in present])
         chi = contact[present.index(tracer), met]
-    mu = theory.reduced_mass(tracer.mass, bath.mass)
-    known = bath.number / scene.box.area, tracer.radius + bath.radius, chi, mu, bath.temperature
+    mu = theory.reduced_mass(1.0, bath.mass / tracer.mass)
+    known = bath.number / scene.box.area, tracer.radius + bath.radius, chi, mu, bath.temperature / tracer.mass
     return Partners(chi, theory.enskog_friction(*known), theory.collision_rate(*known))
 
 
@@ -142,8 +150,12 @@ def refuse_unfit(scene: Scene, friction: str, record=frozenset({"tracer"})) -> N
     if _mass_ratio(scene) < LIGHTEST:
         ratio = f"the disk that is followed has {_mass_ratio(scene):.3g} times the mass of the heaviest of the others"
         _refuse(scene, f"is for a heavy tracer: {ratio}; must be at least {LIGHTEST:g}")
-    if not math.isfinite(bath_of(scene).temperature):
+    temperature, moves = bath_of(scene).temperature, scene.velocities.temperature or scene.velocities.standard_deviation
+    if not math.isfinite(temperature):
         _refuse(scene, "needs a temperature of the bath below 1.8e308")
+    if moves and not min(temperature, temperature / followed(scene).mass) >= SMALLEST:
+        found = f"{temperature:.3g} for a disk of mass {followed(scene).mass:g}"
+        _refuse(scene, f"needs kT and kT/m of at least {SMALLEST:.3g}, found kT = {found}; choose other units")
     if friction == "enskog" and scene.packing_fraction > DENSEST:
         phi = f"the packing fraction is {scene.packing_fraction:.4g}; must be at most {DENSEST:g}"
         _refuse(scene, f"has no contact value for --friction enskog: {phi}, or --friction measured")

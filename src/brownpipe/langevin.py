@@ -20,9 +20,10 @@ from brownpipe.batch import Run, enter, request, room_for
 from brownpipe.friction import bath_of, followed, friction_rate, refuse_unfit
 from brownpipe.kernels import kernel, one_compiler
 from brownpipe.observables import of_tracer
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, SceneError
 from brownpipe.state import Ensemble, Track, draw_tracer, noise
 
+MOST_BOXES = 2.0**30  # away from the first one
 FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) is summed as a series: the closed form cancels
 
 
@@ -40,14 +41,17 @@ def simulate(
     gamma = friction_rate(scene, friction)
     before = scene.equilibrate if scene.tracer_while_equilibrating == "free" else 0.0
     steps = np.diff(scene.times, prepend=-before)
+    if not gamma * float(steps.max()) < np.inf:
+        raise SceneError(f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308")
     weights = step_weights(steps, gamma, bath_of(scene).temperature / followed(scene).mass)
     asked = request(scene, record, *of_tracer(observables, average))
     mass, batch = scene.mass, room_for(asked, seeds)
     with one_compiler():
         follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4)))
     for column, seed in enumerate(batch.seeds.tolist()):
-        track = folded(scene, _path(scene, mass, seed, weights))
-        enter(batch, column, Run(track, None, None, {"friction_rate": gamma, "failed": np.uint8(0)}), asked)
+        path = _path(scene, mass, seed, weights)
+        found = {"friction_rate": gamma, "failed": np.uint8(not is_known(scene, path))}
+        enter(batch, column, Run(folded(scene, path), None, None, found), asked)
     return batch
 
 
@@ -61,9 +65,10 @@ def step_weights(dt, gamma: float, square_speed: float) -> np.ndarray:
     """
     dt = np.asarray(dt, float)
     x = gamma * dt
-    spread = np.sqrt(square_speed * -np.expm1(-2 * x))
+    speed = np.sqrt(square_speed)
+    spread = speed * np.sqrt(-np.expm1(-2 * x))
     middle = dt / 2 * _tanh_ratio(x / 2)
-    return np.stack([np.exp(-x), spread, middle, dt * np.sqrt(2 * square_speed * _left_open(x))], axis=-1)
+    return np.stack([np.exp(-x), spread, middle, dt * np.sqrt(2 * _left_open(x)) * speed], axis=-1)
 
 
 def _tanh_ratio(y):
@@ -74,10 +79,10 @@ def _tanh_ratio(y):
 
 def _left_open(x):
     """(x - 2 tanh(x/2)) / x^2; below FLAT by the power series of tanh, of which 5 terms are enough."""
-    y2 = (x / 2) ** 2
+    y2 = (np.minimum(x, FLAT) / 2) ** 2
     series = x / 12 * (1 + y2 * (-2 / 5 + y2 * (17 / 105 + y2 * (-62 / 945 + y2 * 1382 / 51975))))
     safe = np.where(x < FLAT, 1.0, x)
-    return np.where(x < FLAT, series, (safe - 2 * np.tanh(safe / 2)) / safe**2)
+    return np.where(x < FLAT, series, (1 - 2 * np.tanh(safe / 2) / safe) / safe)
 
 
 @kernel
@@ -101,12 +106,25 @@ def _path(scene: Scene, mass: np.ndarray, seed: int, weights: np.ndarray) -> np.
     return path[1:]  # the first step is the time to equilibrate
 
 
+def is_known(scene: Scene, path: np.ndarray) -> bool:
+    """Whether it is known where in the box a path (T, 2, 2) leads: it stays within MOST_BOXES of the first one.
+
+    Further away round-off is more than 2e-7 of the box, and soon an int32 cannot count the images.
+    """
+    box, margin = scene.box, 0.0 if scene.box.periodic else followed(scene).radius
+    low, size = np.array(box.origin) + margin, np.array((box.width, box.height)) - 2 * margin
+    with np.errstate(over="ignore", invalid="ignore"):
+        away = np.abs(path[:, 0] - low)
+        return bool(np.isfinite(path).all() and np.all((size <= 0) | (away < MOST_BOXES * size)))
+
+
 def folded(scene: Scene, path: np.ndarray) -> Track:
     """Return the track, M = 1, in the box: wrapped with images, or mirrored at the accessible walls."""
     box, position, velocity = scene.box, path[:, None, 0], path[:, None, 1]
     margin = 0.0 if box.periodic else followed(scene).radius
     low, size = np.array(box.origin) + margin, np.array((box.width, box.height)) - 2 * margin
     image = np.floor(np.divide(position - low, size, out=np.zeros_like(position), where=size > 0))
+    image = np.clip(np.nan_to_num(image), -MOST_BOXES, MOST_BOXES)  # beyond, the run has failed
     if box.periodic:
         inside = np.clip(position - image * size, low, np.nextafter(low + size, low))
         return Track(inside, velocity, (image - image[0]).astype(np.int32))

@@ -179,8 +179,9 @@ def compressibility(packing_fraction, contact):
 
 
 def reduced_mass(mass_a, mass_b):
-    """mu = m_a m_b / (m_a + m_b) [mass]; m/2 for equal masses."""
-    return mass_a * mass_b / (mass_a + mass_b)
+    """mu = m_a m_b / (m_a + m_b) [mass]; m/2 for equal masses. Light/(1 + light/heavy) never over- or underflows."""
+    light, heavy = np.minimum(mass_a, mass_b), np.maximum(mass_a, mass_b)
+    return light / (1.0 + light / heavy)
 
 
 def collision_rate(number_density, distance, contact, mass, temperature):
@@ -189,7 +190,7 @@ def collision_rate(number_density, distance, contact, mass, temperature):
     `distance` is the contact distance sigma = R_a + R_b, `contact` its contact value, `mass` the reduced mass:
     n chi sigma sqrt(2 pi kT / mu). For equal disks this is 2 n s chi sqrt(pi kT / m).
     """
-    return number_density * contact * distance * np.sqrt(2.0 * np.pi * temperature / mass)
+    return number_density * contact * distance * (np.sqrt(2.0 * np.pi) * np.sqrt(temperature) / np.sqrt(mass))
 
 
 def mean_root_chi_square(degrees):
@@ -208,7 +209,7 @@ def enskog_friction(number_density, distance, contact, mass, temperature):
     Arguments as in `collision_rate`. The friction rate is gamma = zeta/m_a, exact for the initial decay of the velocity
     autocorrelation; for several species the frictions add.
     """
-    return 2.0 * number_density * contact * distance * np.sqrt(2.0 * np.pi * mass * temperature)
+    return 2.0 * number_density * contact * distance * (np.sqrt(2.0 * np.pi) * np.sqrt(mass) * np.sqrt(temperature))
 
 
 def enskog_diffusion(number_density, distance, contact, mass, temperature):
