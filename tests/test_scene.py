@@ -95,16 +95,19 @@ def test_digest_is_of_the_physics_alone():
 
 
 lengths = st.floats(1e-3, 0.3)
-masses = st.floats(1e-300, 1e300)
+heaviest = st.floats(1e-270, 1e300)
+ratios = st.floats(1e-30, 1)
 components = st.floats(-1e160, 1e160)
 
 
 @st.composite
 def scenes(draw) -> Scene:
     """Species of any masses in boxes anywhere, and lists of disks on a grid so wide that they cannot overlap."""
-    low, duration = draw(st.floats(-1e6, 1e6)), draw(st.floats(1e-150, 1e9))
+    low, duration = draw(st.floats(-1e4, 1e4)), draw(st.floats(1e-150, 1e9))
     box = {"x": [low, low + 7], "y": [0.0, 9.0], "boundary": draw(st.sampled_from(["reflecting", "periodic"]))}
     mapping = {"box": box, "duration": duration, "sample_interval": duration / draw(st.integers(1, 1000))}
+    most = draw(heaviest)
+    masses = ratios.map(lambda ratio: max(ratio * most, 1.001e-30 * most))
     if draw(st.booleans()):
         disks = [
             disk(low + 1 + i, 1.0, draw(lengths), draw(masses), (draw(components), draw(components))) for i in range(3)
@@ -117,7 +120,9 @@ def scenes(draw) -> Scene:
         disks["tracer"] |= draw(st.sampled_from([{}, {"position": [low + 1, 1.0]}]))
         mapping["equilibrate"] = {"time": draw(st.sampled_from([0, 2.5])), "tracer": "free"}
     spread = draw(st.sampled_from(["standard_deviation", "temperature"]))
-    velocities = {spread: draw(st.floats(0, 1e160)), "zero_momentum": draw(st.booleans())}
+    energy = st.floats(1e-5, 1e5).map(lambda square: square * most)
+    sizes = {"standard_deviation": st.floats(0, 1e160), "temperature": st.just(0.0) | energy}
+    velocities = {spread: draw(sizes[spread]), "zero_momentum": draw(st.booleans())}
     return parse_scene(mapping | {"disks": disks, "velocities": velocities}, "drawn.yaml")
 
 
@@ -260,6 +265,67 @@ def test_mixture_may_fill_the_holes_but_not_more_than_the_box():
     assert species(hexagonal, kind(2000, radius=0.01, name="small")).packing_fraction > 0.87
     with pytest.raises(SceneError, match=r"the disks cover 1\.\d+ times the area of the box"):
         species(hexagonal, kind(5000, radius=0.02, name="small"))
+
+
+# -- what floating-point numbers can tell apart ---
+
+
+@pytest.mark.parametrize("masses", [(1e-15, 1e15), (1e270, 1e300), (1e-300, 1e-270)])
+def test_masses_up_to_a_factor_of_1e30(masses):
+    """Engines: `test_extremes.test_the_largest_mass_ratio`."""
+    light, heavy = masses
+    assert explicit(disk(mass=light), disk(x=1, mass=heavy)).particles == 2
+    assert species(kind(1, mass=1.0), kind(0, name="none", mass=1e40)).particles == 1
+    for disks in (
+        lambda: explicit(disk(mass=light), disk(x=1, mass=1.01 * heavy)),
+        lambda: explicit(disk(mass=1.01 * heavy), disk(x=1, mass=light)),
+    ):
+        with pytest.raises(SceneError) as refusal:
+            disks()
+        found = f"masses {light!r} and {1.01 * heavy!r} are too far apart"
+        assert str(refusal.value) == f"test.yaml: disks: {found}; must be within a factor of 1e+30"
+    with pytest.raises(SceneError, match=r"masses 1e-200 and 1e\+200 are too far apart"):
+        species(kind(1, mass=1e-200), kind(1, name="other", mass=1e200))
+
+
+TINY = {"x": [0.0, 1.0], "y": [0.0, 1.0]}
+
+
+@pytest.mark.parametrize(
+    ("refused", "message"),
+    [
+        (lambda: explicit(disk(mass=1e303)), "disks[0].mass: must be from 1e-302 to 1e+302, not 1e+303"),
+        (lambda: species(kind(1, mass=1e-310)), "disks.species[0].mass: must be from 1e-302 to 1e+302, not 1e-310"),
+        (lambda: explicit(disk(velocity=(0, -2e300))), "disks[0].velocity: must be two numbers up to 1e+300"),
+        (lambda: explicit(box={"x": [0, 1e141], "y": [0, 1]}), "box.x: must be two numbers that differ by 1e-140"),
+        (lambda: explicit(box={"x": [0, 1], "y": [0, 1e-141]}), "box.y: must be two numbers that differ by 1e-140"),
+        (lambda: explicit(disk(radius=4.9e-8, x=0.5, y=0.5), box=TINY), "disks[0].radius: must be at least 5e-08 of"),
+        (
+            lambda: explicit(disk(radius=0.1), box={"x": [-2e7, 2 - 2e7], "y": [-1, 1]}),
+            "disks[0].radius: must be at least 5e-08 of the largest coordinate, 1, not 0.1",
+        ),
+    ],
+)
+def test_sizes_that_are_refused(refused, message):
+    with pytest.raises(SceneError) as refusal:
+        refused()
+    assert str(refusal.value).startswith(f"test.yaml: {message}")
+
+
+@pytest.mark.parametrize(
+    ("velocities", "mass", "message"),
+    [
+        ({"standard_deviation": 2e300}, 1.0, "velocities.standard_deviation: must be at most 1e+300, not 2e+300"),
+        ({"temperature": 1e200}, 1e-200, "velocities.temperature: must be 0, or 1e-300 to 1.8e308 times"),
+        ({"temperature": 1e-200}, 1e200, "velocities.temperature: must be 0, or 1e-300 to 1.8e308 times"),
+    ],
+)
+def test_speeds_that_are_refused(velocities, mass, message):
+    mapping = {"box": BOX, "disks": {"species": [kind(1, mass=mass)]}, "velocities": velocities, "duration": 1.0}
+    with pytest.raises(SceneError) as refusal:
+        parse_scene(mapping, "test.yaml")
+    assert str(refusal.value).startswith(f"test.yaml: {message}")
+    parse_scene(mapping | {"velocities": {"temperature": 0}}, "test.yaml")
 
 
 def test_records_are_what_the_engines_need():

@@ -21,6 +21,12 @@ __all__ = ["Box", "Disk", "Samples", "Scene", "SceneError", "Species", "Velociti
 
 MOST_BYTES = 64 * 2**20  # of a scene file: some 500,000 explicit disks
 MOST_DISKS = 10_000_000
+LARGEST_MASS_RATIO = 1e30  # at equal energies the change of the heavier velocity is below its last bit from 1/eps^2 on
+LONGEST = 1e140  # of a box, and the inverse: squares of displacements are then floating-point numbers, to 1e-14 of it
+SMALLEST_RADIUS = 5e-8  # in units of the largest coordinate: collisions are then known to better than 1e-9
+HEAVIEST = 1e302  # and the inverse
+FASTEST = 1e300  # of a velocity component
+SLOWEST_SQUARE = 1e-300  # kT/m, if it is not 0
 
 
 @dataclass(frozen=True)
@@ -213,7 +219,11 @@ def _box(entry: Entry) -> Box:
 
 def _side(entry: Entry) -> tuple[float, float]:
     low, high = (reading.number(end) for end in reading.items(entry, 2, "two numbers [low, high]"))
-    return (low, high) if 0 < high - low < math.inf else must_be(entry, "two numbers [low, high] with low < high")
+    if not 0 < high - low < math.inf:
+        must_be(entry, "two numbers [low, high] with low < high")
+    if not 1 / LONGEST <= high - low <= LONGEST:
+        must_be(entry, f"two numbers that differ by {1 / LONGEST:g} to {LONGEST:g}; choose another unit of length,")
+    return low, high
 
 
 # -- explicit disks -------------------------------------------------------------------------------------------------
@@ -227,6 +237,7 @@ def _explicit(given: dict[str, Entry], common: dict) -> Scene:
     if len(entries) > MOST_DISKS:
         must_be(given["disks"], f"at most {MOST_DISKS} disks")
     disks = tuple(_disk(entry, common["box"]) for entry in entries)
+    _refuse_ratio(given["disks"], disks)
     _refuse_narrow(given["box"], common["box"], disks)
     _refuse_overlap(given["disks"], common["box"], disks)
     return Scene(species=(), disks=disks, placement="random", velocities=None, **common)
@@ -234,13 +245,33 @@ def _explicit(given: dict[str, Entry], common: dict) -> Scene:
 
 def _disk(entry: Entry, box: Box) -> Disk:
     given = reading.fields(entry, ("position", "velocity", "radius", "mass"))
-    radius, mass = _radius(given["radius"], box), reading.number(given["mass"], above=0)
-    return Disk(_inside(given["position"], box, radius), reading.pair(given["velocity"]), radius, mass)
+    radius, mass, velocity = _radius(given["radius"], box), _mass(given["mass"]), reading.pair(given["velocity"])
+    if max(map(abs, velocity)) > FASTEST:
+        must_be(given["velocity"], f"two numbers up to {FASTEST:g}, either sign")
+    return Disk(_inside(given["position"], box, radius), velocity, radius, mass)
 
 
 def _radius(entry: Entry, box: Box) -> float:
     radius, most = reading.number(entry, above=0), min(box.width, box.height) / 2
-    return radius if radius <= most else must_be(entry, f"at most half the shorter side of the box, {most!r}")
+    if radius > most:
+        must_be(entry, f"at most half the shorter side of the box, {most!r}")
+    least = SMALLEST_RADIUS * max(box.width, box.height, *map(abs, box.x + box.y))
+    if radius < least:
+        must_be(entry, f"at least {SMALLEST_RADIUS:g} of the largest coordinate, {least:.4g}")
+    return radius
+
+
+def _mass(entry: Entry) -> float:
+    mass = reading.number(entry, above=0)
+    return mass if 1 / HEAVIEST <= mass <= HEAVIEST else must_be(entry, f"from {1 / HEAVIEST:g} to {HEAVIEST:g}")
+
+
+def _refuse_ratio(entry: Entry, disks: tuple[Disk | Species, ...]) -> None:
+    """Beyond the largest ratio a collision leaves the heavier disk as it was, and momentum is lost."""
+    masses = [disk.mass for disk in disks if getattr(disk, "count", 1)]
+    if masses and max(masses) / LARGEST_MASS_RATIO > min(masses):
+        pair = f"masses {min(masses)!r} and {max(masses)!r} are too far apart"
+        refuse(entry, f"{pair}; must be within a factor of {LARGEST_MASS_RATIO:g}")
 
 
 def _inside(entry: Entry, box: Box, radius: float) -> tuple[float, float]:
@@ -282,6 +313,7 @@ def _of_species(given: dict[str, Entry], common: dict) -> Scene:
         must_be(disks, "a list of disks, or a mapping with tracer, species or both")
     inside = reading.fields(disks, (), {"tracer": None, "species": [], "placement": "random"})
     species = _species(inside, given["particles"], box)
+    _refuse_ratio(disks, species)
     _refuse_narrow(given["box"], box, species)
     _refuse_crowd(disks, box, species)
     equilibrate, tracer = _equilibrate(given["equilibrate"], inside["tracer"].value is not None)
@@ -289,7 +321,7 @@ def _of_species(given: dict[str, Entry], common: dict) -> Scene:
         species=species,
         disks=(),
         placement=reading.choice(inside["placement"], ("random", "lattice")),
-        velocities=_velocities(given["velocities"]),
+        velocities=_velocities(given["velocities"], species),
         equilibrate=equilibrate,
         tracer_while_equilibrating=tracer,
         **common,
@@ -304,7 +336,7 @@ def _species(inside: dict[str, Entry], particles: Entry, box: Box) -> tuple[Spec
         own = reading.name(kind["name"])
         if own in ("tracer", *(one.name for one in species)):
             must_be(kind["name"], "a name of its own (tracer is reserved)")
-        species.append(Species(own, count, _radius(kind["radius"], box), reading.number(kind["mass"], above=0)))
+        species.append(Species(own, count, _radius(kind["radius"], box), _mass(kind["mass"])))
     return tuple(species)
 
 
@@ -312,7 +344,7 @@ def _tracer(entry: Entry, box: Box) -> Species:
     given = reading.fields(entry, ("radius", "mass"), {"position": None})
     radius = _radius(given["radius"], box)
     position = None if given["position"].value is None else _inside(given["position"], box, radius)
-    return Species("tracer", 1, radius, reading.number(given["mass"], above=0), position)
+    return Species("tracer", 1, radius, _mass(given["mass"]), position)
 
 
 def _counts(entries: list[Entry], particles: Entry, tracers: int) -> list[int]:
@@ -344,7 +376,7 @@ def _refuse_crowd(entry: Entry, box: Box, species: tuple[Species, ...]) -> None:
         refuse(entry, f"the disks cover {phi:.4g} times the area of the box; must be at most 1")
 
 
-def _velocities(entry: Entry) -> Velocities:
+def _velocities(entry: Entry, species: tuple[Species, ...]) -> Velocities:
     if entry.value is None:
         refuse(entry, "missing; must be given with species")
     given = reading.fields(entry, (), {"standard_deviation": None, "temperature": None, "zero_momentum": False})
@@ -352,6 +384,12 @@ def _velocities(entry: Entry) -> Velocities:
     if sum(spread.value is not None for spread in spreads) != 1:
         refuse(entry, "must have either standard_deviation or temperature")
     deviation, temperature = (None if one.value is None else reading.number(one, least=0) for one in spreads)
+    if deviation is not None and deviation > FASTEST:
+        must_be(given["standard_deviation"], f"at most {FASTEST:g}")
+    for one in species:
+        if temperature and one.count and not SLOWEST_SQUARE <= temperature / one.mass < math.inf:
+            allowed = f"0, or {SLOWEST_SQUARE:g} to 1.8e308 times the mass {one.mass!r} ({one.name})"
+            must_be(given["temperature"], allowed)
     return Velocities(deviation, temperature, reading.flag(given["zero_momentum"]))
 
 
