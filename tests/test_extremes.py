@@ -14,10 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import packing
-from brownpipe.exact import prepared, simulate
-from brownpipe.scene import SceneError, parse_scene
-from brownpipe.state import State, draw
+from brownpipe import packing, timestep
+from brownpipe.exact import prepared, recording, simulate
+from brownpipe.exact.setup import begin, motion_of
+from brownpipe.exact.workspace import BLOCK, CROSSINGS
+from brownpipe.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS, SceneError, parse_scene
+from brownpipe.state import State, at_rest_on_the_whole, draw
+from brownpipe.timestep.workspace import STEP
 from test_exact import FEW, P, W, box, crystal, explicit, make, note_scene
 
 BOTH = pytest.mark.parametrize("boundary", [W, P])
@@ -279,6 +282,127 @@ def test_units_do_not_matter(name, units):
         assert run.observables[key] == other.observables[key], key
 
 
+@pytest.mark.parametrize("units", [{"time": -531}, {"time": 565}, {"mass": 996, "time": -100}], ids=str)
+def test_what_the_units_cannot_express_is_nan(units):
+    """The trajectories are right and the run is sound: only the energy is no floating-point number in these units."""
+    scene, found = scaled(FEW["periodic"], 3, **units), {}
+    found["exact"] = simulate(scene, [0])
+    found["timestep"] = timestep.simulate(scene, [0], time_step=timestep.largest_step(scene) / 64)
+    for run in found.values():
+        assert np.isnan(run.observables["kinetic_energy"][0])
+        virial = run.observables["virial"][0]
+        assert np.isnan(virial) if "mass" in units else 0 < virial < math.inf
+        assert run.observables["failed"][0] == 0
+        square = run.observables["initial_square_speed"][0]
+        assert np.isnan(square) or (square < 1e160 and "mass" in units)
+
+
+def test_small_products_of_large_and_small_units_are_exact():
+    """Momentum 2^-10 of 2^900, 2^-950 and 2^40, in any order, though the first two products overflow by themselves."""
+    for units in product((900, -950, 40), repeat=3):
+        exact = sum(units) - 10
+        found = recording.represented(2.0**-10, *(2.0**power for power in units))
+        assert found == math.ldexp(1.0, exact) if -1022 <= exact <= 1023 else math.isnan(found)
+    assert recording.represented(0.0, 2.0**1000, 2.0**1000) == 0.0
+    rng = np.random.default_rng(1)
+    for value, mass in np.exp(rng.normal(scale=20.0, size=(1000, 2))):
+        assert recording.represented(value, mass, 0.25, 4.0, 2.0) == value * mass * 2.0
+        assert recording.represented(-value, 0.5, mass) == -0.5 * (value * mass)
+
+
+def with_broken(engine, index, value):
+    """`failed` of a run whose first disk ended with such a number, all else sound."""
+    scene = FEW["periodic"]
+    if engine == "exact":
+        one = prepared(scene)
+        w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
+        begin(w, first)
+        w.disk[index] = value
+        return recording.observables(scene, one.frame, w, first[:, 2:])["failed"]
+    one = timestep.prepared(scene, timestep.largest_step(scene) / 64)
+    w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
+    timestep.setup.begin(w, first)
+    (w.x, w.y, w.vx, w.vy)[index][0] = value
+    return timestep.setup.observables(scene, one.frame, w, first[:, 2:])["failed"]
+
+
+@pytest.mark.parametrize("engine", ["exact", "timestep"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_disk_that_is_nowhere_fails_the_run(engine, value):
+    assert all(with_broken(engine, index, value) == 1 for index in range(4))
+
+
+@pytest.mark.parametrize("engine", ["exact", "timestep"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_run_that_starts_nowhere_fails(engine, value):
+    """Energies that are NaN from the first have no drift; momentum neither."""
+    scene = FEW["periodic"]
+    state = draw(scene, 3)
+    state.velocity[0, 0] = value
+    if engine == "exact":
+        one = prepared(scene)
+        first = motion_of(state, one.frame)
+        begin(one.workspace, first)
+        found = recording.observables(scene, one.frame, one.workspace, first[:, 2:])
+    else:
+        one = timestep.prepared(scene, timestep.largest_step(scene) / 64)
+        first = motion_of(state, one.frame)
+        timestep.setup.begin(one.workspace, first)
+        found = timestep.setup.observables(scene, one.frame, one.workspace, first[:, 2:])
+    assert found["failed"] == 1
+
+
+def test_images_that_no_int32_can_count_fail_the_run():
+    """2^31 boxes, of what one disk could cross if it had all the energy; after half of these all is well."""
+    scene = FEW["periodic"]
+    one, step = prepared(scene), timestep.prepared(scene, timestep.largest_step(scene) / 64)
+    first = motion_of(draw(scene, 3), one.frame)
+    mass = scene.mass[one.frame.order] / one.frame.mass
+    fastest = math.sqrt(np.sum(mass * np.sum(first[:, 2:] ** 2, axis=1)) / mass.min())
+    longest = 2.0**31 * scene.box.width / one.frame.length / fastest
+    for share, failed in ((0.5, 0), (1.1, 1)):
+        begin(one.workspace, first)
+        one.workspace.count[CROSSINGS] = 2**32
+        one.workspace.clock[BLOCK] = int(share * longest / one.workspace.calendar.block)
+        assert recording.observables(scene, one.frame, one.workspace, first[:, 2:])["failed"] == failed
+        timestep.setup.begin(step.workspace, first)
+        step.workspace.clock[STEP] = int(share * longest / step.workspace.step)
+        assert timestep.setup.observables(scene, step.frame, step.workspace, first[:, 2:])["failed"] == failed
+
+
+def test_a_duration_that_the_clock_cannot_count_is_refused():
+    disks = state_of([(0, 0, 1, 0)])
+    with pytest.raises(SceneError, match=r"explicit, N = 1, seed 0: duration: must be at most .* not 1e\+200"):
+        simulate(explicit(box(6, 6, W), disks, 1e200), [0])
+
+
+@pytest.mark.parametrize("size", [1e-139, 1.0, 1e139])
+@pytest.mark.parametrize("duration", [1e-280, 1.0, 1e300])
+def test_disks_at_rest_in_any_units(size, duration):
+    disks = state_of([(0, 0, 0, 0), (0.5 * size, 0, 0, 0)], 0.125 * size)
+    position, velocity, _, _ = outcome(box(size * 2, size * 2, P), disks, duration)
+    assert np.array_equal(position, disks.position)
+    assert not velocity.any()
+
+
+@pytest.mark.parametrize("speed", [1e-200, 1e200])
+def test_a_unit_of_time_that_is_no_number_is_refused(speed):
+    size = 1e130 if speed < 1 else 1e-130
+    scene = explicit(box(size, size, W), state_of([(0, 0, speed, 0)], size / 8), 1.0)
+    with pytest.raises(SceneError, match=r"explicit: velocities: the thermal speed 1e.200 must be from .* other units"):
+        simulate(scene, [0])
+
+
+def test_no_momentum_of_the_heaviest_masses():
+    """Their sum is infinite, their mean velocity is not."""
+    velocity = np.random.default_rng(1).standard_normal((2000, 2))
+    unit, heavy = (
+        at_rest_on_the_whole(velocity, np.ones(2000)),
+        at_rest_on_the_whole(velocity, np.full(2000, 2.0**1020)),
+    )
+    assert np.array_equal(unit, heavy)
+
+
 @pytest.mark.parametrize(("size", "duration"), [(1e300, 1.0), (1e-300, 1.0), (0.3, 1.0)])
 def test_masses_that_are_no_powers_of_two(size, duration):
     """The same run to the round-off of a mass ratio, over a duration in which errors grow little."""
@@ -287,6 +411,48 @@ def test_masses_that_are_no_powers_of_two(size, duration):
     heavy = make(box(2, 2, W), [(n, r, m * size) for n, r, m in kinds], duration)
     one, two = (simulate(scene, [1], {"all"}).whole[1] for scene in (plain, heavy))
     np.testing.assert_allclose(one.position[-1], two.position[-1], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("kt", [{"temperature": 1.0}, {"standard_deviation": 1.0}], ids=["thermal", "as fast"])
+@BOTH
+def test_the_largest_mass_ratio(boundary, kt):
+    """Some 1e4 collisions with a disk of 1e30 times the mass.
+
+    At equal energies each changes its velocity by 2e-15 of it; from some 1e32 on it would go straight on, and the run
+    no longer depend on the ratio. A time step leaves overlaps, but the same balance of energy and momentum.
+    """
+    kinds, length = [(9, 0.1, 1.0), (1, 0.1, LARGEST_MASS_RATIO)], 500.0 if "temperature" in kt else 50.0
+    scene = make(box(2, 2, boundary), kinds, length, velocities=kt)
+    runs = [simulate(scene, [1], {"all"})]
+    if "temperature" in kt:  # as fast, it gives the bath so much energy in equilibrium that no time step is allowed
+        runs.append(timestep.simulate(scene, [1], {"all"}, time_step=0.01))
+    for run in runs:
+        seen = {key: column[0] for key, column in run.observables.items()}
+        assert not seen["failed"]
+        assert seen["pair_collisions"] > 200
+        assert abs(seen["energy_drift"]) <= 1e-9
+        assert seen["momentum_residual"] <= 1e-9
+        assert np.isfinite(run.whole[1].velocity).all()
+        if "temperature" in kt:
+            assert run.whole[1].velocity[-1, 9, 0] != run.whole[1].velocity[0, 9, 0]
+
+
+@pytest.mark.parametrize("place", [1e-3, 3.0])
+def test_the_smallest_radius(place):
+    """An impact at 0.6 of the contact distance leaves the struck disk 0.8 of the speed, to a unit of round-off of the
+    largest coordinate in radii (an eighth of it was the largest of 60 errors).
+    """
+    radius, rng = 6.0 * (1 + 1e-9) * SMALLEST_RADIUS, np.random.default_rng(1)
+    for angle in rng.uniform(0, 2 * math.pi, 40):
+        along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+        start = np.array((place - 1e-6, -place + 1e-6)) * 0.99
+        other = start + radius * (1.2 * across - 10 * along)
+        scene = explicit(box(6, 6, W), state_of([(*start, 0, 0), (*other, *along)], radius), 40 * radius)
+        run = simulate(scene, [0], {"all"})
+        assert run.observables["pair_collisions"][0] == 1
+        assert not run.observables["failed"][0]
+        speed = np.hypot(*run.whole[0].velocity[-1, 0])
+        assert abs(speed - 0.8) <= np.finfo(float).eps * 3.0 / radius
 
 
 def test_a_duration_of_1e_150():

@@ -1,5 +1,6 @@
 """A batch of runs: an ensemble that any engine fills, run by run."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy as np
 from brownpipe import observables
 from brownpipe.scene import Scene
 from brownpipe.state import Ensemble, Events, Track
+
+SMALLEST_SQUARE = float(np.finfo(float).smallest_normal)
 
 
 class Run(NamedTuple):
@@ -73,5 +76,21 @@ def _measured(one: Run, asked: Request) -> dict[str, np.ndarray | float | int]:
     found = dict(one.observables)
     if asked.scene.particles and one.tracer.velocity is not None:
         x, y = one.tracer.velocity[0, 0].tolist()  # Python's numbers: beyond 1e154 the square is inf, without a warning
-        found["initial_square_speed"] = x * x + y * y
-    return found | observables.observe(asked.scene, one, asked.observables, asked.average)
+        square = x * x + y * y
+        found["initial_square_speed"] = square if square >= SMALLEST_SQUARE or x == y == 0.0 else math.nan
+    found |= observables.observe(asked.scene, one, asked.observables, asked.average)
+    if not _is_finite(one):
+        found["failed"] = np.uint8(1)
+    return {name: _without_infinity(value) for name, value in found.items()}
+
+
+def _without_infinity(value):
+    """Return an observable with NaN where it is beyond the floating-point numbers in the scene's units."""
+    return np.where(np.isinf(value), np.nan, value)[()] if np.isinf(value).any() else value
+
+
+def _is_finite(one: Run) -> bool:
+    """Whether all positions and velocities of a run are numbers."""
+    tracks = [track for track in (one.tracer, one.whole) if track is not None]
+    arrays = [each for track in tracks for each in (track.position, track.velocity) if each is not None]
+    return all(bool(np.isfinite(each).all()) for each in arrays)

@@ -110,4 +110,5 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
 
 def at_rest_on_the_whole(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Return velocities (N, 2) with zero total momentum, relative to the centre of mass."""
-    return velocity - [math.fsum(mass * component) / math.fsum(mass) for component in velocity.T]
+    share = np.ldexp(mass, -math.frexp(mass.max(initial=0.0))[1])  # exact; of 1e300 each the sum of masses is infinite
+    return velocity - [math.fsum(share * component) / math.fsum(share) for component in velocity.T]

@@ -6,10 +6,13 @@ import numpy as np
 
 from brownpipe.exact import workspace as ws
 from brownpipe.exact.setup import Frame
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, SceneError
 from brownpipe.state import HEALTH_BOUND, Events, Track
 
 EVENTS_PER_LOG = 65_536  # then they are moved to where there is room for more
+MOST_BLOCKS = 2.0**62  # that the clock can count; a run of as many would take longer than anybody can wait
+MOST_IMAGES = 2.0**31  # periodic images that an int32 can count
+SMALLEST = np.finfo(float).smallest_normal
 
 
 def recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record) -> ws.Recorder:
@@ -17,6 +20,9 @@ def recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record) -> ws.Rec
     n, t = len(frame.order), len(times)
     inner = times / frame.time
     block = np.floor(inner / w.calendar.block)
+    if len(block) and not block[-1] < MOST_BLOCKS:
+        longest = w.calendar.block * frame.time * MOST_BLOCKS
+        raise SceneError(f"duration: must be at most {longest:.3g} for disks so fast, not {times[-1]:g}")
     m, room = n if "all" in record else 0, EVENTS_PER_LOG if "events" in record else 0
     return ws.Recorder(
         tracer=int(frame.back[0]) if n else 0,
@@ -59,7 +65,8 @@ def logged(r: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
     time = (r.log_block[:n] * w.calendar.block + r.log_time[:n]) * frame.time
     pair = r.log_pair[:n]
     named = np.where(pair >= 0, frame.order[np.maximum(pair, 0)], pair).astype(np.int32)
-    return Events(time, named[:, 0], named[:, 1], r.log_impulse[:n] * (frame.mass * frame.length / frame.time))
+    impulse = represented(r.log_impulse[:n], frame.mass, frame.length / frame.time)
+    return Events(time, named[:, 0], named[:, 1], impulse)
 
 
 def joined(logs: list[Events]) -> Events | None:
@@ -67,6 +74,42 @@ def joined(logs: list[Events]) -> Events | None:
     return Events(*(np.concatenate(column) for column in zip(*logs, strict=True))) if logs else None
 
 
+def represented(value, *units):
+    """Return value * product(units), NaN where that is beyond the floating-point numbers (0 stays 0).
+
+    Factors and products on the way may be beyond them. Rounded as the product itself.
+    """
+    mantissa, exponent = np.frexp(value)
+    for unit in units:
+        part, power = math.frexp(unit)
+        mantissa, exponent = mantissa * part, exponent + power
+    with np.errstate(over="ignore", under="ignore"):
+        found = np.ldexp(mantissa, exponent)
+    lost = ~np.isfinite(found) | ((np.abs(found) < SMALLEST) & (np.asarray(value) != 0.0))
+    return np.where(lost, np.nan, found)[()]
+
+
+def energies(frame: Frame, before: float, virial: float) -> dict[str, float]:
+    """Return kinetic energy and virial in the scene's units; `before` is sum m v^2, both in the engine's."""
+    speed = frame.length / frame.time
+    return {
+        "kinetic_energy": float(represented(0.5 * before, frame.mass, speed, speed)),
+        "virial": float(represented(virial, frame.mass, speed, frame.length)),
+    }
+
+
+def images_fit(scene: Scene, frame: Frame, crossings: int, path: float) -> bool:
+    """Whether int32 can count the images that a disk may have crossed, in so many crossings and on so long a path."""
+    side = min(scene.box.width, scene.box.height) / frame.length
+    return not scene.box.periodic or bool(crossings < MOST_IMAGES or path < MOST_IMAGES * side)
+
+
+def all_finite(*arrays) -> bool:
+    """Whether no number is inf or NaN."""
+    return all(bool(np.all(np.isfinite(each))) for each in arrays)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what is no number fails the run
 def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) -> dict[str, float | int]:
     """Return what is reported of a run that began with velocities `first` (N, 2), in the engine's units and order."""
     last = w.disk.reshape(-1, ws.ROW)[:, ws.VX : ws.VX + 2]
@@ -81,7 +124,10 @@ def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) 
     residual = _momentum_residual(w, mass, first, last)
     pinned = len(mass) < len(w.disk) // ws.ROW  # a pinned tracer takes up momentum
     sound = all(size <= HEALTH_BOUND for size in (abs(drift), overlap, 0.0 if pinned else residual))
-    unit = frame.mass * (frame.length / frame.time)
+    sound &= all_finite(before, w.disk.reshape(-1, ws.ROW)[:, ws.MOTION], w.tally[ws.VIRIAL :])
+    elapsed = w.clock[ws.BLOCK] * w.calendar.block + w.tally[ws.NOW]
+    fastest = math.sqrt(before / mass.min()) if before > 0 else 0.0  # if one disk had all the energy
+    sound &= images_fit(scene, frame, int(w.count[ws.CROSSINGS]), fastest * elapsed)
     found = {
         "pair_collisions": int(w.count[ws.PAIRS]),
         "wall_collisions": int(w.count[ws.WALLS]),
@@ -90,11 +136,11 @@ def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) 
         "worst_overlap": overlap,
         "momentum_residual": residual,
         "failed": np.uint8(not sound),
-        "kinetic_energy": 0.5 * before * unit * (frame.length / frame.time),
-        "virial": float(w.tally[ws.VIRIAL]) * unit * frame.length,
+        **energies(frame, before, float(w.tally[ws.VIRIAL])),
     }
     if not scene.box.periodic:
-        found["wall_impulse"] = float(w.tally[ws.WALL_IMPULSE :].sum()) * unit
+        given = float(w.tally[ws.WALL_IMPULSE :].sum())
+        found["wall_impulse"] = float(represented(given, frame.mass, frame.length / frame.time))
     return found
 
 

@@ -26,12 +26,13 @@ from brownpipe.exact.workspace import (
     Workspace,
 )
 from brownpipe.placement import common_radius
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, SceneError
 from brownpipe.state import State
 
 EVENTS_PER_BUCKET = 8.0  # in the mean
 COLLISIONS_PER_BLOCK = 128.0  # of one disk: a block begins with predicting everything afresh, which should cost little
 LARGEST_RATIO = 1e12  # of masses, up to which the light disks are given time for speeds they may reach
+SHORTEST_UNIT = 1e-305  # of time: it, its inverse and products with speeds are floating-point numbers
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than cells alone
 DENSEST = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice
 FITS_CACHE = 20_000  # disks; with more it pays to ask memory ahead, and not to have a ring for all that may come
@@ -61,12 +62,19 @@ def frame_of(scene: Scene) -> Frame:
     box, radius, mass = scene.box, scene.radius, scene.mass
     origin = np.array([0.0 if low <= 0.0 <= high else low + (high - low) / 2 for low, high in (box.x, box.y)])
     common = common_radius(radius) if len(radius) else box.width
-    length, speed = power_of_two(2 * common), power_of_two(thermal_speed(scene))
+    length, speed = power_of_two(2 * common), thermal_speed(scene)
+    at_rest = max(length, power_of_two(scene.duration * 2.0**-960))  # a unit in which the duration is a number
+    time = length / power_of_two(speed) if speed > 0 else at_rest
+    if not SHORTEST_UNIT <= time <= 1 / SHORTEST_UNIT:
+        raise SceneError(
+            f"{scene.name}: velocities: the thermal speed {speed:.3g} must be from {length * SHORTEST_UNIT:.3g} to "
+            f"{length / SHORTEST_UNIT:.3g} for disks of radius {common:.3g}; choose other units"
+        )
     order = np.argsort(radius <= common, kind="stable")
     heaviest = mass.max(initial=0.0)
     equal = np.all(mass == heaviest) and heaviest > 0
     unit = float(heaviest) if equal else power_of_two(heaviest)  # equal masses are 1 to the kernels
-    return Frame(origin, length, length / speed, unit, order, np.argsort(order))
+    return Frame(origin, length, time, unit, order, np.argsort(order))
 
 
 def thermal_speed(scene: Scene) -> float:

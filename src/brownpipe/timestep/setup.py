@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from brownpipe.exact.recording import all_finite, energies, images_fit, represented
 from brownpipe.exact.setup import Frame, thermal_speed
 from brownpipe.placement import common_radius
 from brownpipe.scene import Scene, SceneError
@@ -150,6 +151,7 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what is no number fails the run
 def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> dict[str, float | int]:
     """Return what is reported of a run that began with velocities `first` (N, 2), in the engine's units and order."""
     last = np.empty((len(w.disk), 2))
@@ -157,22 +159,25 @@ def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> 
     before, after = (float(np.sum(w.mass * np.sum(v * v, axis=1))) for v in (first, last))
     drift = (after - before) / before if before > 0 else 0.0
     sound = abs(drift) <= ENERGY_BOUND[w.x.dtype.type] and _inside(w)
-    unit = frame.mass * (frame.length / frame.time)
+    residual = _momentum_residual(w, first, last)
+    sound &= all_finite(before, last, residual, w.tally[ws.VIRIAL :])
+    fastest = math.sqrt(before / w.mass.min()) if before > 0 else 0.0  # if one disk had all the energy
+    sound &= images_fit(scene, frame, int(w.clock[ws.STEP]), fastest * w.clock[ws.STEP] * w.step)
     found = {
         "pair_collisions": int(w.count[ws.PAIRS]),
         "wall_collisions": int(w.count[ws.WALLS]),
         "tracer_collisions": int(w.count[ws.TRACER_PAIRS]),
         "energy_drift": drift,
         "worst_overlap": 1.0 - math.sqrt(w.tally[ws.NEAREST]),
-        "momentum_residual": _momentum_residual(w, first, last),
+        "momentum_residual": residual,
         "failed": np.uint8(not sound),
-        "kinetic_energy": 0.5 * before * unit * (frame.length / frame.time),
-        "virial": float(w.tally[ws.VIRIAL]) * unit * frame.length,
+        **energies(frame, before, float(w.tally[ws.VIRIAL])),
     }
     if w.late:
         found["missed_collisions"] = int(w.count[ws.MISSED])
     if not scene.box.periodic:
-        found["wall_impulse"] = float(w.tally[ws.WALL_IMPULSE :].sum()) * unit
+        given = float(w.tally[ws.WALL_IMPULSE :].sum())
+        found["wall_impulse"] = float(represented(given, frame.mass, frame.length / frame.time))
     return found
 
 
