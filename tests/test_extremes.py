@@ -282,6 +282,52 @@ def test_units_do_not_matter(name, units):
         assert run.observables[key] == other.observables[key], key
 
 
+ENDS = (-440, 0, 440)  # 1e-132 to 1e132
+
+
+@pytest.mark.parametrize(("length", "time", "mass"), list(product(ENDS, ENDS, (-900, 0, 900))))
+def test_units_of_both_engines(length, time, mass):
+    """Trajectories to the bit, and every observable: its value in these units, or NaN where there is no such number."""
+    plain, other = scaled(FEW["periodic"], 3), scaled(FEW["periodic"], 3, length, time, mass)
+    step = timestep.largest_step(plain) / 64
+    powers = {"kinetic_energy": mass + 2 * (length - time), "virial": mass + 2 * length - time}
+    powers["initial_square_speed"] = 2 * (length - time)
+    for engine, short, long in (
+        (simulate, {}, {}),
+        (timestep.simulate, {"time_step": step}, {"time_step": math.ldexp(step, time)}),
+    ):
+        one, two = engine(plain, [0], {"all"}, **short), engine(other, [0], {"all"}, **long)
+        assert np.array_equal(np.ldexp(one.whole[0].position, length), two.whole[0].position)
+        assert np.array_equal(np.ldexp(one.whole[0].velocity, length - time), two.whole[0].velocity)
+        for name, values in one.observables.items():
+            power = powers.get(name, 0)
+            value, found = float(values[0]), float(two.observables[name][0])
+            there = value == 0 or -1021 <= math.frexp(value)[1] + power <= 1024
+            assert found == math.ldexp(value, power) if there else math.isnan(found), name
+
+
+@pytest.mark.parametrize(
+    "factors", [(3e-121, 7e-33, 0.3e111), (0.7e99, 1.1e-40, 3e-290), (1e-90, 1e-60, 1e200)], ids=str
+)
+def test_units_that_are_no_powers_of_two(factors):
+    """A run of so few collisions that round-off of the start, 1e-15 of the box, grows by less than 1e4."""
+    length, time, mass = factors
+    scene = replace(scaled(FEW["periodic"], 3), duration=1.0, sample_interval=1.0)
+    state = draw(scene, 0)
+    moved = State(state.position * length, state.velocity * (length / time), state.radius * length, state.mass * mass)
+    sides = [side * length for side in (scene.box.width, scene.box.height)]
+    other = explicit(box(*sides, P), moved, time)
+    step = timestep.largest_step(scene) / 64
+    for engine, short, long in (
+        (simulate, {}, {}),
+        (timestep.simulate, {"time_step": step}, {"time_step": step * time}),
+    ):
+        one, two = engine(scene, [0], {"all"}, **short), engine(other, [0], {"all"}, **long)
+        assert one.observables["pair_collisions"] == two.observables["pair_collisions"] > 0
+        np.testing.assert_allclose(two.whole[0].position / length, one.whole[0].position, rtol=0, atol=1e-11)
+        assert not two.observables["failed"][0]
+
+
 @pytest.mark.parametrize("units", [{"time": -531}, {"time": 565}, {"mass": 996, "time": -100}], ids=str)
 def test_what_the_units_cannot_express_is_nan(units):
     """The trajectories are right and the run is sound: only the energy is no floating-point number in these units."""
