@@ -507,7 +507,7 @@ def test_what_a_scene_does_not_have_is_refused(more, names, average, message):
 
 
 def test_more_bins_than_can_be_kept_are_refused():
-    kinds = [{"name": "dust", "count": 2, "radius": 1e-6, "mass": 1.0}, BATH[0]]
+    kinds = [{"name": "dust", "count": 2, "radius": 1e-7, "mass": 1.0}, BATH[0]]
     with pytest.raises(SceneError, match="more than 1000000 bins"):
         simulate(make(kinds=kinds), [0], {"none"}, observables=("pair_distribution",))
 

@@ -95,19 +95,19 @@ def test_digest_is_of_the_physics_alone():
 
 
 lengths = st.floats(1e-3, 0.3)
-heaviest = st.floats(1e-270, 1e300)
-ratios = st.floats(1e-30, 1)
+heaviest = st.floats(1e-100, 1e300)
+ratios = st.floats(1e-200, 1)
 components = st.floats(-1e160, 1e160)
 
 
 @st.composite
 def scenes(draw) -> Scene:
     """Species of any masses in boxes anywhere, and lists of disks on a grid so wide that they cannot overlap."""
-    low, duration = draw(st.floats(-1e4, 1e4)), draw(st.floats(1e-150, 1e9))
+    low, duration = draw(st.floats(-1e6, 1e6)), draw(st.floats(1e-150, 1e9))
     box = {"x": [low, low + 7], "y": [0.0, 9.0], "boundary": draw(st.sampled_from(["reflecting", "periodic"]))}
     mapping = {"box": box, "duration": duration, "sample_interval": duration / draw(st.integers(1, 1000))}
     most = draw(heaviest)
-    masses = ratios.map(lambda ratio: max(ratio * most, 1.001e-30 * most))
+    masses = ratios.map(lambda ratio: max(ratio * most, 1.001e-200 * most))
     if draw(st.booleans()):
         disks = [
             disk(low + 1 + i, 1.0, draw(lengths), draw(masses), (draw(components), draw(components))) for i in range(3)
@@ -270,12 +270,12 @@ def test_mixture_may_fill_the_holes_but_not_more_than_the_box():
 # -- what floating-point numbers can tell apart ---
 
 
-@pytest.mark.parametrize("masses", [(1e-15, 1e15), (1e270, 1e300), (1e-300, 1e-270)])
-def test_masses_up_to_a_factor_of_1e30(masses):
+@pytest.mark.parametrize("masses", [(1e-100, 1e100), (1e100, 1e300), (1e-300, 1e-100)])
+def test_masses_up_to_a_factor_of_1e200(masses):
     """Engines: `test_extremes.test_the_largest_mass_ratio`."""
     light, heavy = masses
     assert explicit(disk(mass=light), disk(x=1, mass=heavy)).particles == 2
-    assert species(kind(1, mass=1.0), kind(0, name="none", mass=1e40)).particles == 1
+    assert species(kind(1, mass=1.0), kind(0, name="none", mass=1e300)).particles == 1
     for disks in (
         lambda: explicit(disk(mass=light), disk(x=1, mass=1.01 * heavy)),
         lambda: explicit(disk(mass=1.01 * heavy), disk(x=1, mass=light)),
@@ -283,7 +283,7 @@ def test_masses_up_to_a_factor_of_1e30(masses):
         with pytest.raises(SceneError) as refusal:
             disks()
         found = f"masses {light!r} and {1.01 * heavy!r} are too far apart"
-        assert str(refusal.value) == f"test.yaml: disks: {found}; must be within a factor of 1e+30"
+        assert str(refusal.value) == f"test.yaml: disks: {found}; must be within a factor of 1e+200"
     with pytest.raises(SceneError, match=r"masses 1e-200 and 1e\+200 are too far apart"):
         species(kind(1, mass=1e-200), kind(1, name="other", mass=1e200))
 
@@ -299,11 +299,7 @@ TINY = {"x": [0.0, 1.0], "y": [0.0, 1.0]}
         (lambda: explicit(disk(velocity=(0, -2e300))), "disks[0].velocity: must be two numbers up to 1e+300"),
         (lambda: explicit(box={"x": [0, 1e141], "y": [0, 1]}), "box.x: must be two numbers that differ by 1e-140"),
         (lambda: explicit(box={"x": [0, 1], "y": [0, 1e-141]}), "box.y: must be two numbers that differ by 1e-140"),
-        (lambda: explicit(disk(radius=4.9e-8, x=0.5, y=0.5), box=TINY), "disks[0].radius: must be at least 5e-08 of"),
-        (
-            lambda: explicit(disk(radius=0.1), box={"x": [-2e7, 2 - 2e7], "y": [-1, 1]}),
-            "disks[0].radius: must be at least 5e-08 of the largest coordinate, 1, not 0.1",
-        ),
+        (lambda: explicit(disk(radius=9e-11, x=0.5, y=0.5), box=TINY), "disks[0].radius: must be at least 1e-10 of"),
     ],
 )
 def test_sizes_that_are_refused(refused, message):

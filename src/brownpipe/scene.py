@@ -21,9 +21,9 @@ __all__ = ["Box", "Disk", "Samples", "Scene", "SceneError", "Species", "Velociti
 
 MOST_BYTES = 64 * 2**20  # of a scene file: some 500,000 explicit disks
 MOST_DISKS = 10_000_000
-LARGEST_MASS_RATIO = 1e30  # at equal energies the change of the heavier velocity is below its last bit from 1/eps^2 on
+LARGEST_MASS_RATIO = 1e200  # products of masses and squares of speeds are then floating-point numbers
 LONGEST = 1e140  # of a box, and the inverse: squares of displacements are then floating-point numbers, to 1e-14 of it
-SMALLEST_RADIUS = 5e-8  # in units of the largest coordinate: collisions are then known to better than 1e-9
+SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a place is then 1e-6 of it
 HEAVIEST = 1e302  # and the inverse
 FASTEST = 1e300  # of a velocity component
 SLOWEST_SQUARE = 1e-300  # kT/m, if it is not 0
@@ -255,9 +255,9 @@ def _radius(entry: Entry, box: Box) -> float:
     radius, most = reading.number(entry, above=0), min(box.width, box.height) / 2
     if radius > most:
         must_be(entry, f"at most half the shorter side of the box, {most!r}")
-    least = SMALLEST_RADIUS * max(box.width, box.height, *map(abs, box.x + box.y))
+    least = SMALLEST_RADIUS * max(box.width, box.height)
     if radius < least:
-        must_be(entry, f"at least {SMALLEST_RADIUS:g} of the largest coordinate, {least:.4g}")
+        must_be(entry, f"at least {SMALLEST_RADIUS:g} of the longer side of the box, {least:.4g}")
     return radius
 
 
@@ -267,7 +267,7 @@ def _mass(entry: Entry) -> float:
 
 
 def _refuse_ratio(entry: Entry, disks: tuple[Disk | Species, ...]) -> None:
-    """Beyond the largest ratio a collision leaves the heavier disk as it was, and momentum is lost."""
+    """Refuse masses so far apart that an engine's numbers would overflow."""
     masses = [disk.mass for disk in disks if getattr(disk, "count", 1)]
     if masses and max(masses) / LARGEST_MASS_RATIO > min(masses):
         pair = f"masses {min(masses)!r} and {max(masses)!r} are too far apart"

@@ -95,7 +95,7 @@ def enskog(scene):
         "enskog_tracer_collision_rate": partners.rate.sum(),
         "enskog_contact_value": partners.contact_value[np.argmax(friction.bath_of(scene).number)],
         "enskog_compressibility": theory.mixture_compressibility(n, 2 * radius),
-        "enskog_diffusion": kt / mass[0] / partners.friction.sum(),
+        "enskog_diffusion": kt / (mass[0] * partners.friction.sum()),
     }
 
 

@@ -118,8 +118,9 @@ def name_of(label):
 
 # --- the trade-off in numbers
 
+COST_RATIO = ("cost_ratio", "cost_ratio_low", "cost_ratio_high")
 
-NUMBERS = ("runs", "failed_runs", "paired_runs", "seconds", "study_seconds", "msd_spread", "d_spread")
+NUMBERS = ("runs", "failed_runs", "paired_runs", "seconds", *COST_RATIO, "study_seconds", "msd_spread", "d_spread")
 ERRORS = tuple(f"{name}_bias{part}" for name in ("msd", "d") for part in ("", "_standard_error", "_low", "_high"))
 DISTANCE = tuple(f"displacement_bias{part}" for part in ("", "_low", "_high", "_noise"))
 CONTACT = tuple(f"contact_bias{part}" for part in ("", "_standard_error", "_low", "_high"))
@@ -133,7 +134,8 @@ def table(dataset):
     for scene in _scenes(dataset):
         for one in settings_of(dataset, scene):
             values = dataset.sel(scene=scene, setting=one.label)
-            rows.append((scene, int(values.particles), one.label, *(values[name].item() for name in header)))
+            numbers = (values[name].item() if name in values else np.nan for name in header)
+            rows.append((scene, int(values.particles), one.label, *numbers))
     return Table(("scene", "particles", "setting", *header), rows)
 
 
@@ -143,11 +145,12 @@ def summary(dataset):
 
 
 REMARK = (
-    "cost: CPU time of a run, in units of an exact one. bias: relative to exact, ± one standard error; `< 2 %`: not\n"
-    "resolved, below 2 % with 95 % confidence. distance: total variation distance of the displacement distributions\n"
-    "at the end. departs: median time at which the tracer leaves the exact trajectory. front: CPU times at which the\n"
-    "setting is on the Pareto front, where none has a smaller expected error of the MSD; unresolved biases count with\n"
-    "their 95 % upper bound. CPU times are those of this machine.\n"
+    "cost: CPU time of a run in units of an exact one, median and range of pairs measured in turn on this machine.\n"
+    "bias: relative to exact, ± one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
+    "distance: total variation distance of the displacement distributions at the end.\n"
+    "departs: median time at which the tracer leaves the exact trajectory.\n"
+    "front: CPU times at which the setting is on the Pareto front, where none has a smaller expected error of the\n"
+    "MSD; unresolved biases count with their 95 % upper bound.\n"
 )
 
 
@@ -178,7 +181,7 @@ def _of_scene(dataset, scene):
     never = [name_of(label) for label in missing if np.isnan(possible[label])]
     unsure = [name_of(label) for label in missing if not np.isnan(possible[label])]
     yield f"  not on the Pareto front: {'; '.join(never) or 'none of them'}"
-    yield f"  on it only if its unresolved bias is small: {'; '.join(unsure)}\n" if unsure else ""
+    yield f"  on it only if an unresolved bias is small or its cost low: {'; '.join(unsure)}\n" if unsure else ""
 
 
 def _of(dataset, scene, label):
@@ -191,7 +194,7 @@ def _row(one, exact_seconds):
         name_of(setting),
         f"{int(one.runs)}",
         f"{1e3 * float(one.seconds):.3g}",
-        f"x {float(one.seconds) / exact_seconds:.3g}",
+        _cost(one, exact_seconds),
         "-" if setting == "exact" else _bias(one, "msd_bias"),
         "-" if setting == "exact" else _bias(one, "d_bias"),
         "-" if setting == "exact" else _distance(one),
@@ -200,6 +203,14 @@ def _row(one, exact_seconds):
         _time(float(one.departure_time)),
         _stretch(float(one.pays_from), float(one.pays_to)),
     )
+
+
+def _cost(one, exact_seconds):
+    """`1.23 (1.1-1.4)`; datasets made before have no range."""
+    if "cost_ratio_low" not in one or one.setting == "exact":
+        return f"{float(one.seconds) / exact_seconds:.3g}"
+    low, high = (f"{float(one[f'cost_ratio_{end}']):.2g}" for end in ("low", "high"))
+    return f"{float(one.cost_ratio):.3g} ({low}-{high})"
 
 
 def _bias(one, name):

@@ -1,6 +1,6 @@
-"""The price list: how far every engine and setting is from the exact one, and what a run of it costs.
+"""The cost-accuracy trade-off: how far every engine and setting is from the exact one, and what a run of it costs.
 
-`runs` reads trajectory files, `bias` compares, `cost` measures CPU times, `front` finds what pays; `variables`
+`runs` reads trajectory files, `bias` compares, `cost` measures CPU times, `front` finds the Pareto front; `variables`
 says what is in the dataset.
 """
 
@@ -42,13 +42,14 @@ class Case(NamedTuple):
     paired: bool
 
 
-def measure(paths, instead_of=None, window=None, seconds_per_run=cost.seconds_per_run):
+def measure(paths, instead_of=None, window=None, seconds_per_run=None):
     """All engines of the trajectory files `paths` against the exact runs of the same scenes: an `xarray.Dataset`.
 
     `instead_of` names scenes that may be run instead of another, {scene: [others]}; exact runs of these are settings of
     that scene. D is that of the `window` (start, end), or from a tenth of each scene's duration to its end.
-    `seconds_per_run(engine, scene)` measures the CPU time. Raises AnalysisError for a scene without exact runs, for
-    stand-ins without runs or with other sample times, and what `read_runs` raises.
+    CPU times are measured in turn with the exact engine's (`cost.ratio_to`), or are `seconds_per_run(engine, scene)`.
+    Raises AnalysisError for a scene without exact runs, for stand-ins without runs or with other sample times, and what
+    `read_runs` raises.
     """
     groups = read_runs(paths)
     several = {one.scene.name for one in groups if one.scene.particles != _first_of(groups, one.scene.name)}
@@ -57,19 +58,30 @@ def measure(paths, instead_of=None, window=None, seconds_per_run=cost.seconds_pe
         name = _scene_label(exact, several)
         between = window or (exact.times[-1] / 10, exact.times[-1])
         cases = _cases(exact, groups, (instead_of or {}).get(exact.scene.name, ()))
-        measured[name] = _scene(exact, between) | {
-            "settings": {
-                case.label: compare(
-                    case.runs, exact, between, seconds_per_run(case.runs.engine, case.runs.scene), case.paired
-                )
-                for case in cases
+        unit, settings = (seconds_per_run or cost.seconds_per_run)(exact.engine, exact.scene), {}
+        for case in cases:
+            taken = _ratio(case, exact, unit, seconds_per_run)
+            settings[case.label] = compare(case.runs, exact, between, unit * taken.ratio, case.paired) | {
+                "cost_ratio": taken.ratio,
+                "cost_ratio_low": taken.low,
+                "cost_ratio_high": taken.high,
             }
-        }
+        measured[name] = _scene(exact, between) | {"settings": settings}
         _note_what_pays(measured[name]["settings"])
     lacking = {_scene_label(one, several) for one in groups} - measured.keys()
     if lacking:
         raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
     return _dataset(measured)
+
+
+def _ratio(case, exact, unit, seconds_per_run):
+    """CPU time of a run of a case over that of an exact run, `unit` seconds."""
+    runs = case.runs
+    if runs is exact:
+        return cost.Ratio(1.0, 1.0, 1.0)
+    if seconds_per_run is not None:
+        return cost.Ratio(*[seconds_per_run(runs.engine, runs.scene) / unit] * 3)
+    return cost.ratio_to((exact.engine, exact.scene), runs.engine, runs.scene)
 
 
 def _first_of(groups, name):
@@ -210,13 +222,15 @@ def _departure(runs, exact, same):
 def _note_what_pays(settings):
     """Enter for each setting of a scene between which CPU times it is the best for the MSD; NaN for never.
 
-    `pays`: a bias that is not resolved counts with all that it may be; `may_pay`: as found.
+    `pays`: a bias that is not resolved counts at its 95 % upper bound, the cost is the median; `may_pay`: the bias is as
+    found, the cost at the lower end of its range.
     """
-    for name, kind in (("pays", "careful"), ("may_pay", "square")):
+    unit = settings["exact"]["seconds"]
+    for name, kind, ratio in (("pays", "careful", "cost_ratio"), ("may_pay", "square", "cost_ratio_low")):
         for values in settings.values():
             values |= {f"{name}_from": np.nan, f"{name}_to": np.nan}
         known = [
-            Setting(key, one[f"msd_bias_{kind}"], one["msd_spread"], one["seconds"]) for key, one in settings.items()
+            Setting(key, one[f"msd_bias_{kind}"], one["msd_spread"], unit * one[ratio]) for key, one in settings.items()
         ]
         for stretch in pareto_front(sorted(known, key=lambda one: one.label != "exact")):
             one = settings[stretch.label]

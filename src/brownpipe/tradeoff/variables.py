@@ -7,13 +7,13 @@ import numpy as np
 
 from brownpipe.analysis.variables import Variable
 
-KIND = "Price list of engines: error against CPU time"
+KIND = "Cost-accuracy trade-off of engines"
 ATTRIBUTES = {
     "Conventions": "CF-1.11",
     "title": KIND,
     "comment": (
-        "CPU times, and with them what pays when, are measured anew whenever this is made and differ from one machine "
-        "and one time to another: these variables do not come out the same to the byte. Everything else does. "
+        "CPU times, and with them the Pareto front, are measured anew whenever this is made and differ from one "
+        "machine and one time to another: these variables do not come out the same to the byte. Everything else does. "
         "Biases are relative to exact runs of the same scene; where an interval holds 0, the bias is not resolved."
     ),
 }
@@ -56,13 +56,14 @@ VARIABLES = {
     "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", np.int64, 0),
     "paired_runs": Variable(SETTING, "1", "number of runs that an exact one begins like", np.int64, 0),
     "seconds": Variable(SETTING, "s", "CPU time of a run on this machine, start-up and files not counted"),
-    "study_seconds": Variable(SETTING, "s", "CPU time of all these runs at that price"),
-    "pays_from": Variable(
-        SETTING, "s", f"CPU time from which on {BEST}, an unresolved bias counting with all it may be"
-    ),
-    "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, an unresolved bias counting with all it may be"),
-    "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, biases as found"),
-    "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, biases as found"),
+    "cost_ratio": Variable(SETTING, "1", "CPU time of a run over that of an exact run, median of pairs taken in turn"),
+    "cost_ratio_low": Variable(SETTING, "1", "least of these ratios"),
+    "cost_ratio_high": Variable(SETTING, "1", "largest of these ratios"),
+    "study_seconds": Variable(SETTING, "s", "CPU time of all these runs at that cost"),
+    "pays_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, unresolved biases at their 95 % upper bounds"),
+    "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"),
+    "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, biases as found and the least cost ratio"),
+    "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, biases as found and the least cost ratio"),
     **_with_interval("msd_bias", SETTING, f"relative bias of the {MSD}"),
     **_usable("msd", f"the {MSD}"),
     **_with_interval("d_bias", SETTING, f"relative bias of {D}"),
