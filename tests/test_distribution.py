@@ -14,13 +14,13 @@ TIMES = (0.2, 0.55, 1.0)
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     path = write(tmp_path_factory.mktemp("walk"), make_runs(make_scene(), range(600)))
-    return aggregate([path], dr=0.06, displacement_times=TIMES).squeeze()
+    return aggregate([path], dr=0.06, rings=24, displacement_times=TIMES).squeeze()
 
 
 def found_of(squared, at=(0,)):
     """What runs with the squared displacements (n, T) add up to, as the measure sees them."""
     asked = measure.Asked(((0.0, 1.0),), distribution.ring_edges(0.1, 10), tuple(0.5 + np.array(at)))
-    case = measure.Case(make_scene(), "exact", 0.5 + np.arange(squared.shape[1]), asked)
+    case = measure.Case(make_scene(), "exact", 0.5 + np.arange(squared.shape[1]), asked, edges=(asked.edges,) * len(at))
     found = measure.NOTHING
     for seeds in np.split(np.arange(len(squared)), range(1024, len(squared), 1024)):
         one = runs.Runs(seeds, None, {"square_displacement": squared[seeds]})
@@ -47,19 +47,65 @@ def test_models_take_d_from_their_own_time(dataset):
 
 def test_verdict_says_p_and_power(dataset):
     one = dataset.isel(displacement_time=0).sel(model="msd")
-    assert one.verdict.item() == distribution.verdict(one.p_value.item(), one.power_5_percent.item())
-    assert distribution.verdict(0.3, 0.123).startswith("not ruled out, p = 0.3; ")
-    assert distribution.verdict(1e-5, 0.9).startswith("ruled out, p = 1e-05; ")
-    assert distribution.verdict(np.nan, np.nan).startswith("not tested")
+    numbers = one.p_value.item(), one.kurtosis_p_value.item(), one.power_5_percent.item()
+    assert one.verdict.item() == distribution.verdict(*numbers)
+    assert one.p_value_joint.item() == min(1.0, 2 * min(numbers[:2]))
+    square = dataset.isel(displacement_time=0).sel(model="square")
+    assert square.p_value_joint.item() == square.p_value.item()
+    assert distribution.verdict(0.3, 0.4, 0.123).startswith("not rejected at 1%: rings p = 0.3, kurtosis p = 0.4; ")
+    assert distribution.verdict(1e-5, 0.4, 0.9).startswith("rejected at 1%: rings p = 1e-05, kurtosis p = 0.4; ")
+    assert distribution.verdict(0.4, 1e-5, 0.9).startswith("rejected at 1%")
+    assert distribution.verdict(0.008, np.nan, 0.9).startswith("rejected at 1%: rings p = 0.008; ")
+    assert distribution.verdict(np.nan, np.nan, np.nan).startswith("not tested")
 
 
-def test_power_is_the_share_of_tests_that_see_it():
-    """2,000 sets of 2,400 diffusers, tested against a D 5 % too small that is not fitted to them."""
-    rng, edges, n = np.random.default_rng(1), distribution.ring_edges(0.04, 24), 2400
-    said, true = (distribution.expected_ring_counts(n, edges, 1.0, d) for d in (0.25, 0.2625))
-    sets = rng.multinomial(n, true / n, 2000)
-    refused = np.mean([distribution.chi_square(counts, said, fitted=0).p < 0.05 for counts in sets])
-    assert abs(refused - distribution.power(said, true, fitted=0)) < SIGMAS * np.sqrt(0.25 / 2000)
+def test_a_distribution_that_is_not_normal_is_rejected(tmp_path):
+    """A mass in the tail that the rings hold in one bin: the kurtosis sees what chi-square does not."""
+    scene, rng = make_scene(boundary="periodic"), np.random.default_rng(1)
+    trajectories = make_runs(scene, range(2000))
+    track = trajectories.ensemble.tracer.position
+    track *= np.sqrt(rng.gamma(4.0, 1 / 4.0, 2000))[:, None]  # D differs from run to run: kurtosis 1.25
+    found = aggregate([write(tmp_path, trajectories)], dr=0.2, rings=3).squeeze()
+    one = found.sel(model="msd")
+    assert one.kurtosis.item() > 1.1 and one.kurtosis_p_value.item() < 1e-4
+    assert one.verdict.item().startswith("rejected at 1%")
+
+
+# --- rings from the data
+
+
+def test_rings_suit_the_data_where_none_are_given(tmp_path):
+    """Whatever the unit of length: 16 to 32 rings up to three rms displacements, of a width that is a power of two."""
+    scene = make_scene(boundary="periodic")
+    for size in (1e-6, 1.0, 40.0):
+        trajectories = make_runs(scene, range(500))
+        trajectories.ensemble.tracer.position[...] *= size
+        for path in tmp_path.iterdir():
+            path.unlink()
+        found = aggregate([write(tmp_path, trajectories)], displacement_times=(0.2, 1.0)).squeeze()
+        for time in (0, 1):
+            one = found.isel(displacement_time=time).dropna("r", subset=["displacement_counts"])
+            rms = np.sqrt(found.msd.sel(time=one.displacement_time, method="nearest").item())
+            width = (one.r_outer - one.r_inner).values
+            assert np.all(width == width[0]) and np.log2(width[0]) % 1 == 0
+            assert one.r_outer.values.tolist()[:-1] == one.r_inner.values.tolist()[1:] and 16 <= one.sizes["r"] <= 32
+            assert 3 * rms <= one.r_outer.values[-1] < 3 * rms + width[0]
+            assert one.displacement_counts.sum() + one.displacement_overflow == 500
+            assert (one.p_value.sel(model="msd") > 1e-4) and one.degrees_of_freedom.sel(model="msd") > 5
+
+
+def test_rings_do_not_depend_on_files(tmp_path):
+    scene = make_scene()
+    (tmp_path / "one").mkdir()
+    (tmp_path / "two").mkdir()
+    whole = aggregate([write(tmp_path / "one", make_runs(scene, range(60)))])
+    parts = [write(tmp_path / "two", make_runs(scene, range(k, k + 20))) for k in (40, 0, 20)]
+    assert whole.identical(aggregate(parts))
+
+
+def test_width_and_number_of_rings_go_together(tmp_path):
+    with pytest.raises(AnalysisError, match="width and number must be given together"):
+        aggregate([write(tmp_path, make_runs(make_scene(), range(12)))], dr=0.1)
 
 
 def test_distribution_of_an_average_is_none():

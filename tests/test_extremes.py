@@ -459,18 +459,16 @@ def test_masses_that_are_no_powers_of_two(size, duration):
     np.testing.assert_allclose(one.position[-1], two.position[-1], rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("kt", [{"temperature": 1.0}, {"standard_deviation": 1.0}], ids=["thermal", "as fast"])
 @BOTH
-def test_the_largest_mass_ratio(boundary, kt):
+def test_the_largest_mass_ratio(boundary):
     """Some 1e4 collisions with a disk of 1e200 times the mass, which they do not move: from 1/eps^2 on, a change of its
     velocity is below the last bit. A time step leaves overlaps, but the same balance of energy and momentum.
+
+    At equal temperature: a disk so heavy that moved would squeeze a light one against a wall in 1e100 collisions.
     """
-    kinds, length = [(9, 0.1, 1.0), (1, 0.1, LARGEST_MASS_RATIO)], 500.0 if "temperature" in kt else 50.0
-    scene = make(box(2, 2, boundary), kinds, length, velocities=kt)
-    runs = [simulate(scene, [1], {"all"})]
-    if "temperature" in kt:  # as fast, it gives the bath so much energy in equilibrium that no time step is allowed
-        runs.append(timestep.simulate(scene, [1], {"all"}, time_step=0.01))
-    for run in runs:
+    kinds = [(9, 0.1, 1.0), (1, 0.1, LARGEST_MASS_RATIO)]
+    scene = make(box(2, 2, boundary), kinds, 500.0, velocities={"temperature": 1.0})
+    for run in (simulate(scene, [1], {"all"}), timestep.simulate(scene, [1], {"all"}, time_step=0.01)):
         seen = {key: column[0] for key, column in run.observables.items()}
         assert not seen["failed"]
         assert seen["pair_collisions"] > 200

@@ -122,7 +122,7 @@ def figures(arguments) -> int:
     dataset = read_dataset(arguments.dataset)
     if "seconds" in dataset:  # of `tradeoff`, not of `aggregate`
         if arguments.figures or arguments.particles is not None:
-            raise drawing.FigureError(f"{arguments.dataset}: a price list; it is shown as a whole")
+            raise drawing.FigureError(f"{arguments.dataset}: a trade-off; it is shown as a whole")
         drawing.tradeoff.render(dataset, arguments.output)
         return DONE
     drawing.render(dataset, arguments.output, arguments.figures, arguments.particles)
@@ -353,11 +353,11 @@ def _parser() -> argparse.ArgumentParser:
     windows = {"nargs": "+", "type": _window, "metavar": "T0:T1"}
     one.add_argument("--fit-windows", **windows, help="where lines are fitted to the MSD (default: 0.1:1 0.5:1)")
     one.add_argument(
-        "--ring-width", type=_positive, default=0.04, metavar="DR", help="of the distribution (default: 0.04)"
+        "--ring-width", type=_positive, metavar="DR", help="of the distribution, with --rings (default: from the data)"
     )
     times = {"nargs": "+", "type": _positive, "metavar": "T"}
     one.add_argument("--displacement-times", **times, help="of the distribution (default: the end of each run)")
-    one.add_argument("--rings", type=_rings, default=24, metavar="COUNT", help="of the distribution (default: 24)")
+    one.add_argument("--rings", type=_rings, metavar="COUNT", help="of the distribution, with --ring-width")
 
     one = _verb(verbs, figures, "brownpipe figures small.nc --output figures")
     one.add_argument("dataset", metavar="DATASET.nc")

@@ -50,7 +50,7 @@ DEFAULTS = {
     "figures": None,  # all that there is something to show in
     "displacement_times": [],  # the end of each run
     "fit_windows": None,  # from a tenth and from a half of the shortest duration to its end
-    "rings": {"dr": 0.04, "count": 24},
+    "rings": None,  # from the data
     "instead_of": {},
 }
 
@@ -91,8 +91,8 @@ class Study:
     figures: tuple[str, ...]
     displacement_times: tuple[float, ...]  # of the displacement distribution [time]; empty for the end of each run
     fit_windows: tuple[tuple[float, float], ...]  # [time]
-    ring_width: float  # dr [length]
-    rings: int
+    ring_width: float | None  # dr [length]; None: from the data
+    rings: int | None
     record: str = "tracer"  # or "none": no trajectories, only what is measured in the runs
     observables: tuple[str, ...] = ()  # measured in each run
     average: str = "runs"  # what displacements and autocorrelations among them are averages over
@@ -123,13 +123,10 @@ class Study:
 
     @property
     def counting(self) -> str:
-        """When to count where the runs are, as an option of `brownpipe aggregate`; nothing for the end of each run."""
-        return " ".join(["--displacement-times", *map(str, self.displacement_times)]) if self.displacement_times else ""
-
-    @property
-    def ring_edges(self) -> np.ndarray:
-        """(rings + 1,) radii [length] that bound the rings of the displacement distribution."""
-        return np.arange(self.rings + 1) * self.ring_width
+        """When and in which rings to count the runs, as options of `brownpipe aggregate`; nothing for the usual."""
+        times = ["--displacement-times", *self.displacement_times] if self.displacement_times else []
+        rings = ["--ring-width", self.ring_width, "--rings", self.rings] if self.rings else []
+        return " ".join(map(str, rings + times))
 
     @property
     def table(self) -> dict[str, dict[str, dict[str, str]]]:
@@ -367,6 +364,8 @@ def _displacement_times(entry: Entry, cases: tuple[Scene, ...]) -> tuple[float, 
     return tuple(times)
 
 
-def _rings(entry: Entry) -> tuple[float, int]:
+def _rings(entry: Entry) -> tuple[float, int] | tuple[None, None]:
+    if entry.value is None:
+        return None, None
     given = reading.fields(entry, ("dr", "count"))
     return reading.number(given["dr"], above=0), reading.integer(given["count"], 1, 100_000)

@@ -13,10 +13,8 @@ rule aggregate:
         f"{results}/benchmarks/aggregate/{study.name}.tsv"
     params:
         windows=[f"{start}:{end}" for start, end in study.fit_windows],
-        width=study.ring_width,
-        rings=study.rings,
-        times=study.counting,
+        counting=study.counting,
         made_with=made_with("aggregate"),
     shell:
         "brownpipe aggregate {input} --output {output} --fit-windows {params.windows}"
-        " --ring-width {params.width} --rings {params.rings} {params.times} 2> {log}"
+        " {params.counting} 2> {log}"

@@ -7,7 +7,8 @@ estimated; `dataset` puts the results into one labelled dataset.
 
 from brownpipe.analysis.dataset import aggregate
 from brownpipe.analysis.displacement import Line, fit_line, line_weights, squared_displacement
-from brownpipe.analysis.distribution import ChiSquare, chi_square, ring_counts, ring_edges
+from brownpipe.analysis.distribution import ring_counts, ring_edges
+from brownpipe.analysis.goodness import ChiSquare, chi_square
 from brownpipe.analysis.resampling import Estimate, resample, wilson_interval
 from brownpipe.analysis.runs import AnalysisError
 

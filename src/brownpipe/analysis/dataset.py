@@ -7,7 +7,7 @@ import numpy as np
 
 from brownpipe.analysis import conditions, displacement, distribution, pairs, thermodynamics, velocity
 from brownpipe.analysis.displacement import SAME_TIME, labels
-from brownpipe.analysis.distribution import chosen_times, ring_edges
+from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.measure import NOTHING, Asked, Case, Columns, add_runs, estimated
 from brownpipe.analysis.runs import AnalysisError, blocks_of, chosen, groups_of
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, VARIABLES
@@ -27,22 +27,26 @@ class Measured(NamedTuple):
     axes: dict  # name of a coordinate -> (dimension, values)
 
 
-def aggregate(paths, windows=None, dr=0.04, rings=24, displacement_times=()):
+def aggregate(paths, windows=None, dr=None, rings=None, displacement_times=()):
     """All measures of the trajectory files `paths` as one `xarray.Dataset`.
 
     The files may hold any scenes, particle counts, engines and batches of seeds, in any order: the result depends on
     the runs alone, to the bit, and the memory taken not on how many they are. Runs that failed are counted and left out
     of every average. `windows` are the times (start, end) of the straight-line fits, WINDOWS by default; `dr` and
-    `rings` the displacement histogram's, `displacement_times` its times, by default the end of each run. What a scene
-    does not have (a shorter duration, fewer seeds) is NaN. Raises `AnalysisError` for files that do not belong together
-    (the same seed twice, one name for two scenes, two sources), for windows and times that are the same or that no run
-    reaches, for rings far wider than any box, and what `storage.read_trajectories` raises for broken files.
+    `rings` the displacement histogram's, by default from the data, `displacement_times` its times, by default the end
+    of each run. What a scene does not have (a shorter duration, fewer seeds) is NaN. Raises `AnalysisError` for files
+    that do not belong together (the same seed twice, one name for two scenes, two sources), for windows and times that
+    are the same or that no run reaches, for rings far wider than any box, and what `storage.read_trajectories` raises
+    for broken files.
     """
-    asked = Asked(windows or WINDOWS, ring_edges(dr, rings), tuple(displacement_times or ()))
+    if (dr is None) != (rings is None):
+        raise AnalysisError("rings: width and number must be given together")
+    edges = None if dr is None else ring_edges(dr, rings)
+    asked = Asked(windows or WINDOWS, edges, tuple(displacement_times or ()))
     _refuse_same(asked)
     groups = groups_of(paths)
     cases = [_case(group, asked) for group in groups]
-    _refuse_out_of_reach(cases, windows or (), dr)
+    _refuse_out_of_reach(cases, windows or (), dr or 0.0)
     _refuse_unsampled(cases, asked.displacement_times)
     return _assemble([_measured(case, group) for case, group in zip(cases, groups, strict=True)])
 
@@ -90,6 +94,7 @@ def _measured(case, group):
         health.append(np.stack([runs.observables.get(name, np.full(len(bad), np.nan)) for name in HEALTH]))
         if not bad.all():
             kept = runs if not bad.any() else chosen(runs, ~bad)
+            case = case if case.edges else case._replace(edges=rings_of(case, kept))
             found = add_runs(found, kept.seeds, _columns(case, kept))
     found, failed = estimated(found), np.concatenate(failed)
     values = {

@@ -1,28 +1,21 @@
-"""Distribution of the tracer's displacement at some times: rings, chi-square and its power, kurtosis.
+"""Distribution of the tracer's displacement at some times: rings, what eq. (18) expects in them, kurtosis, verdict.
 
-K rings, D times, M models. Lengths and times in the scene's own units.
+The histogram over rings is the self part of the van Hove function, integrated over the directions. K rings, D times,
+M models. Lengths and times in the scene's own units.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.analysis import resampling
+from brownpipe.analysis import goodness, resampling
 from brownpipe.analysis.conditions import accessible_half_width
-from brownpipe.analysis.displacement import SAME_TIME, from_start, labels, squared_of
+from brownpipe.analysis.displacement import SAME_TIME, from_start, labels, per_run_lines, squared_of
 from brownpipe.analysis.measure import Columns, Measure, with_interval
 from brownpipe.analysis.variables import EACH, RATE, Variable, estimate_of, kept_always
 
-FEWEST_EXPECTED = 5.0  # bins with fewer expected counts are pooled before a chi-square
 WRONG_BY = 0.05  # of the D whose discovery the power is about
-REFUSED = 0.01  # a model with a smaller p is ruled out
-
-
-class ChiSquare(NamedTuple):
-    statistic: float
-    degrees_of_freedom: int
-    p: float  # chance of a larger statistic if the expectation is right; NaN without degrees of freedom
+RINGS, REACH = 32, 3.0  # where none are asked for: at most so many rings, that reach to so many rms displacements
+STEP = 1e-4  # of ln D, for the derivative of what is expected
 
 
 def ring_edges(width, rings):
@@ -47,42 +40,6 @@ def expected_ring_counts(runs, edges, t, diffusion, half_width=None):
     return runs * np.diff(np.append(within, 1.0))
 
 
-def chi_square(observed, expected, fitted=1):
-    """Pearson's test of counts (K,) against expected counts of the same total.
-
-    Neighbouring bins are pooled until each expects FEWEST_EXPECTED; one degree of freedom is lost to the total and one
-    to each parameter `fitted` to the same runs.
-    """
-    observed, expected = _pool(np.asarray(observed, float), np.asarray(expected, float))
-    freedom = len(expected) - 1 - fitted
-    if freedom < 1 or not np.all(np.isfinite(expected)):
-        return ChiSquare(np.nan, max(freedom, 0), np.nan)
-    from scipy.special import gammaincc
-
-    statistic = ((observed - expected) ** 2 / expected).sum()
-    return ChiSquare(statistic, freedom, float(gammaincc(freedom / 2, statistic / 2)))
-
-
-def power(expected, others, fitted=1):
-    """Chance that `chi_square` at the 5 % level refuses `expected` (K,) if the counts come from `others` (K,)."""
-    others, expected = _pool(np.asarray(others, float), np.asarray(expected, float))
-    freedom = len(expected) - 1 - fitted
-    if freedom < 1 or not np.all(np.isfinite(expected + others)):
-        return np.nan
-    return theory.chi_square_power(((others - expected) ** 2 / expected).sum(), freedom)
-
-
-def _pool(observed, expected):
-    """Sum neighbouring bins from the first to the last until each expects enough; the rest joins the last pool."""
-    starts, waiting = [0], 0.0
-    for k, count in enumerate(expected):
-        waiting += count
-        if waiting >= FEWEST_EXPECTED and expected[k + 1 :].sum() >= FEWEST_EXPECTED:
-            starts.append(k + 1)
-            waiting = 0.0
-    return np.add.reduceat(observed, starts), np.add.reduceat(expected, starts)
-
-
 # --- the measure
 
 
@@ -95,72 +52,136 @@ def chosen_times(case):
     return nearest[np.abs(case.times[nearest] - asked) <= SAME_TIME * asked]
 
 
+def rings_of(case, runs):
+    """Edges (K + 1,) of the rings at each time: those asked for, else such as suit these runs, the first of a study.
+
+    Their width is a power of two, so that the rings of two times or scenes are the same or have different middles. They
+    reach to REACH rms displacements; half of RINGS of them or more.
+    """
+    at = chosen_times(case)
+    if case.asked.edges is not None:
+        return (case.asked.edges,) * len(at)
+    squared = from_start(case, runs)
+    if squared is None:
+        return ()
+    size = max(case.scene.box.width, case.scene.box.height)
+    reach = [REACH * np.sqrt(np.mean(column)) or size for column in squared[:, at].T]
+    widths = [np.ldexp(1.0, int(np.ceil(np.log2(far / RINGS)))) for far in reach]
+    return tuple(ring_edges(width, int(np.ceil(far / width))) for width, far in zip(widths, reach, strict=True))
+
+
 def _sample(case, runs):
     squared, distance2, at = squared_of(case, runs), from_start(case, runs), chosen_times(case)
     if squared is None or distance2 is None or not len(at):
         return Columns()
-    r2 = distance2[:, at]
-    counts = [ring_counts(np.sqrt(column), case.asked.edges) for column in r2.T]
-    return Columns({"r2": r2, "r4": r2**2}, {"r6": r2**3}, {"rings": np.stack(counts)})
+    r2, slopes = distance2[:, at], per_run_lines(squared, case.times, case.asked.windows)[:, 0]
+    size = max(map(len, case.edges))
+    counts, shared = [], []
+    for k, column, edges in zip(at, r2.T, case.edges, strict=True):
+        ring = np.searchsorted(edges, np.sqrt(column), side="right") - 1
+        counts.append(np.bincount(ring, minlength=size))
+        shared.append([np.bincount(ring, one, size) for one in (squared[:, k], *slopes.T)])
+    return Columns({"r2": r2, "r4": r2**2}, {"r6": r2**3}, {"rings": np.array(counts), "shared": np.array(shared)})
 
 
 def _estimate(case, found):
     if "r2" not in found:
         return {}
-    counts, at = found.counts["rings"], chosen_times(case)
+    edges, counts = case.edges, found.counts["rings"]
     low, high = resampling.wilson_interval(counts, found.runs)
+    spread = kurtosis(found)
+    chances = [goodness.kurtosis_p_value(value, found.runs) for value in spread.mean]
     values = {
-        "displacement_counts": counts[:, :-1],
-        "displacement_counts_low": low[:, :-1],
-        "displacement_counts_high": high[:, :-1],
-        "displacement_overflow": counts[:, -1],
-        **with_interval("kurtosis", kurtosis(found)),
+        "displacement_counts": _on_axis(edges, counts),
+        "displacement_counts_low": _on_axis(edges, low),
+        "displacement_counts_high": _on_axis(edges, high),
+        "displacement_overflow": [row[len(own) - 1] for row, own in zip(counts, edges, strict=True)],
+        "kurtosis_p_value": chances,
+        **with_interval("kurtosis", spread),
     }
-    slopes = found.mean("lines")[0] / 4
-    tests = [_tests(case, t, row, _models(case, t, msd, slopes)) for t, row, msd in _each(case, found, at, counts)]
-    return values | {name: [test[name] for test in tests] for name in tests[0]}
+    tests = [_tests(case, found, k, chance) for k, chance in enumerate(chances)]
+    values |= {name: [test[name] for test in tests] for name in tests[0]}
+    return values | {"expected_counts": _on_axis(edges, values["expected_counts"])}
 
 
-def _each(case, found, at, counts):
-    return zip(case.times[at], counts, found.mean("msd")[at], strict=True)
+def _on_axis(edges, values):
+    """Values (..., >= K) of each time on the axis (R,) of the rings of all times, (D, ..., R); NaN for other rings."""
+    axis, rows = _axis(edges)[0], []
+    for own, row in zip(edges, map(np.asarray, values), strict=True):
+        full = np.full((*row.shape[:-1], len(axis)), np.nan)
+        full[..., np.searchsorted(axis, (own[1:] + own[:-1]) / 2)] = row[..., : len(own) - 1]
+        rows.append(full)
+    return np.array(rows)
 
 
-def _models(case, t, msd, slopes):
-    """(D, half-width of the reflecting square or None) of every model; a D that is not positive is NaN."""
-    over_4t = msd / (4 * t) if t > 0.0 else np.nan
-    models = [(d if d > 0.0 and t > 0.0 else np.nan, None) for d in (over_4t, *slopes)]
-    half_width = accessible_half_width(case.scene)
+def _axis(edges):
+    """Middle, inner and outer radius (R,) of all rings of any time."""
+    rings = np.unique(np.concatenate([np.stack([(e[1:] + e[:-1]) / 2, e[:-1], e[1:]], axis=1) for e in edges]), axis=0)
+    return rings.T
+
+
+def _models(case, found, k):
+    """D, half-width of the reflecting square or None, and where D comes from, of every model at the k-th time.
+
+    D is NaN where it is not positive. The sources, `goodness.Estimated`, are without the change of what is expected.
+    """
+    at = chosen_times(case)[k]
+    t, rings, half_width = case.times[at], len(case.edges[k]), accessible_half_width(case.scene)
+    means = np.array([found.mean("msd")[at], *found.mean("lines")[0]])
+    variances = np.array([found.variance("msd")[at], *found.variance("lines")[0]])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = (found.counts["shared"][k] / means[:, None] - found.counts["rings"][k])[:, :rings]
+        sources = [goodness.Estimated(None, *one) for one in zip(shares, variances / means**2, strict=True)]
+        diffusion = means / np.array([4 * t, *np.full(len(means) - 1, 4.0)])
+    known = np.where((diffusion > 0.0) & (t > 0.0), diffusion, np.nan)
+    models = [(d, None, source) for d, source in zip(known, sources, strict=True)]
     if np.isfinite(half_width):
-        d = theory.reflecting_square_diffusion(msd, t, half_width) if t > 0.0 else np.nan
-        models.append((d, half_width))
+        own, more = (
+            theory.reflecting_square_diffusion(means[0] * scale, t, half_width) if t > 0.0 else np.nan
+            for scale in (1.0, 1.0 + STEP)
+        )
+        models.append((own, half_width, sources[0]._replace(elasticity=(more / own - 1.0) / STEP)))
     return models
 
 
-def _tests(case, t, counts, models):
+def _tests(case, found, k, kurtosis_chance):
     """Every model (M,) against the counts (K + 1,) at one time."""
-    edges, runs = case.asked.edges, counts.sum()
-    expected = np.stack([expected_ring_counts(runs, edges, t or 1.0, *model) for model in models])
-    wrong = [expected_ring_counts(runs, edges, t or 1.0, d * (1 + WRONG_BY), half) for d, half in models]
-    tests = [chi_square(counts, row) for row in expected]
-    powers = [power(row, other) for row, other in zip(expected, wrong, strict=True)]
-    return {
-        "model_diffusion_coefficient": [d for d, _ in models],
-        "expected_counts": expected[:, :-1],
-        "expected_overflow": expected[:, -1],
-        "chi_square": [test.statistic for test in tests],
-        "degrees_of_freedom": [test.degrees_of_freedom for test in tests],
-        "p_value": [test.p for test in tests],
-        "power_5_percent": powers,
-        "verdict": [verdict(test.p, chance) for test, chance in zip(tests, powers, strict=True)],
-    }
+    edges, counts = case.edges[k], found.counts["rings"][k][: len(case.edges[k])]
+    t, runs, tests = case.times[chosen_times(case)[k]], counts.sum(), []
+    for d, half_width, source in _models(case, found, k):
+        expected, more, less, wrong = (
+            expected_ring_counts(runs, edges, t or 1.0, d * scale, half_width)
+            for scale in (1.0, np.exp(STEP), np.exp(-STEP), 1 + WRONG_BY)
+        )
+        source = source._replace(change=(more - less) / (2 * STEP))
+        test = goodness.chi_square(counts, expected, source)
+        of_shape = np.nan if half_width is not None else kurtosis_chance
+        alone = goodness.LEVEL / (1 if np.isnan(of_shape) else 2)
+        chance = goodness.power(expected, wrong, source, alone) if np.isfinite(test.p) else np.nan
+        tests.append(
+            {
+                "model_diffusion_coefficient": d,
+                "expected_counts": expected[:-1],
+                "expected_overflow": expected[-1],
+                "chi_square": test.statistic,
+                "degrees_of_freedom": test.degrees_of_freedom,
+                "p_value": test.p,
+                "p_value_joint": goodness.both(test.p, of_shape) if np.isfinite(test.p) else np.nan,
+                "power_5_percent": chance,
+                "verdict": verdict(test.p, of_shape, chance),
+            }
+        )
+    return {name: [test[name] for test in tests] for name in tests[0]}
 
 
-def verdict(p, chance):
-    """What a test says, in words: a test that could hardly fail says little."""
+def verdict(p, kurtosis_p, chance):
+    """What the tests of a model say, in words: by rings, by kurtosis, and what the rings could have shown."""
     if np.isnan(p):
         return "not tested: too few runs or no diffusion coefficient"
-    seen = f"a diffusion coefficient wrong by {WRONG_BY:.0%} would be seen with a chance of {chance:.0%}"
-    return f"{'ruled out' if p < REFUSED else 'not ruled out'}, p = {p:.2g}; {seen}"
+    said = "rejected" if goodness.both(p, kurtosis_p) < goodness.LEVEL else "not rejected"
+    shape = "" if np.isnan(kurtosis_p) else f", kurtosis p = {kurtosis_p:.2g}"
+    seen = f"power: a D wrong by {WRONG_BY:.0%} is rejected with probability {chance:.0%}"
+    return f"{said} at {goodness.LEVEL:.0%}: rings p = {p:.2g}{shape}; {seen}"
 
 
 def kurtosis(found):
@@ -192,13 +213,13 @@ def _inverse_cube(m2, m4, m6, variance2, variance4):
 
 
 def _axes(case, found):
-    edges = case.asked.edges
     square = ["square"] if np.isfinite(accessible_half_width(case.scene)) else []
+    r, inner, outer = _axis(case.edges or (ring_edges(1.0, 1) if case.asked.edges is None else case.asked.edges,))
     return {
         "displacement_time": ("displacement_time", case.times[chosen_times(case)]),
-        "r": ("r", (edges[1:] + edges[:-1]) / 2),
-        "r_inner": ("r", edges[:-1]),
-        "r_outer": ("r", edges[1:]),
+        "r": ("r", r),
+        "r_inner": ("r", inner),
+        "r_outer": ("r", outer),
         "model": ("model", ["msd", *(f"slope {label}" for label in labels(case.asked.windows)), *square]),
     }
 
@@ -219,10 +240,16 @@ MEASURE = Measure(
             "expected_counts": Variable((*MODEL, "r"), "1", "number of runs expected in the ring, model integrated"),
             "expected_overflow": Variable(MODEL, "1", "number of runs expected beyond the outermost ring"),
             "chi_square": Variable(MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"),
-            "degrees_of_freedom": Variable(MODEL, "1", "pooled bins less one for the total and one for the fitted D"),
-            "p_value": Variable(MODEL, "1", "chance of a larger chi-square if the model is right"),
-            "power_5_percent": Variable(MODEL, "1", "chance that the test at the 5 % level sees a D wrong by 5 %"),
-            "verdict": Variable(MODEL, "1", "what the test says, in words", object, ""),
+            "degrees_of_freedom": Variable(MODEL, "1", "pooled bins less one for the total and one for D"),
+            "p_value": Variable(MODEL, "1", "chance of a larger chi-square if the model holds, D being estimated"),
+            "p_value_joint": Variable(
+                MODEL, "1", "p-value of rings and kurtosis together; of the square, of rings alone"
+            ),
+            "power_5_percent": Variable(
+                MODEL, "1", "chance that the verdict's test of the rings rejects a D wrong by 5 %"
+            ),
+            "verdict": Variable(MODEL, "1", "what the tests say at the 1 % level, in words", object, ""),
+            "kurtosis_p_value": Variable(AT, "1", "chance of a kurtosis as far from 1 if the displacement is normal"),
         }
     )
     | estimate_of("kurtosis", AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal law"),

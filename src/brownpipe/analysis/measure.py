@@ -21,7 +21,7 @@ class Asked(NamedTuple):
     """What the analysis is asked for."""
 
     windows: tuple  # (start, end) of the straight-line fits [time]
-    edges: np.ndarray  # (K + 1,) of the rings of the displacement distribution [length]
+    edges: np.ndarray | None  # (K + 1,) of the rings of the displacement distribution [length]; None: from the data
     displacement_times: tuple  # of that distribution [time]; empty for the end of each run
 
 
@@ -33,6 +33,7 @@ class Case(NamedTuple):
     times: np.ndarray  # (T,) [time]
     asked: Asked
     average: str = "runs"  # over what `square_displacement` and the like are averaged in each run
+    edges: tuple = ()  # (K + 1,) of the rings at each time of the distribution, `distribution.rings_of`
 
     @property
     def key(self):

@@ -71,8 +71,9 @@ def defined(case, name, dim):
 
 
 def distributions_of(case):
-    """The case at each time that its displacement distribution is taken at."""
-    return [case.isel(displacement_time=k) for k in np.flatnonzero(np.isfinite(case.displacement_overflow))]
+    """The case at each time that its displacement distribution is taken at, with the rings of that time."""
+    at = [case.isel(displacement_time=k) for k in np.flatnonzero(np.isfinite(case.displacement_overflow))]
+    return [defined(one, "displacement_counts", "r") for one in at]
 
 
 def at_last_distribution(case):

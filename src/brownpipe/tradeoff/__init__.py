@@ -222,8 +222,8 @@ def _departure(runs, exact, same):
 def _note_what_pays(settings):
     """Enter for each setting of a scene between which CPU times it is the best for the MSD; NaN for never.
 
-    `pays`: a bias that is not resolved counts at its 95 % upper bound, the cost is the median; `may_pay`: the bias is as
-    found, the cost at the lower end of its range.
+    `pays`: a bias that is not resolved counts at its 95 % upper bound, and the cost is the median. `may_pay`: the bias
+    is as found, and the cost at the lower end of its range.
     """
     unit = settings["exact"]["seconds"]
     for name, kind, ratio in (("pays", "careful", "cost_ratio"), ("may_pay", "square", "cost_ratio_low")):

@@ -1,0 +1,137 @@
+"""Tests of eq. (18): true ensembles are rejected as often as stated, wrong ones with the stated power."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from brownpipe.analysis import distribution, goodness
+from brownpipe.analysis.displacement import line_weights
+
+TIMES = np.arange(0, 1.01, 0.05)
+SETS = 600
+
+
+def ensembles(runs, edges, sets=SETS, seed=1):
+    """Free diffusers, D = 1/4, that obey eq. (18): of each set r^2 and ring at t = 1, three estimates of 4 D by run."""
+    rng = np.random.default_rng(seed)
+    weights = [line_weights(TIMES, window)[0] for window in ((0.1, 1.0), (0.5, 1.0))]
+    for _ in range(sets):
+        track = np.cumsum(rng.normal(0, math.sqrt(0.025), (runs, len(TIMES) - 1, 2)), axis=1)
+        squared = np.concatenate([np.zeros((runs, 1)), (track**2).sum(axis=-1)], axis=1)
+        ring = np.searchsorted(edges, np.sqrt(squared[:, -1]), side="right") - 1
+        estimates = squared[:, -1], *(squared @ weight for weight in weights)
+        yield squared[:, -1], ring, estimates
+
+
+def model(ring, estimate, edges, scale=1.0):
+    """Counts, what eq. (18) expects with D from these estimates (times a scale), and the source of this D."""
+    runs, d = len(ring), estimate.mean() / 4 * scale
+    expected, more, less = (
+        distribution.expected_ring_counts(runs, edges, 1.0, d * factor) for factor in (1, 1.0001, 0.9999)
+    )
+    shared = np.bincount(ring, estimate / estimate.mean() - 1, len(edges))
+    source = goodness.Estimated((more - less) / 2e-4, shared, estimate.var() / estimate.mean() ** 2)
+    return np.bincount(ring, minlength=len(edges)), expected, source
+
+
+@pytest.mark.parametrize(("runs", "width", "rings"), [(200, 0.1, 24), (2400, 0.04, 24)])
+def test_true_ensembles_are_rejected_as_often_as_stated(runs, width, rings):
+    """At 5 % and at 1 %, within 4 standard errors (0.9 and 0.4 % of 600 sets) and 0.4 % for the approximations.
+
+    With chi-square of K - 2 degrees the slope over [0.5, 1] is refused in 7 to 10 % at the 5 % level: more than that.
+    """
+    edges = distribution.ring_edges(width, rings)
+    p, joint = [], []
+    for squared, ring, estimates in ensembles(runs, edges):
+        shape = goodness.kurtosis_p_value((squared**2).mean() / (2 * squared.mean() ** 2), runs)
+        p.append([goodness.chi_square(*model(ring, one, edges)).p for one in estimates])
+        joint.append([goodness.both(one, shape) for one in p[-1]])
+    for level in (0.05, 0.01):
+        bound = 4 * math.sqrt(level * (1 - level) / SETS) + 0.004
+        assert np.all(np.abs(np.mean(np.array(p) < level, axis=0) - level) < bound)
+    assert np.all(np.abs(np.mean(np.array(joint) < 0.01, axis=0) - 0.01) < 4 * math.sqrt(0.01 / SETS) + 0.004)
+
+
+def test_power_is_the_share_of_tests_that_reject_a_wrong_d():
+    """D 5 % too large, from all three sources; within 4 standard errors of 300 sets and 3 % for the cumulants."""
+    edges, shares, said = distribution.ring_edges(0.04, 24), [], []
+    for set_, (_, ring, estimates) in enumerate(ensembles(2400, edges, 300, seed=2)):
+        tests = [goodness.chi_square(*model(ring, one, edges, 1.05)) for one in estimates]
+        shares.append([test.p < goodness.LEVEL for test in tests])
+        if set_ < 20:  # it hardly differs from set to set
+            models = [model(ring, one, edges)[1:] for one in estimates]
+            wrong = [distribution.expected_ring_counts(2400, edges, 1.0, one.mean() / 4 * 1.05) for one in estimates]
+            said.append([goodness.power(one[0], other, one[1]) for one, other in zip(models, wrong, strict=True)])
+    share, stated = np.mean(shares, axis=0), np.mean(said, axis=0)
+    assert np.all(np.abs(share - stated) < 4 * np.sqrt(stated * (1 - stated) / 300) + 0.03)
+    assert np.all(stated > 0.02)
+
+
+def test_a_known_d_gives_pearsons_chi_square():
+    from scipy.stats import chi2
+
+    expected = np.array([20.0, 30.0, 40.0, 10.0])
+    test = goodness.chi_square([25, 20, 45, 10], expected)
+    assert test.degrees_of_freedom == 3
+    assert test.p == pytest.approx(chi2.sf(test.statistic, 3), rel=1e-4)
+
+
+def test_a_d_fitted_to_the_counts_costs_one_degree_of_freedom():
+    """A maximum-likelihood fit has C = B/(B.B) and v = 1/(B.B): the weights are 0 and 1."""
+    from scipy.stats import chi2
+
+    edges = distribution.ring_edges(0.1, 20)
+    expected, more, less = (distribution.expected_ring_counts(5000, edges, 1.0, d) for d in (0.25, 0.250025, 0.249975))
+    change = (more - less) / 2e-4
+    information = (change**2 / expected).sum()
+    source = goodness.Estimated(change, 5000 * change / information, 5000 / information)
+    counts = np.random.default_rng(1).multinomial(5000, expected / 5000)
+    test = goodness.chi_square(counts, expected, source)
+    assert test.p == pytest.approx(chi2.sf(test.statistic, test.degrees_of_freedom), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "law", [(18, 1.0, 1.0), (18, 0.0, 3.5), (0, 0.7, 2.0), (1, 0.0, 0.0), (-1, 1.3, 0.0), (5, 8.0, 0.2)]
+)
+def test_the_tail_is_that_of_the_sum(law):
+    """Against 400,000 sums of squares, within 4.5 standard errors."""
+    ones, first, second = law
+    rng, n = np.random.default_rng(3), 400_000
+    sums = first * rng.standard_normal(n) ** 2 + second * rng.standard_normal(n) ** 2 * (ones >= 0)
+    sums += rng.chisquare(ones, n) if ones > 0 else 0.0
+    for x in np.quantile(sums, (0.2, 0.9, 0.99)):
+        chance = goodness.upper_tail(x, *law)
+        assert abs(np.mean(sums > x) - chance) < 4.5 * math.sqrt(chance * (1 - chance) / n) + 1e-6
+
+
+def test_the_moments_of_greenwoods_statistic():
+    """Of two parts u and 1 - u of 1, by integration: S = u^2 + (1 - u)^2, twice half of it."""
+    mean, variance, skewness = goodness._greenwood(2)
+    u = (np.arange(100_000) + 0.5) / 100_000
+    s = u**2 + (1 - u) ** 2
+    assert (mean, variance) == pytest.approx((s.mean(), s.var()), rel=1e-8)
+    assert skewness == pytest.approx(((s - s.mean()) ** 3).mean() / s.var() ** 1.5, rel=1e-6)
+    assert goodness._greenwood(10**8)[2] == pytest.approx(10 / 10**4, rel=1e-3)
+    assert Fraction(4 * 99, 101**2 * 102 * 103) * 2500 == pytest.approx(goodness._greenwood(100)[1], rel=1e-12)
+
+
+@pytest.mark.parametrize(("runs", "extra"), [(50, 0.008), (400, 0.002), (2400, 0.001)])
+def test_the_kurtosis_is_tested_at_the_stated_level(runs, extra):
+    """4,000 ensembles of exponential r^2, within 4 standard errors and what the docstring concedes."""
+    squared = np.random.default_rng(runs).exponential(1.0, (4000, runs))
+    each = (squared**2).mean(axis=1) / (2 * squared.mean(axis=1) ** 2)
+    for level in (0.05, 0.01):
+        share = np.mean([goodness.kurtosis_p_value(one, runs) < level for one in each])
+        assert abs(share - level) < 4 * math.sqrt(level * (1 - level) / 4000) + extra
+
+
+def test_holm_keeps_the_family_wise_level():
+    """16 tests of which all hold, independent or all the same: one or more rejected in 5 % of tables or fewer."""
+    rng, tables = np.random.default_rng(1), 4000
+    for p in (rng.random((tables, 16)), np.repeat(rng.random((tables, 1)), 16, axis=1)):
+        wrong = np.mean([goodness.holm(row).min() < 0.05 for row in p])
+        assert wrong < 0.05 + 4 * math.sqrt(0.05 * 0.95 / tables)
+    assert wrong > 0.0
+    assert goodness.holm([0.01, 0.04, np.nan, 0.03]) == pytest.approx([0.03, 0.06, np.nan, 0.06], nan_ok=True)
