@@ -16,7 +16,7 @@ tradeoff: $(INSTALLED)
 	snakemake tradeoff_figures --cores $(CORES) --configfile config/tradeoff.yaml
 
 test: $(INSTALLED)
-	python -m pytest
+	python -m pytest -n $(CORES) --dist loadfile
 
 bench: $(INSTALLED)
 	for benchmark in benchmarks/bench_*.py; do python $$benchmark || exit 1; done

@@ -15,6 +15,7 @@ from ensembles import DIFFUSION, make_runs, make_scene, study, walk, write
 
 SIGMAS = 4.5
 TIMES = np.arange(101) * 0.01
+RINGS = {"dr": 0.04, "rings": 24}
 WINDOWS = ((0.1, 1.0), (0.5, 1.0))
 
 
@@ -82,7 +83,7 @@ def test_chi_square_of_full_bins_is_pearsons():
     from scipy.stats import chisquare
 
     observed, expected = [18, 25, 30, 27], [20.0, 20.0, 35.0, 25.0]
-    test = analysis.chi_square(observed, expected, fitted=0)
+    test = analysis.chi_square(observed, expected)
     assert (test.statistic, test.p) == pytest.approx(tuple(chisquare(observed, expected)))
     assert test.degrees_of_freedom == 3
 
@@ -90,7 +91,7 @@ def test_chi_square_of_full_bins_is_pearsons():
 def test_sparse_bins_are_pooled():
     sparse = analysis.chi_square([1, 2, 9, 10, 3, 1], [2.0, 4.0, 7.0, 9.0, 3.0, 1.0])
     assert sparse == analysis.chi_square([3, 9, 14], [6.0, 7.0, 13.0])
-    assert sparse.degrees_of_freedom == 1
+    assert sparse.degrees_of_freedom == 2
 
 
 def test_chi_square_without_freedom_is_nan():
@@ -107,7 +108,7 @@ def test_chi_square_of_diffusers_has_its_degrees_of_freedom():
         expected = distribution.expected_ring_counts(runs, edges, 1.0, squared.mean() / 4)
         test = analysis.chi_square(counts, expected)
         statistics.append(test.statistic)
-        assert test.degrees_of_freedom == 22  # 24 rings, the first two pooled, and the overflow
+        assert test.degrees_of_freedom == 23  # 24 rings, the first two pooled, and the overflow
     error = np.sqrt(2 * 22 / ensembles)
     assert 22 - SIGMAS * error < np.mean(statistics) < 23 + SIGMAS * error
 
@@ -182,7 +183,7 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def dataset(files):
-    return aggregate(files)
+    return aggregate(files, **RINGS)
 
 
 def test_dataset_has_every_case(dataset):
@@ -219,7 +220,7 @@ def test_failed_runs_are_not_averaged_in(dataset, files, tmp_path):
     assert dataset.seed[(dataset.run_status == 1).any(("scene", "particles", "engine"))].values.tolist() == [7, 33]
     assert np.isfinite(dataset.energy_drift).all()
     kept = [seed for seed in range(60) if seed not in (7, 33)]
-    alone = aggregate([write(tmp_path, make_runs(make_scene("hot", 10), kept))])
+    alone = aggregate([write(tmp_path, make_runs(make_scene("hot", 10), kept))], **RINGS)
     mine = dataset.sel(scene="hot", particles=10, engine="exact")
     for name in ("msd", "msd_high", "slope", "displacement_counts", "pair_collisions"):
         assert np.array_equal(mine[name].squeeze(), alone[name].squeeze())
@@ -246,11 +247,11 @@ def test_collision_counts_are_means_over_runs(dataset):
 
 
 def test_order_and_batches_do_not_matter(dataset, files, tmp_path):
-    assert aggregate(files[::-1]).identical(dataset)
+    assert aggregate(files[::-1], **RINGS).identical(dataset)
     whole = study(tmp_path, batch=60, failed=(7, 33))
     assert len(whole) == 4
     write_dataset(tmp_path / "one.nc", dataset)
-    write_dataset(tmp_path / "two.nc", aggregate(whole))
+    write_dataset(tmp_path / "two.nc", aggregate(whole, **RINGS))
     assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "two.nc").read_bytes()
 
 
@@ -379,7 +380,7 @@ def test_times_that_differ_by_round_off_are_one(tmp_path):
     [
         ({"windows": ((0.1, 1.0), (0.1000001, 1.0))}, r"\[0.1, 1\]: must differ"),
         ({"windows": ((0.1, 1.0), (2.0, 3.0))}, r"fit window \[2, 3\]: must end by 1"),
-        ({"dr": 1e300}, "ring width 1e.300: must be at most 6000"),
+        ({"dr": 1e300, "rings": 24}, "ring width 1e.300: must be at most 6000"),
     ],
 )
 def test_windows_and_rings_that_say_nothing(asked, message, tmp_path):

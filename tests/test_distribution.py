@@ -52,10 +52,10 @@ def test_verdict_says_p_and_power(dataset):
     assert one.p_value_joint.item() == min(1.0, 2 * min(numbers[:2]))
     square = dataset.isel(displacement_time=0).sel(model="square")
     assert square.p_value_joint.item() == square.p_value.item()
-    assert distribution.verdict(0.3, 0.4, 0.123).startswith("not rejected at 1%: rings p = 0.3, kurtosis p = 0.4; ")
-    assert distribution.verdict(1e-5, 0.4, 0.9).startswith("rejected at 1%: rings p = 1e-05, kurtosis p = 0.4; ")
+    assert distribution.verdict(0.3, 0.4, 0.123).startswith("not rejected at 1%: rings p = 0.30, kurtosis p = 0.40; ")
+    assert distribution.verdict(1e-5, 0.4, 0.9).startswith("rejected at 1%: rings p = 1.0e-05, kurtosis p = 0.40; ")
     assert distribution.verdict(0.4, 1e-5, 0.9).startswith("rejected at 1%")
-    assert distribution.verdict(0.008, np.nan, 0.9).startswith("rejected at 1%: rings p = 0.008; ")
+    assert distribution.verdict(0.008, np.nan, 0.9).startswith("rejected at 1%: rings p = 0.0080; ")
     assert distribution.verdict(np.nan, np.nan, np.nan).startswith("not tested")
 
 

@@ -32,14 +32,16 @@ def test_default_study_is_the_note():
     ]
     assert study.batches == [(0, 2399)]
     assert (len(study.jobs()), study.engines) == (8, (Engine("exact"),))
-    assert study.ring_edges[[0, 1, -1]].tolist() == [0.0, 0.04, 0.96]
+    assert (study.ring_width, study.rings) == (0.04, 24)
     assert all(path.is_file() for path in study.scenes)
 
 
 def test_small_study_says_the_rest_by_default():
     default = read_study(CONFIG / "harrison2020.yaml")
-    for key in ("engines", "figures", "fit_windows", "ring_width", "rings"):
+    for key in ("engines", "figures", "fit_windows"):
         assert getattr(small(), key) == getattr(default, key)
+    assert small().ring_width is small().rings is None and small().counting == ""
+    assert default.counting == "--ring-width 0.04 --rings 24"
 
 
 def test_jobs_are_every_case_by_every_batch():
@@ -79,8 +81,8 @@ def test_engines_have_short_labels_and_say_all_on_the_command_line():
     labels = ["exact", "timestep-0.001", "timestep-0.001-single", "timestep-1e-05", "langevin-enskog"]
     assert [engine.label for engine in engines] == labels
     assert engines[0].words == "exact"
-    assert engines[1].words == "timestep --time-step 0.001 --precision double"
-    assert engines[2].words == "timestep --time-step 0.001 --precision single"
+    assert engines[1].words == "timestep --time-step 0.001 --precision double --collisions at_contact"
+    assert engines[2].words == "timestep --time-step 0.001 --precision single --collisions at_contact"
     assert engines[4].words == "langevin --friction enskog"
 
 

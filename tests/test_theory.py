@@ -69,16 +69,6 @@ def test_diffusion_from_the_msd_in_the_square():
     assert np.isnan(theory.reflecting_square_diffusion(0.0, 1.3, 2.7))
 
 
-def test_power_is_the_share_of_tests_that_refuse():
-    """Pearson's test of 4,000 multinomial samples with shares 0.3, 0.3, 0.4 where a third each is expected."""
-    counts = np.random.default_rng(13).multinomial(400, [0.3, 0.3, 0.4], 4000)
-    statistic = ((counts - 400 / 3) ** 2 / (400 / 3)).sum(axis=1)
-    refused = (statistic > 5.991464547107979).mean()  # the 95 % point of chi-square with 2 degrees
-    expected = theory.chi_square_power(400 * 3 * ((np.array([0.3, 0.3, 0.4]) - 1 / 3) ** 2).sum(), 2)
-    assert abs(refused - expected) < SIGMAS * np.sqrt(0.25 / 4000)
-    assert theory.chi_square_power(0.0, 7) == pytest.approx(0.05, abs=1e-12)
-
-
 def test_propagator_is_normalised_and_has_the_diffusive_msd():
     t, diffusion = 0.7, 0.31
     assert integral(lambda r: theory.propagator(r, t, diffusion) * 2 * np.pi * r, 0, 12) == pytest.approx(1, abs=1e-6)

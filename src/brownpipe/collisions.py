@@ -9,8 +9,9 @@ from brownpipe.kernels import kernel
 
 # At contact x*x + y*y is sigma^2 but for its last bits. Floating-point numbers lie twice as far apart just above a
 # power of two as just below it. There, at sigma = 1 for instance, the sum is rounded to one side on average, and every
-# collision changes the energy by the same 3e-17 kT. The factor 2^(-1/4) takes powers of 2 and of sqrt(2) off the edge.
-OFF_POWERS_OF_TWO = 0.8408964152537146
+# collision changes the energy by the same 3e-17 kT. The factor takes powers of two off that edge, and as a simple
+# fraction it keeps collisions exact whose numbers are simple fractions.
+OFF_POWERS_OF_TWO = 0.75
 
 
 @kernel
@@ -57,10 +58,9 @@ def wall_time(gap, speed):
 def exchange(x, y, u, v):
     """The vector f of eqs. (7)-(8): the part of the relative velocity (u, v) along the line of centres (x, y).
 
-    It does not depend on the length of (x, y), which is scaled: see OFF_POWERS_OF_TWO.
+    Numerator and denominator have a factor that cancels, see OFF_POWERS_OF_TWO.
     """
-    x, y = OFF_POWERS_OF_TWO * x, OFF_POWERS_OF_TWO * y
-    f = (x * u + y * v) / (x * x + y * y)
+    f = OFF_POWERS_OF_TWO * (x * u + y * v) / (OFF_POWERS_OF_TWO * (x * x) + OFF_POWERS_OF_TWO * (y * y))
     return f * x, f * y
 
 

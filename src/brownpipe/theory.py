@@ -329,17 +329,3 @@ def disk_area_in_rectangle(r, x, y, width, height):
 
     across, along = ([(d, less_half(d)) for d in (s / 2 - at, s / 2 + at)] for s, at in ((width, x), (height, y)))
     return sum(quadrant(a, b, half_a, half_b) for a, half_a in across for b, half_b in along)
-
-
-# --- tests
-
-
-def chi_square_power(noncentrality, degrees_of_freedom, level=0.05):
-    """Chance that a chi-square test at `level` refuses an expectation whose counts are off by `noncentrality`.
-
-    The statistic is then noncentral chi-square, with noncentrality sum (true - expected)^2/expected over the bins
-    (to first order in the deviations; W. G. Cochran, Ann. Math. Statist. 23, 315 (1952)).
-    """
-    from scipy.special import chdtri, chndtr
-
-    return 1.0 - chndtr(chdtri(degrees_of_freedom, level), degrees_of_freedom, noncentrality)

@@ -179,9 +179,9 @@ def verdict(p, kurtosis_p, chance):
     if np.isnan(p):
         return "not tested: too few runs or no diffusion coefficient"
     said = "rejected" if goodness.both(p, kurtosis_p) < goodness.LEVEL else "not rejected"
-    shape = "" if np.isnan(kurtosis_p) else f", kurtosis p = {kurtosis_p:.2g}"
+    shape = "" if np.isnan(kurtosis_p) else f", kurtosis {goodness.in_words(kurtosis_p)}"
     seen = f"power: a D wrong by {WRONG_BY:.0%} is rejected with probability {chance:.0%}"
-    return f"{said} at {goodness.LEVEL:.0%}: rings p = {p:.2g}{shape}; {seen}"
+    return f"{said} at {goodness.LEVEL:.0%}: rings {goodness.in_words(p)}{shape}; {seen}"
 
 
 def kurtosis(found):

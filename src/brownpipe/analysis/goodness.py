@@ -128,6 +128,8 @@ def upper_tail(x, ones, first, second):
     """
     from scipy.special import gammaincc
 
+    if first == second == 1.0:
+        return float(gammaincc(ones / 2 + 1, x / 2))
     if ones < 0:
         return float(gammaincc(0.5, x / (2 * first))) if first > 0.0 else float(x <= 0.0)
     angle = np.pi / 2 * (np.arange(48) + 0.5) / 48
@@ -196,6 +198,11 @@ def _greenwood(n):
 
 
 # --- several tests at once
+
+
+def in_words(p):
+    """`p = 0.31`, `p = 0.0020`; what is smaller than it can be known is `p < 1e-12`."""
+    return "p < 1e-12" if p < 1e-12 else f"p = {p:.2f}" if p >= 0.095 else f"p = {p:#.2g}"
 
 
 def both(p, q):

@@ -2,52 +2,66 @@
 
 import numpy as np
 
+from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
 from brownpipe.figures.cases import at_last_distribution, cases_of, has_msd, over_time, plus_minus, title_of
-from brownpipe.figures.displacement_distribution import p_text
 from brownpipe.figures.tables import Table
 
-PASSES = 0.01  # smallest p at which a distribution is said to pass
+TESTS = ("D = MSD/4t", "D = slope/4")  # of eq. (18), the first two models of a dataset
+SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 
 
 def summary(dataset):
     """The answer as a plain-text table with one line per scene, particle count and engine.
 
-    Runs, MSD at the end, slope and D = slope/4 over the first window with their standard errors over runs, and whether
-    eq. (18) passes its chi-square test with either D. Below it, seeds that failed or are missing.
+    Runs, MSD at the end, slope and D = slope/4 over the first window with their standard errors over runs, the kurtosis
+    of the displacement at the end, and p-values of eq. (18) with either D. Those of the whole table are one family:
+    what is rejected is so at the family-wise level (Holm). Below it, seeds that failed or are missing.
     """
     cases = cases_of(dataset)
     durations = sorted({case.duration.item() for case in cases})
     end = f"{durations[0]:g}" if len(durations) == 1 else "end"
     window = dataset.window.values[0]
-    head = ("scene", "N", "engine", "runs", f"MSD({end})", f"slope {window}", f"D {window}", "MSD/4t", "slope/4")
-    rows = [head, *map(_row, cases)]
+    head = ("scene", "N", "engine", "runs", f"MSD({end})", f"slope {window}", f"D {window}", "kurtosis", *TESTS)
+    p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
+    rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
+    rows = [head, *map(_row, cases, p, rejected)]
     columns = [column for column in zip(*rows, strict=True) if column[0] != "engine" or len(set(column)) > 2]
     widths = [max(map(len, column)) for column in columns]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*columns, strict=True)]
-    return "\n".join([*lines, *_remarks(cases)]) + "\n"
+    return "\n".join([*lines, *_remarks(cases, np.count_nonzero(np.isfinite(p)))]) + "\n"
 
 
-def _row(case):
+def _p_values(case):
+    """Of eq. (18) with either D, by rings and kurtosis together; NaN where there is no test."""
+    return at_last_distribution(case).p_value_joint.values[: len(TESTS)] if has_msd(case) else [np.nan] * len(TESTS)
+
+
+def _row(case, p, rejected):
     """One line of the text table."""
     names = (case.scene.item(), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
     if not has_msd(case):
-        return (*names, *["-"] * 5)
+        return (*names, *["-"] * 6)
     last, fit = over_time(case).isel(time=-1), case.isel(window=0)
     estimates = [(last, "msd"), (fit, "slope"), (fit, "diffusion_coefficient")]
     numbers = [plus_minus(part[name], part[f"{name}_standard_error"]) for part, name in estimates]
-    return (*names, *numbers, *map(_verdict, at_last_distribution(case).p_value.values[:2]))
+    end = at_last_distribution(case)
+    shape = plus_minus(end.kurtosis, end.kurtosis_standard_error)
+    return (*names, *numbers, shape, *map(_verdict, p, rejected))
 
 
-def _verdict(p):
-    return "-" if np.isnan(p) else f"{'passes' if p >= PASSES else 'fails'} p={p_text(p)}"
+def _verdict(p, rejected):
+    return "-" if np.isnan(p) else f"{'rejected, ' if rejected else ''}{in_words(p)}"
 
 
-def _remarks(cases):
+def _remarks(cases, tests):
     """How to read the table, and which runs it lacks."""
     from brownpipe.storage import seed_text
 
-    yield "±: one standard error over runs. D belongs to its window. MSD/4t, slope/4: eq. (18) with this D, chi-square."
+    yield "±: one standard error over runs. D belongs to its window of time."
+    if tests:
+        yield "kurtosis: <r^4>/(2 <r^2>^2), 1 by eq. (18). p: eq. (18) with this D, by rings and kurtosis together."
+        yield f"rejected: at a family-wise level of {FAMILY_LEVEL:.0%} for the {tests} tests of this table (Holm)."
     for case in cases:
         for status, what in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[case.run_status.values == status]
@@ -77,14 +91,16 @@ def summary_table(dataset):
     tests = [
         (test, k, model)
         for k, model in enumerate(dataset.model.values)
-        for test in ("chi_square", "degrees_of_freedom", "p_value")
+        for test in ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
     ]
     rows = []
     for case in cases_of(dataset):
-        counts = [case[name].item() for name in header[:6]]
+        counts, end = [case[name].item() for name in header[:6]], at_last_distribution(case)
         last = over_time(case).isel(time=slice(-1, None))
         final = [case.duration.item(), *(last[name].item() if last.sizes["time"] else np.nan for name in header[7:])]
-        verdicts = [at_last_distribution(case)[test].values[k] for test, k, _ in tests]
+        shape = [end[name].item() if name in end else np.nan for name in SHAPE]
+        verdicts = [end[test].values[k] for test, k, _ in tests]
         for k in range(case.sizes["window"]):
-            rows.append((*counts, *final, *(case.isel(window=k)[name].item() for name in fits), *verdicts))
-    return Table((*header, *fits, *(f"{test}, {model}" for test, _, model in tests)), rows)
+            fit = case.isel(window=k)
+            rows.append((*counts, *final, *(fit[name].item() for name in fits), *shape, *verdicts))
+    return Table((*header, *fits, *SHAPE, *(f"{test}, {model}" for test, _, model in tests)), rows)

@@ -5,7 +5,7 @@ from itertools import chain
 
 import numpy as np
 
-from brownpipe.figures.cases import distributions_of, title_of
+from brownpipe.figures.cases import distributions_of, plus_minus, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, FREE, INK, MOST_COLUMNS, START, heads, tall_and_low
 from brownpipe.figures.tables import Table
 
@@ -28,7 +28,9 @@ def draw(cases):
     if all(len(row) == 1 for row in table):
         table = [[row[0] for row in table]]
     table = [row[k : k + MOST_COLUMNS] for row in table for k in range(0, len(row), MOST_COLUMNS)]
-    figure, axes = tall_and_low(max(map(len, table)), rows=len(table), ratio=2.2, height=HEIGHT)
+    alike = len({_width(case) for row in table for case in row}) == 1  # counts in rings of one width compare
+    sharing = {"sharey": "row" if alike else False}
+    figure, axes = tall_and_low(max(map(len, table)), rows=len(table), ratio=2.2, height=HEIGHT, **sharing)
     for k, row in enumerate(table):
         _row(axes[2 * k : 2 * k + 2], row)
     return figure
@@ -39,16 +41,21 @@ def _row(axes, cases):
         _counts(main, case)
         _deviations(low, case)
         low.tick_params(labelbottom=True)
-        low.set_xlabel("distance $r$ from the start (reduced units)")
+        low.set_xlabel("distance $r$ from the start")
         below = {"xycoords": ("axes fraction", low.xaxis.label), "fontsize": 8.8, "va": "top"}
         low.annotate(_words(case), (0, 0), (0, -5), textcoords="offset points", **below)
     heads(axes[0, : len(cases)], [f"{title_of(case)}, $t$ = {_time(case):g}" for case in cases])
     for main, low in axes.T[len(cases) :]:
         main.set_axis_off()
         low.set_axis_off()
-    axes[0, 0].set_ylim(0, 1.05 * max(float(case.displacement_counts_high.max()) for case in cases))
-    axes[0, 0].set_ylabel(f"runs between $r$ and $r$ + {_width(cases[0]):g}")
-    axes[1, 0].locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
+    shared = axes[0, 0].get_shared_y_axes().get_siblings(axes[0, 0])
+    for main, case in zip(axes[0], cases, strict=False):
+        beside = cases if len(shared) > 1 else [case]
+        main.set_ylim(0, 1.05 * max(float(one.displacement_counts_high.max()) for one in beside))
+        if main is axes[0, 0] or len(shared) == 1:
+            main.set_ylabel(f"runs between $r$ and $r$ + {_width(case):.4g}")
+    for low in axes[1, : len(cases)]:
+        low.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
     axes[1, 0].set_ylabel("(found - expected)\n/ standard error")
 
 
@@ -57,9 +64,11 @@ def _time(case):
 
 
 def _words(case):
-    """What the dataset says about the test of every model that is shown, and what such a test can see."""
+    """The verdict on every model that is shown, the power of its test, and the kurtosis."""
     said = [(SOURCES[_source(model)], *model.verdict.item().partition("; ")) for model, _ in _models(case)]
     lines = [f"{source}: {verdict}" for source, verdict, _, _ in said] + [seen for *_, seen in said[:1]]
+    if np.isfinite(case.kurtosis):
+        lines.append(f"kurtosis {plus_minus(case.kurtosis, case.kurtosis_standard_error)}; 1 by eq. (18)")
     return "\n".join(line for words in lines for line in textwrap.wrap(words, LINE))
 
 
@@ -94,11 +103,6 @@ def _verdict(model):
 def _source(model):
     """Where its D comes from: the first word of the model's name."""
     return str(model.model.values).partition(" ")[0]
-
-
-def p_text(p):
-    """`0.33`, `0.020`, or a dash where there is no test."""
-    return "-" if np.isnan(p) else f"{float(p):.2f}" if p >= 0.095 else f"{float(p):#.2g}"
 
 
 def _deviations(axes, case):

@@ -8,7 +8,8 @@ import numpy as np
 
 STRETCHES, FEWER = 5, 3  # the median of so many; of fewer where a run takes longer than LONG
 LEAST, LONG = 0.2, 2.0  # CPU seconds of a stretch at least, and of a long run
-MOST_RUNS = 2000  # in a stretch
+MOST_RUNS = 10_000  # in a stretch
+LONGER = 4.0  # times what a call takes once is a stretch at least, for the difference to be well above its noise
 FIRST_SEED = 2**41  # of no study
 
 
@@ -49,7 +50,7 @@ def _ready(engine, scene):
     _seconds(engine, scene, seeds, 1)
     single, few = _seconds(engine, scene, seeds, 1), _seconds(engine, scene, seeds, 5)
     each = max((few - single) / 4, 1e-6)
-    runs = int(np.clip(np.ceil(LEAST / each), 1, MOST_RUNS))
+    runs = int(np.clip(np.ceil(max(LEAST, LONGER * (single - each)) / each), 1, MOST_RUNS))
 
     def stretch():
         alone = _seconds(engine, scene, seeds, 1)
