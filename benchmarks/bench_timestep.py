@@ -1,4 +1,4 @@
-"""What a time step costs and spoils: the time-stepping engine beside the exact one, the tables of docs/decisions.md.
+"""What a time step costs and spoils: the time-stepping engine beside the exact one, as tables.
 
     python benchmarks/bench_timestep.py
     python benchmarks/bench_timestep.py --quick     a few short runs, of each kind
@@ -13,6 +13,7 @@ import argparse
 import json
 import time
 from functools import partial
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from brownpipe import exact, timestep
 from brownpipe.analysis.departure import SHARE, departure_time
 from brownpipe.scene import SceneError, parse_scene, read_scene
 from brownpipe.state import draw
+from brownpipe.timestep.setup import COLLISIONS
 
 STEPS = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 BOX_STEPS = (1e-4, 1e-3, 1e-2)
@@ -58,7 +60,7 @@ def seconds(run, repeats):
 
 
 def runs_of_the_note(effort):
-    """Time per run, bias, missed collisions and departure against the time step, in the note's scene."""
+    """Time per run, bias and departure against the time step, in the note's scene."""
     scene, seeds = read_scene(ROOT / "config/scenes/harrison2020.yaml"), effort.seeds
     states, there = [draw(scene, seed) for seed in range(effort.states)], exact.simulate(scene, range(seeds))
     reference = exact.prepared(scene)
@@ -66,33 +68,32 @@ def runs_of_the_note(effort):
     alone *= 1e3 / len(states)
     pairs = there.observables["pair_collisions"]
     yield f"exact: {alone:.3f} ms a run, {pairs.mean():.1f} pair collisions\n"
-    yield "| dt | double, ms | single, ms | of exact | bias, % | missed, % | departs at, median | worst overlap |"
+    yield "| dt | collisions | double, ms | single, ms | of exact | bias, % | departs at, median | worst overlap |"
     yield "|---|---|---|---|---|---|---|---|"
-    for dt in effort.steps:
+    for dt, collisions in product(effort.steps, COLLISIONS):
         few = states if dt > 1e-4 else states[: effort.states // 5]
-        double, single = (milliseconds(scene, few, dt, one, effort) for one in PRECISIONS)
-        run = timestep.simulate(scene, range(seeds), time_step=dt)
+        double, single = (milliseconds(scene, few, dt, one, collisions, effort) for one in PRECISIONS)
+        run = timestep.simulate(scene, range(seeds), time_step=dt, collisions=collisions)
         less = 100 * (run.observables["pair_collisions"] - pairs) / pairs.mean()
-        missed = 100 * run.observables["missed_collisions"].mean() / pairs.mean()
         departed = departure_time(scene.times, run.tracer.position, there.tracer.position, SHARE * scene.radius[0])
         yield (
-            f"| {dt:g} | {double:.2f} | {single:.2f} | {double / alone:.1f} | {less.mean():.2f} +- "
-            f"{less.std(ddof=1) / seeds**0.5:.2f} | {missed:.2f} | {np.median(departed):.2f} | "
+            f"| {dt:g} | {collisions} | {double:.2f} | {single:.2f} | {double / alone:.1f} | {less.mean():.2f} +- "
+            f"{less.std(ddof=1) / seeds**0.5:.2f} | {np.median(departed):.2f} | "
             f"{np.median(run.observables['worst_overlap']):.3f} |"
         )
 
 
-def stepping(scene, dt, precision):
+def stepping(scene, dt, precision, collisions):
     """The engine; None where it refuses the time step, too short for the precision."""
     try:
-        return timestep.prepared(scene, dt, precision)
+        return timestep.prepared(scene, dt, precision, collisions)
     except SceneError:
         return None
 
 
-def milliseconds(scene, states, dt, precision, effort):
+def milliseconds(scene, states, dt, precision, collisions, effort):
     """Median CPU time of a run from each of the states [ms]; NaN where the time step is refused."""
-    engine = stepping(scene, dt, precision)
+    engine = stepping(scene, dt, precision, collisions)
     if engine is None:
         return float("nan")
     all_runs = seconds(lambda: [timestep.run(engine, state, scene.times) for state in states], effort.repeats)
@@ -101,8 +102,8 @@ def milliseconds(scene, states, dt, precision, effort):
 
 def boxes(effort):
     """Time per unit of time against N, packing fraction and time step, in periodic boxes that were melted before."""
-    yield "| N | phi | exact, ms | dt | double, ms | single, ms | of exact | bias, % |"
-    yield "|---|---|---|---|---|---|---|---|"
+    yield "| N | phi | exact, ms | dt | collisions | double, ms | single, ms | of exact | bias, % |"
+    yield "|---|---|---|---|---|---|---|---|---|"
     for n, phi in effort.boxes:
         yield from box(
             with_duration(scene_of(Case(n, phi, "periodic", "equal")), LONGER * effort.disk_time / n), effort
@@ -116,14 +117,15 @@ def box(scene, effort):
     state = draw(scene, 0)._replace(position=melted.position[-1], velocity=melted.velocity[-1])
     alone = milliseconds_of_time(lambda times: exact.run(engine, state, times), long, effort)
     pairs = exact.run(engine, state, long).observables["pair_collisions"]
-    for dt in effort.box_steps:
-        engines = [stepping(scene, dt, one) for one in PRECISIONS]
+    for dt, collisions in product(effort.box_steps, COLLISIONS):
+        engines = [stepping(scene, dt, one, collisions) for one in PRECISIONS]
         runs = [None if one is None else partial(timestep.run, one, state) for one in engines]
         double, single = (milliseconds_of_time(run, long, effort) for run in runs)
         found = timestep.run(engines[0], state, long).observables["pair_collisions"]
+        bias, error = 100 * (found / pairs - 1), 100 * np.sqrt(1 / found + 1 / pairs)
         yield (
-            f"| {n} | {scene.packing_fraction:.2f} | {alone:.3g} | {dt:g} | {double:.3g} | {single:.3g} | "
-            f"{double / alone:.1f} | {100 * (found / pairs - 1):.1f} +- {100 * np.sqrt(1 / found + 1 / pairs):.1f} |"
+            f"| {n} | {scene.packing_fraction:.2f} | {alone:.3g} | {dt:g} | {collisions} | {double:.3g} | "
+            f"{single:.3g} | {double / alone:.1f} | {bias:.1f} +- {error:.1f} |"
         )
 
 

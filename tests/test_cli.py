@@ -115,10 +115,12 @@ def test_an_engine_gets_its_settings_and_no_other(capsys, monkeypatch, runs):
     asked = ["simulate", SCENE, "--particles", 10, "--seeds", "0-2", *STEP, "--output", "x.h5"]
     assert said(capsys, *asked) == (DONE, "", "")
     nothing_measured = {"observables": (), "average": "runs"}
-    settings = {"time_step": 0.01, "precision": "double"}
+    settings = {"time_step": 0.01, "precision": "double", "collisions": "at_contact"}
     assert calls == [([0, 1, 2], frozenset({"tracer"}), nothing_measured | settings)]
-    assert read_trajectories("x.h5").settings == {"time_step": 0.01, "precision": "double"}
-    assert b"--engine timestep --time-step 0.01 --precision double`" in Path("x.h5").read_bytes()
+    assert read_trajectories("x.h5").settings == settings
+    assert (
+        b"--engine timestep --time-step 0.01 --precision double --collisions at_contact`" in Path("x.h5").read_bytes()
+    )
     assert "engine       timestep" in said(capsys, "inspect", "x.h5")[1]
 
 

@@ -12,7 +12,7 @@ from matplotlib.text import Text
 
 from brownpipe import cli, figures, state, storage
 from brownpipe.analysis import aggregate
-from brownpipe.figures import cases, pair_distribution, style
+from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
 from brownpipe.figures.tables import Table, to_csv
 from brownpipe.study import FIGURES
 from ensembles import make_runs, make_scene, study, write
@@ -618,3 +618,27 @@ def test_numbers_are_written_to_their_error():
 def test_csv_gives_numbers_back():
     contents = to_csv(Table(("a", "b", "c"), [(0.1 + 0.2, np.float64("nan"), np.int64(3)), (1.0, np.inf, "x, y")]))
     assert contents == b'a,b,c\n0.30000000000000004,,3\n1,inf,"x, y"\n'
+
+
+def test_distributions_in_rings_of_different_widths_keep_their_own_axes(tmp_path):
+    """Scenes of very different sizes, in rings from the data; and walls that leave rings without runs."""
+    paths = []
+    for name, size in (("large", 1.0), ("small", 0.1), ("wide", 8.0)):
+        trajectories = make_runs(make_scene(name, boundary="periodic"), range(100))
+        trajectories.ensemble.tracer.position[...] *= size
+        paths.append(write(tmp_path, trajectories))
+    shown = cases.cases_of(aggregate(paths, displacement_times=(0.2, 1.0)))
+    with style.drawing():
+        figure = displacement_distribution.draw(shown)
+        style.image_bytes(figure, "png")
+    distributions = [one for case in shown for one in cases.distributions_of(case)]
+    panels = np.reshape(figure.axes, (-1, 2, 2)).swapaxes(1, 2).reshape(-1, 2)
+    for (main, low), one in zip(panels, distributions, strict=True):
+        edge = one.r_outer.values[-1]
+        assert edge < main.get_xlim()[1] < 1.5 * edge and main.get_xlim() == low.get_xlim()
+        assert low.get_xticklabels()[-1].get_text() == f"> {edge:g}"
+    saturated = make_runs(make_scene("saturated"), range(300), diffusion=4.0)
+    with style.drawing():
+        style.image_bytes(
+            displacement_distribution.draw(cases.cases_of(aggregate([write(tmp_path, saturated)]))), "png"
+        )

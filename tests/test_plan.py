@@ -17,8 +17,8 @@ from brownpipe.study import read_study
 from ensembles import make_runs, make_scene, write
 
 EXACT = Engine("exact")
-COARSE = Engine("timestep", (("time_step", 0.03), ("precision", "double")))
-FINE = Engine("timestep", (("time_step", 0.001), ("precision", "double")))
+COARSE = Engine("timestep", (("time_step", 0.03), ("precision", "double"), ("collisions", "at_contact")))
+FINE = Engine("timestep", (("time_step", 0.001), ("precision", "double"), ("collisions", "at_contact")))
 SCENE = """\
 box: {x: [-3.0, 3.0], y: [-3.0, 3.0]}
 particles: 12

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from brownpipe.engines import recorded
 from brownpipe.reading import SceneError
 from brownpipe.seeds import parse_seeds, stretches
 from brownpipe.study import Engine, Job, read_study
@@ -84,6 +85,13 @@ def test_engines_have_short_labels_and_say_all_on_the_command_line():
     assert engines[1].words == "timestep --time-step 0.001 --precision double --collisions at_contact"
     assert engines[2].words == "timestep --time-step 0.001 --precision single --collisions at_contact"
     assert engines[4].words == "langevin --friction enskog"
+
+
+def test_time_steps_of_files_that_do_not_say_so_collided_late():
+    before = recorded({"name": "timestep", "time_step": 0.01, "precision": "single"})
+    assert before.label == "timestep-0.01-single-late"
+    assert recorded({"name": "timestep", "time_step": 0.01, "collisions": "at_contact"}).label == "timestep-0.01"
+    assert recorded({"name": "langevin", "friction": "enskog"}).label == "langevin-enskog"
 
 
 @given(st.floats(5e-324, 1.7e308), st.floats(5e-324, 1.7e308))

@@ -7,6 +7,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -69,14 +70,18 @@ def twin(state, box, dt, steps, collisions):
         (rx, ry), (ux, uy), sigma = x[k] + image * size - x[i], v[k] - v[i], radius[i] + radius[k]
         approach, speed2, cross = rx * ux + ry * uy, ux * ux + uy * uy, rx * uy - ry * ux
         overlapping = rx * rx + ry * ry < sigma * sigma
+        if late:
+            return rx, ry, ux, uy, overlapping and approach < 0, 0.0
         since, root, free = -1.0, speed2 * (sigma * sigma) - cross * cross, now - max(course[i], course[k])
-        if root > 0 and not late:
+        if root > 0:
             root = math.sqrt(root)
             apart = sigma * sigma - (rx * rx + ry * ry)
             since = (approach + root) / speed2 if approach > 0 else apart / (root - approach)
-        if 0 <= since <= free:
-            return rx, ry, ux, uy, True, since
-        return rx, ry, ux, uy, overlapping and approach < 0, 0.0 if late else free
+        met = 0 <= since <= free
+        if not met:
+            since, bx, by = free, rx - ux * free, ry - uy * free
+            met = bx * bx + by * by < sigma * sigma and bx * ux + by * uy < 0
+        return rx, ry, ux, uy, met and (since <= 2 * dt or overlapping), since
 
     for step in range(steps):
         now = (step + 1) * dt
@@ -99,13 +104,16 @@ def twin(state, box, dt, steps, collisions):
         for i, axis in np.ndindex(x.shape) if not box.periodic else ():
             left = low[axis] - (x[i, axis] - radius[i])
             right = x[i, axis] + radius[i] - (low + size)[axis]
-            if (left > 0 > v[i, axis]) or (right > 0 < v[i, axis]):
-                beyond, speed = max(left, right), abs(v[i, axis])
+            beyond, speed = left if v[i, axis] < 0 else right, abs(v[i, axis])
+            if speed > 0 and beyond > 0:
+                gap, inward, hits = size[axis] - 2 * radius[i], -np.sign(v[i, axis]), 1
                 if not late:
-                    x[i, axis] += 2 * beyond if left > 0 else -2 * beyond
-                    course[i] = max(course[i], now - beyond / speed)
-                v[i, axis] = -v[i, axis]
-                walls += 1
+                    hits = int(beyond / gap) + 1
+                    rest = beyond - (hits - 1) * gap
+                    x[i, axis] = x[i, axis] + inward * beyond + inward * (rest if hits % 2 else gap - rest)
+                    course[i] = max(course[i], now - rest / speed)
+                v[i, axis] *= (-1) ** hits
+                walls += hits
     return x, v, pairs, walls
 
 
@@ -196,6 +204,48 @@ def test_a_disk_meets_walls_in_time_whatever_the_step():
         inside = np.abs(there.whole[0].position).max(axis=(1, 2)) < 0.75 - 1.7 * dt  # a sample may lie before a bounce
         assert np.abs(run.whole[0].position - there.whole[0].position)[inside].max() < 1e-10
         assert np.count_nonzero(inside) > 150
+
+
+@pytest.mark.parametrize(
+    ("radius", "speed", "dt"), [(0.45, 1.0, 0.3), (0.45, 1.0, 0.15), (0.49, 0.3, 0.1), (0.3, 1.0, 0.05)]
+)
+def test_a_disk_in_a_narrow_gap_meets_both_walls_in_a_step(radius, speed, dt):
+    scene = explicit(W, 1.0, [((0.01, 0.0), (0.3 * speed, speed), radius, 1.0)], 10.0, sample_interval=0.5)
+    there, run = (engine(scene, [0], {"all"}) for engine in (exact.simulate, partial(timestep.simulate, time_step=dt)))
+    seen, expected = run.observables, there.observables
+    assert abs(seen["wall_collisions"][0] - expected["wall_collisions"][0]) <= 1 and not seen["failed"][0]
+    assert np.abs(run.whole[0].position).max() < 0.5 - radius + speed * dt  # a sample may lie before a bounce
+    assert seen["wall_impulse"][0] == pytest.approx(expected["wall_impulse"][0], rel=0.05)
+
+
+def test_a_disk_without_room_stays():
+    scene = explicit(W, 1.0, [((0.0, 0.0), (0.0, 0.1), 0.5, 1.0)], 1.0, sample_interval=0.1)
+    run = timestep.simulate(scene, [0], {"all"}, time_step=0.01)
+    assert not run.observables["failed"][0] and np.abs(run.whole[0].position).max() < 2e-3
+
+
+@pytest.mark.parametrize("share", [0.4, 0.95])
+def test_lists_change_no_bit_at_long_steps(share):
+    """Between walls, equal and of two sizes, 12 seeds each: short and long lists, in steps near the largest."""
+    for phi, ratio in ((0.4, 1.0), (0.45, 1.5), (0.3, 2.0)):
+        radius = math.sqrt(phi * 4.0 / (12 * math.pi * (1 + ratio**2) / 2))
+        scene = make(W, 2.0, [(6, radius, 1.0), (6, radius * ratio, 0.3)], 2.0)
+        engine = timestep.prepared(scene, share * timestep.largest_step(scene))
+        for seed in range(12):
+            state, ends = draw(scene, seed), []
+            for skin in (engine.workspace.skin, 0.0, 10.0):
+                w = engine.workspace._replace(skin=skin)
+                run = timestep.run(engine._replace(workspace=w), state, scene.times, {"all"})
+                ends.append(run.whole.position[-1])
+            assert np.array_equal(ends[0], ends[1]) and np.array_equal(ends[0], ends[2])
+
+
+def test_a_dense_fluid_loses_no_collisions_in_a_step_of_a_fiftieth():
+    """phi = 0.72, steps of a fiftieth of the largest: pairs that third disks push together meet, too; 3 % at most."""
+    scene = make(P, 10.0, [(92, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0)
+    expected = exact.simulate(scene, range(10)).observables["pair_collisions"]
+    found = timestep.simulate(scene, range(10), time_step=timestep.largest_step(scene) / 50).observables
+    assert abs(found["pair_collisions"].sum() / expected.sum() - 1) < 0.03
 
 
 def test_a_late_collision_is_late_by_up_to_a_step_so_the_error_is_of_first_order():

@@ -75,6 +75,12 @@ def read_engine(entry: Entry) -> Engine:
     return Engine(which.value, tuple((key, read(given[key])) for key, read in settings.items()))
 
 
+def recorded(mapping: dict, where: str = "") -> Engine:
+    """Return the engine that a file or a dataset names. Where time steps do not say how they collide, it was late."""
+    before = {"collisions": "late"} if mapping.get("name") == "timestep" else {}
+    return read_engine(Entry(before | mapping, where))
+
+
 def asked_for(name: str, given: dict[str, object]) -> Engine:
     """Return the engine of a command line; `given` has a value for each setting that was given.
 

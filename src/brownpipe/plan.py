@@ -10,7 +10,7 @@ import numpy as np
 
 from brownpipe import cost, reading
 from brownpipe.check import in_bytes, in_time
-from brownpipe.engines import USUAL, Engine, read_engine, refuse_unfit
+from brownpipe.engines import USUAL, Engine, recorded, refuse_unfit
 from brownpipe.reading import Entry, SceneError
 from brownpipe.scene import Scene
 from brownpipe.seeds import MOST_SEEDS
@@ -250,7 +250,7 @@ def _known_from(of_scene, observable: str) -> list[Known]:
     known = []
     for label in of_scene.setting.values:
         one = of_scene.sel(setting=label)
-        engine = read_engine(Entry(json.loads(one.engine.item()), str(label))) if one.runs > 0 else None
+        engine = recorded(json.loads(one.engine.item()), str(label)) if one.runs > 0 else None
         if engine is not None and engine.label == label:  # not another scene that may stand in
             known.append(
                 _known(engine, {name: one[name].item() for name in one.data_vars if one[name].ndim == 0}, observable)

@@ -149,15 +149,17 @@ def _tests(case, found, k, kurtosis_chance):
     edges, counts = case.edges[k], found.counts["rings"][k][: len(case.edges[k])]
     t, runs, tests = case.times[chosen_times(case)[k]], counts.sum(), []
     for d, half_width, source in _models(case, found, k):
-        expected, more, less, wrong = (
+        expected, more, less, *wrong = (
             expected_ring_counts(runs, edges, t or 1.0, d * scale, half_width)
-            for scale in (1.0, np.exp(STEP), np.exp(-STEP), 1 + WRONG_BY)
+            for scale in (1.0, np.exp(STEP), np.exp(-STEP), 1 + WRONG_BY, 1 - WRONG_BY)
         )
         source = source._replace(change=(more - less) / (2 * STEP))
         test = goodness.chi_square(counts, expected, source)
         of_shape = np.nan if half_width is not None else kurtosis_chance
         alone = goodness.LEVEL / (1 if np.isnan(of_shape) else 2)
-        chance = goodness.power(expected, wrong, source, alone) if np.isfinite(test.p) else np.nan
+        powers = (
+            [goodness.power(expected, other, source, alone) for other in wrong] if np.isfinite(test.p) else [np.nan]
+        )
         tests.append(
             {
                 "model_diffusion_coefficient": d,
@@ -167,8 +169,8 @@ def _tests(case, found, k, kurtosis_chance):
                 "degrees_of_freedom": test.degrees_of_freedom,
                 "p_value": test.p,
                 "p_value_joint": goodness.both(test.p, of_shape) if np.isfinite(test.p) else np.nan,
-                "power_5_percent": chance,
-                "verdict": verdict(test.p, of_shape, chance),
+                "power_5_percent": min(powers),
+                "verdict": verdict(test.p, of_shape, min(powers)),
             }
         )
     return {name: [test[name] for test in tests] for name in tests[0]}
@@ -177,7 +179,7 @@ def _tests(case, found, k, kurtosis_chance):
 def verdict(p, kurtosis_p, chance):
     """What the tests of a model say, in words: by rings, by kurtosis, and what the rings could have shown."""
     if np.isnan(p):
-        return "not tested: too few runs or no diffusion coefficient"
+        return "not tested: too few runs, too few rings with runs, or no diffusion coefficient"
     said = "rejected" if goodness.both(p, kurtosis_p) < goodness.LEVEL else "not rejected"
     shape = "" if np.isnan(kurtosis_p) else f", kurtosis {goodness.in_words(kurtosis_p)}"
     seen = f"power: a D wrong by {WRONG_BY:.0%} is rejected with probability {chance:.0%}"

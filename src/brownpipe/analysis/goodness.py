@@ -79,7 +79,8 @@ def power(expected, others, source=KNOWN, level=LEVEL):
 
     once, spread = covariance(shift), (shift**2).sum()
     mean = ones + first + second + spread
-    variance = 2 * (ones + first**2 + second**2) + 4 * (shift * once).sum()
+    along = max((shift * once).sum(), 0.0)  # negative only where the runs are far from the model
+    variance = 2 * (ones + first**2 + second**2) + 4 * along
     third = 8 * (ones + first**3 + second**3) + 24 * (once**2).sum()
     from scipy.special import gammaincc
 
@@ -159,7 +160,7 @@ def kurtosis_p_value(kurtosis, runs):
     r^2 is exponential then, and the kurtosis is runs/2 times Greenwood's statistic, the sum of squares of random parts
     of 1 (M. Greenwood, J. R. Stat. Soc. 109, 85 (1946); P. A. P. Moran, Suppl. J. R. Stat. Soc. 9, 92 (1947)). Its
     mean, variance and skewness are matched by a shifted lognormal distribution: a 1 % test rejects 1.5 % of ensembles
-    of 50 runs, 1.1 % of 400 and 1.0 % of 2,400.
+    of 50 runs, 1.1 % of 400 and 1.0 % of 2,400; at 0.16 %, the first step of Holm for 16 tests, 0.4, 0.2 and 0.2 %.
     """
     from scipy.special import ndtr
 

@@ -61,7 +61,11 @@ def _remarks(cases, tests):
     yield "±: one standard error over runs. D belongs to its window of time."
     if tests:
         yield "kurtosis: <r^4>/(2 <r^2>^2), 1 by eq. (18). p: eq. (18) with this D, by rings and kurtosis together."
-        yield f"rejected: at a family-wise level of {FAMILY_LEVEL:.0%} for the {tests} tests of this table (Holm)."
+        family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
+        yield f"rejected: at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm)."
+    times = sorted({at_last_distribution(case).displacement_time.item() for case in cases if has_msd(case)})
+    if tests and times != sorted({case.duration.item() for case in cases if has_msd(case)}):
+        yield f"kurtosis and p are those of t = {', '.join(f'{time:g}' for time in times)}."
     for case in cases:
         for status, what in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[case.run_status.values == status]

@@ -1,5 +1,6 @@
 """Figure `displacement_distribution`: how far the runs got, the note's figure 2, against eq. (18)."""
 
+import re
 import textwrap
 from itertools import chain
 
@@ -12,6 +13,7 @@ from brownpipe.figures.tables import Table
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (FREE, DASHED, "s"), "square": (INK, DOTTED, "^")}  # by where D comes from
 SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "square, D"}
 LINE, HEIGHT = 58, 6.4  # characters of a line below a column; height of a row [inch]
+LEAST_VARIANCE = 1e-4  # of a count: runs where none are expected lie far off, but within the drawing
 LIKELY = 2.0  # deviations of up to so many standard errors lie in the grey band
 OVERFLOW = 2.6  # where the runs beyond the last ring are shown, in widths of a ring after it
 NEEDS = ("displacement_counts",)
@@ -29,7 +31,7 @@ def draw(cases):
         table = [[row[0] for row in table]]
     table = [row[k : k + MOST_COLUMNS] for row in table for k in range(0, len(row), MOST_COLUMNS)]
     alike = len({_width(case) for row in table for case in row}) == 1  # counts in rings of one width compare
-    sharing = {"sharey": "row" if alike else False}
+    sharing = {"sharex": False, "sharey": "row" if alike else False}
     figure, axes = tall_and_low(max(map(len, table)), rows=len(table), ratio=2.2, height=HEIGHT, **sharing)
     for k, row in enumerate(table):
         _row(axes[2 * k : 2 * k + 2], row)
@@ -38,6 +40,8 @@ def draw(cases):
 
 def _row(axes, cases):
     for case, (main, low) in zip(cases, axes.T, strict=False):
+        low.sharex(main)
+        main.tick_params(labelbottom=False)
         _counts(main, case)
         _deviations(low, case)
         low.tick_params(labelbottom=True)
@@ -69,6 +73,7 @@ def _words(case):
     lines = [f"{source}: {verdict}" for source, verdict, _, _ in said] + [seen for *_, seen in said[:1]]
     if np.isfinite(case.kurtosis):
         lines.append(f"kurtosis {plus_minus(case.kurtosis, case.kurtosis_standard_error)}; 1 by eq. (18)")
+    lines = [re.sub(r"\bp ([=<]) ", "p\u00a0\\1\u00a0", line) for line in lines]  # no break between p and its value
     return "\n".join(line for words in lines for line in textwrap.wrap(words, LINE))
 
 
@@ -97,7 +102,7 @@ def _verdict(model):
     """Where D comes from, its chi-square, and how many runs it expects beyond the rings."""
     diffusion, beyond = float(model.model_diffusion_coefficient), float(model.expected_overflow)
     test = f"$\\chi^2$ = {float(model.chi_square):.1f} / {int(model.degrees_of_freedom)}"
-    return f"{SOURCES[_source(model)]} = {diffusion:.3f}: {test}; {beyond:.0f} beyond"
+    return f"{SOURCES[_source(model)]} = {diffusion:.3g}: {test}; {beyond:.0f} beyond"
 
 
 def _source(model):
@@ -122,9 +127,12 @@ def _deviations(axes, case):
 
 
 def _standardised(case, model):
+    """Deviations in standard errors of the expected count; NaN where nothing can be expected or found."""
     found = np.append(case.displacement_counts, case.displacement_overflow)
     expected = np.append(model.expected_counts, model.expected_overflow)
-    return (found - expected) / np.sqrt(expected * (1 - expected / float(case.runs)))
+    variance = expected * (1 - expected / float(case.runs))
+    known = (variance > 0.0) | (found != expected)
+    return np.where(known, (found - expected) / np.sqrt(np.maximum(variance, LEAST_VARIANCE)), np.nan)
 
 
 def _models(case):

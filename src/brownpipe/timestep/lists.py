@@ -40,12 +40,18 @@ def survey(w):
 
 
 @kernel
+def slack(path):
+    """Return by how much the squared distance of a pair may exceed that of contact, two steps of this path after it."""
+    return 16.0 * path * path
+
+
+@kernel
 def renew(w):
     """Make sure that the lists hold for another step; return False if there is no room for them."""
     furthest, fastest = survey(w)
     w.tally[FASTEST] = fastest
     limit = 2.0 * fastest * w.step  # by how much a pair may come nearer in a step
-    w.real[SLACK] = limit * limit
+    w.real[SLACK] = slack(fastest * w.step)
     free = 0.5 * SAFE * w.tally[SKIN] - furthest
     if free < max(0.5 * WORTH * w.tally[SKIN], limit) or w.clock[OVERFULL]:
         w.tally[SKIN] = w.real[FAR] = max(w.skin, 1.5 * limit)

@@ -43,6 +43,8 @@ from brownpipe.timestep.workspace import (
     WITHIN,
 )
 
+MOST_HITS = 1e6  # of walls by a disk in a step: with less room it has none
+
 
 @kernel
 def fly(w, x, y, vx, vy, radius):
@@ -155,12 +157,15 @@ def judge(w, hits, now):
 def meeting(w, i, k, now, x, y, u, v, sigma2):
     """Return whether two disks, numbers i and k of the engine, met on their courses, and how long ago.
 
-    A pair that overlapped when its later course began, pushed together by a third disk, meets then, if it approaches.
+    A pair that overlapped when its later course began, pushed together by a third disk, meets then, if it approached.
+    What happened more than two steps ago and is over would be seen or not, depending on the neighbour lists.
     """
     since, straight = time_since_contact(x, y, u, v, sigma2), now - max(w.course[i], w.course[k])
-    if 0.0 <= since <= straight:
-        return True, since
-    return (x * x + y * y < sigma2) & (x * u + y * v < 0.0), straight
+    if since < 0.0 or since > straight:
+        since, begun_x, begun_y = straight, x - u * straight, y - v * straight
+        if begun_x * begun_x + begun_y * begun_y >= sigma2 or begun_x * u + begun_y * v >= 0.0:
+            return False, since
+    return since <= 2.0 * w.step or x * x + y * y < sigma2, since
 
 
 @kernel
@@ -245,33 +250,50 @@ def raise_speed_bound(w, i):
     speed = math.sqrt(np.float64(w.vx[i]) * np.float64(w.vx[i]) + np.float64(w.vy[i]) * np.float64(w.vy[i]))
     if speed > w.tally[FASTEST]:
         w.tally[FASTEST] = speed
-        limit = 2.0 * speed * w.step
-        w.real[SLACK] = limit * limit
+        w.real[SLACK] = lists.slack(speed * w.step)
 
 
 @kernel
-def bounce(w, place, velocity, i, low, high, wall, now):
+def bounce(w, place, velocity, i, before, after, gap, wall, now):
     """Reverse a component of the velocity of disk i if its edge is beyond a wall that it moves to, eqs. (9)-(10).
 
-    Unless walls are met late, what is beyond is mirrored: where the disk would be after meeting the wall in time.
+    `before` and `after` are how far it reaches beyond the lower and the upper wall, `gap` is the room between them.
+    Unless walls are met late, its way is folded into the gap: it may have met both walls, several times.
     """
-    v, beyond = np.float64(velocity[i]), max(low, high)
-    if (low > 0.0 and v < 0.0) or (high > 0.0 and v > 0.0):
+    v = np.float64(velocity[i])
+    beyond = before if v < 0.0 else after
+    if v == 0.0 or not beyond > 0.0:
+        return
+    hits = 1
+    if not w.late:
+        inward, rest = math.copysign(1.0, -v), 0.0
+        at_wall = np.float64(place[i]) + inward * beyond
+        if beyond < MOST_HITS * gap:
+            turns = int(beyond / gap)
+            hits, rest = turns + 1, beyond - turns * gap
+            place[i] = at_wall + inward * (gap - rest if turns % 2 else rest)
+        else:  # it has no room to move
+            place[i] = at_wall + inward * 0.5 * gap
+        w.course[w.disk[i]] = max(w.course[w.disk[i]], now - rest / abs(v))
+        if beyond > abs(v) * w.step:
+            w.tally[BUDGET] -= 2.0 * beyond  # it was pushed there by another disk
+    if hits % 2:
         velocity[i] = -velocity[i]
-        w.count[WALLS] += 1
-        w.tally[WALL_IMPULSE + wall + (v > 0.0)] += 2.0 * w.mass[w.disk[i]] * abs(v)
-        if not w.late:
-            place[i] = np.float64(place[i]) + (2.0 * beyond if v < 0.0 else -2.0 * beyond)
-            w.course[w.disk[i]] = max(w.course[w.disk[i]], now - beyond / abs(v))
+    impulse = 2.0 * w.mass[w.disk[i]] * abs(v)
+    w.count[WALLS] += hits
+    w.tally[WALL_IMPULSE + wall + (v > 0.0)] += (hits + 1) // 2 * impulse
+    w.tally[WALL_IMPULSE + wall + (v < 0.0)] += hits // 2 * impulse
 
 
 @kernel
 def bounce_all(w, now):
     """Reflect the disks that are beyond a wall."""
+    left, right = np.float64(w.real[LEFT]), np.float64(w.real[RIGHT])
+    bottom, top = np.float64(w.real[BOTTOM]), np.float64(w.real[TOP])
     for i in range(len(w.x)):
         x, y, r = np.float64(w.x[i]), np.float64(w.y[i]), np.float64(w.radius[i])
-        bounce(w, w.x, w.vx, i, w.real[LEFT] - (x - r), x + r - w.real[RIGHT], 0, now)
-        bounce(w, w.y, w.vy, i, w.real[BOTTOM] - (y - r), y + r - w.real[TOP], 2, now)
+        bounce(w, w.x, w.vx, i, left - (x - r), x + r - right, right - left - 2.0 * r, 0, now)
+        bounce(w, w.y, w.vy, i, bottom - (y - r), y + r - top, top - bottom - 2.0 * r, 2, now)
 
 
 @kernel

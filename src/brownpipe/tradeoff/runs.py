@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis import AnalysisError
-from brownpipe.engines import Engine, read_engine
-from brownpipe.reading import Entry
+from brownpipe.engines import Engine, recorded
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import Trajectories
 
@@ -77,9 +76,8 @@ def _joined(parts):
 
 
 def _engine(read):
-    """The engine of a file, its settings in their usual order; files of time steps that do not say so collide late."""
-    before = {"collisions": "late"} if read.engine == "timestep" else {}
-    return read_engine(Entry({"name": read.engine, **before, **read.settings}, ""))
+    """The engine of a file, its settings in their usual order."""
+    return recorded({"name": read.engine, **read.settings})
 
 
 def _outcome(read, name):
