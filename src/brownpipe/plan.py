@@ -148,7 +148,7 @@ def _title(scene: Scene) -> str:
 def cases_of(study: Study, observable: str, results: str | Path = "results") -> list[Case]:
     """Return for each case of the study what is known of the engines.
 
-    Known from stored price lists below `results` that hold the same scene, or else from a pilot.
+    Known from stored trade-offs below `results` that hold the same scene, or else from a pilot.
     """
     cases, window = [], study.fit_windows[0]
     for scene in study.cases:

@@ -139,7 +139,7 @@ class Study:
 
     @property
     def compared(self) -> list[str]:
-        """The scenes that have exact runs and others to compare with them, as a price list names them."""
+        """The scenes that have exact runs and others to compare with them, as a trade-off names them."""
         others = {name: {use.engine for use in self.uses if name in use.scenes} for name in self.table}
         stand_ins, exact = dict(self.instead_of), Engine("exact")
         names = [

@@ -64,7 +64,7 @@ def reflecting_square_within(r, t, diffusion, half_width):
 
     `half_width` a is that of the accessible square. Both components have the density (1 + 2 sum_k cos(k pi x/a)
     exp(-D k^2 pi^2 t/a^2)) / 2a on [-a, a], which integrated over [-h, h] is C(h); so with s^2 = r^2 - a^2, or 0,
-    the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx, here by Gauss and Legendre over the angle. Before
+    the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx, here by Gauss-Legendre over the angle. Before
     the walls are seen it is that of free diffusion; 1 from the corners on.
     """
     a, r = half_width, np.atleast_1d(np.asarray(r, float))
@@ -274,7 +274,7 @@ def pair_distance_density_between(r, first, second):
     Disks of two sizes between walls have accessible rectangles of two sizes. p(r) = 4 r times the integral over a
     quarter of the directions q of f_x(r cos q) f_y(r sin q), where f is the density of the difference of two uniform
     numbers: flat up to half the difference of the sides, then falling to 0 at half their sum. Integrated from kink to
-    kink by Gauss and Legendre, to round-off.
+    kink by Gauss-Legendre, to round-off.
     """
     r = np.asarray(r, float)
     d = np.where(r > 0.0, r, 1.0)[..., None]
