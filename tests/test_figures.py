@@ -642,3 +642,15 @@ def test_distributions_in_rings_of_different_widths_keep_their_own_axes(tmp_path
         style.image_bytes(
             displacement_distribution.draw(cases.cases_of(aggregate([write(tmp_path, saturated)]))), "png"
         )
+
+
+def test_the_summary_of_averages_has_no_distribution(tmp_path):
+    """Averages over time origins or disks have an MSD and no displacement of single runs."""
+    scene = make_scene("averaged", boundary="periodic")
+    runs = make_runs(scene, range(20))
+    squared = np.arange(20.0)[:, None] * scene.times
+    measured = runs.ensemble.observables | {"square_displacement": squared}
+    ensemble = runs.ensemble._replace(tracer=None, observables=measured, average="disks")
+    storage.write_trajectories(tmp_path / "a.h5", scene, "exact", {}, ensemble)
+    text = figures.summary(aggregate([tmp_path / "a.h5"])).splitlines()
+    assert text[1].split()[-3:] == ["-", "-", "-"] and not any("rejected" in line for line in text)

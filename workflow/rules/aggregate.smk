@@ -16,4 +16,4 @@ rule aggregate:
         counting=study.counting,
         made_with=made_with("aggregate"),
     shell:
-        "brownpipe aggregate {input} --output {output} --fit-windows {params.windows}" " {params.counting} 2> {log}"
+        "brownpipe aggregate {input} --output {output} --fit-windows {params.windows} {params.counting} 2> {log}"

@@ -46,7 +46,7 @@ def _row(case, p, rejected):
     estimates = [(last, "msd"), (fit, "slope"), (fit, "diffusion_coefficient")]
     numbers = [plus_minus(part[name], part[f"{name}_standard_error"]) for part, name in estimates]
     end = at_last_distribution(case)
-    shape = plus_minus(end.kurtosis, end.kurtosis_standard_error)
+    shape = plus_minus(end.kurtosis, end.kurtosis_standard_error) if "kurtosis" in end else "-"
     return (*names, *numbers, shape, *map(_verdict, p, rejected))
 
 

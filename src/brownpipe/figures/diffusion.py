@@ -32,7 +32,7 @@ LACKING = "no run with a tracer was kept"
 
 def draw(cases):
     """One column per case: every D(t) that there is with its 95 % band, Enskog's D, and D = slope/4 in its window."""
-    figure, axes = columns(["$D(t)$ (reduced units)"], len(cases), [4.6], sharey=False)
+    figure, axes = columns(["$D(t)$"], len(cases), [4.6], sharey=False)
     for case, panel in zip(map(over_time, cases), axes[0], strict=True):
         _routes(panel, case)
         for fit in fits_of(case)[:1]:
