@@ -303,7 +303,7 @@ def test_a_short_encounter_is_missed_and_counted_where_collisions_are_late():
 def test_late_collisions_are_fewer_by_an_amount_that_vanishes_with_the_step():
     """A crowded box, the same 40 states: significantly fewer with a long step, with a short one within 4 errors.
 
-    At contact even the long step is within a sixth of that: 5.7(3) % fewer late, 0.5(2) % at contact.
+    At contact the long step loses less than half as many: 2.8(7) % instead of 12.1(8) %.
     """
     scene = make(P, 10.0, [(70, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0)
     seeds = np.arange(40)
@@ -316,7 +316,7 @@ def test_late_collisions_are_fewer_by_an_amount_that_vanishes_with_the_step():
     assert bias[0][0] < -5 * bias[0][1]
     assert abs(bias[1][0]) < 4 * bias[1][1]
     assert abs(bias[1][0]) < 0.25 * abs(bias[0][0])
-    assert abs(bias[2][0]) < abs(bias[0][0]) / 6 + 4 * bias[2][1]
+    assert abs(bias[2][0]) < abs(bias[0][0]) / 2
 
 
 def test_the_course_is_the_exact_one_until_errors_have_grown():
