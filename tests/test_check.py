@@ -57,7 +57,7 @@ def test_scene_with_another_number_of_disks():
     assert "disks     50: 1 tracer" in describe(CONFIG / "scenes" / "harrison2020.yaml", 50)
 
 
-@pytest.mark.parametrize(("disks", "side", "ends"), [(3000, 57, "lists"), (30000, 180, "lists, memory asked ahead")])
+@pytest.mark.parametrize(("disks", "side", "ends"), [(3000, 57, "lists"), (30000, 180, "lists, events prefetched")])
 def test_how_a_crowded_box_is_modelled(tmp_path, disks, side, ends):
     (tmp_path / "crowd.yaml").write_text(
         f"box: {{x: [0, {side}], y: [0, {side}], boundary: periodic}}\n"

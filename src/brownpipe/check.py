@@ -90,7 +90,7 @@ def _engine(scene: Scene) -> str:
     edge = "periodic images" if scene.box.periodic else "walls"
     big = f", {w.big.number} much bigger than the rest" if w.big is not None else ""
     lists = ", neighbour lists" if w.lists is not None else ""
-    ahead = ", memory asked ahead" if w.ahead is not None else ""
+    ahead = ", events prefetched" if w.ahead is not None else ""
     return f"{edge}, {alike}{big}, {w.grid.columns} x {w.grid.lines} cells{lists}{ahead}"
 
 

@@ -32,8 +32,8 @@ def rate_at(temperature, scene, rate, kt):
 
     If all velocities are multiplied by a factor, hard disks follow the same paths, faster by this factor: rates go as
     sqrt(kt). Over runs with velocities drawn at `temperature` the mean of sqrt(kt/temperature) is slightly below 1
-    (`mean_root`). With this factor the scaled rate has, in equilibrium, the mean of the rate itself,
-    without the scatter of the temperatures of runs.
+    (`mean_root`). With this factor the scaled rate has, in equilibrium, the mean of the rate itself, without the
+    scatter of the temperatures of runs.
     """
     return rate * np.sqrt(temperature / kt) * mean_root(scene)
 

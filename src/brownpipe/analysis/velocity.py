@@ -74,7 +74,7 @@ def initial_slope(case, found):
         return Estimate(*np.full(4, np.nan))
     rate, times, slope = enskog_rate(case.scene), case.times, found.estimate("vacf_initial_slope")
     later = twice_as_late(times, early(times, rate), rate)
-    spacing = abs(slope.mean - slope_weights(times[later], rate) @ mean[later])
+    spacing = abs(slope.mean - (slope_weights(times[later], rate) * mean[later]).sum())
     return Estimate(slope.mean, np.hypot(slope.standard_error, spacing), slope.low - spacing, slope.high + spacing)
 
 
