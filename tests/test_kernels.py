@@ -7,12 +7,17 @@ import subprocess
 import sys
 import time
 from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
 
 import numba
 import numpy as np
 import pytest
 
 from brownpipe import kernels
+from brownpipe.records import by_reference, local_copy
+
+NOTE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
 
 HOLD = """
 import sys, time
@@ -91,7 +96,7 @@ def test_using_machine_code_keeps_it_from_being_removed(tmp_path, monkeypatch):
     assert folder.exists()
 
 
-def test_a_signal_while_compiling_is_answered_after_it():
+def test_ctrl_c_while_compiling_is_heeded_at_once():
     done = []
 
     def compiled():
@@ -101,5 +106,165 @@ def test_a_signal_while_compiling_is_answered_after_it():
 
     with pytest.raises(KeyboardInterrupt):
         compiled()
-    assert done == ["compiled"]
+    assert done == []
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_ctrl_c_while_llvm_calls_back_is_heeded_afterwards():
+    """What is raised in such a function is lost."""
+    done = []
+
+    def _object_compiled_hook():
+        signal.raise_signal(signal.SIGINT)
+        done.append("called back")
+
+    def compiled():
+        with kernels.one_compiler():
+            _object_compiled_hook()
+            done.append("compiled")
+
+    with pytest.raises(KeyboardInterrupt):
+        compiled()
+    assert done == ["called back", "compiled"]
+
+
+INTERRUPTED = """
+from brownpipe import exact, kernels
+from brownpipe.scene import read_scene
+kernels.on_compile.append(lambda line: print(line, flush=True))
+exact.prepared(read_scene(SCENE))
+print("compiled")
+"""
+
+
+def test_ctrl_c_ends_the_compiling_of_an_engine(tmp_path):
+    """Within a call of LLVM, the longest of which takes a second on a quiet machine; nothing half-written is left."""
+    code = INTERRUPTED.replace("SCENE", repr(str(NOTE)))
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline().startswith("compiling")
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    out, error = process.communicate(timeout=20)
+    assert process.returncode != 0 and "KeyboardInterrupt" in error and "compiled" not in out
+    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".nbi", ".nbc") or "tmp" in path.suffix]
+
+
+EVERY_KERNEL = """
+import sys
+from collections import Counter
+from numba.core import event
+from brownpipe import exact, kernels
+from brownpipe.scene import read_scene
+
+class Listener(event.Listener):
+    def on_start(self, each):
+        function = each.data["dispatcher"].py_func
+        if function.__module__.startswith("brownpipe"):
+            times[f"{function.__module__}.{function.__qualname__}"] += 1
+    def on_end(self, _):
+        pass
+
+times = Counter()
+kernels.on_compile.append(print)
+with event.install_listener("numba:compile", Listener()):
+    exact.prepared(read_scene(sys.argv[1]))
+print(len(times), "kernels;", "more than once:", sorted(name for name in times if times[name] > 1))
+"""
+
+
+def test_every_kernel_is_compiled_once_and_only_the_first_time(tmp_path):
+    """Not once for disks that are int64 and once for uint32; and a second process finds the machine code."""
+    command = [sys.executable, "-c", EVERY_KERNEL, str(NOTE)]
+    settings = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    first, second = (
+        subprocess.run(command, env=settings, capture_output=True, text=True, check=True, timeout=300).stdout
+        for _ in range(2)
+    )
+    told, counted = first.splitlines()
+    assert told == "compiling the kernels for this kind of scene, once per machine: about 8 s"
+    assert int(counted.split()[0]) > 60 and counted.endswith("more than once: []")
+    assert second == "0 kernels; more than once: []\n"
+
+
+PLACED = """
+import sys
+from brownpipe import inlining
+if sys.argv[1] == "usual":
+    inlining.TESTED = ((0, 0), (0, 0))
+from numba.core.codegen import JITCPUCodegen
+from brownpipe.scene import read_scene
+from brownpipe.state import draw
+print(JITCPUCodegen._library_class.__module__, draw(read_scene(sys.argv[2]), 7).position.tobytes().hex())
+"""
+
+
+def test_with_a_numba_that_was_not_tested_kernels_are_compiled_as_usual_to_the_same_bits(tmp_path):
+    results = [
+        subprocess.run(
+            [sys.executable, "-c", PLACED, which, str(NOTE)],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / which)},
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=300,
+        ).stdout.split()
+        for which in ("inlined", "usual")
+    ]
+    assert [module for module, _ in results] == ["brownpipe.inlining", "numba.core.codegen"]
+    assert results[0][1] == results[1][1] and len(results[0][1]) > 1000
+
+
+@by_reference
+class Inner(NamedTuple):
+    number: int
+    values: object
+
+
+@by_reference
+class Outer(NamedTuple):
+    scale: float
+    inner: Inner
+    missing: object
+    values: object
+
+
+@kernels.kernel
+def part(missing, outer, k):
+    """A kernel in which what is None is left out."""
+    if missing is None:
+        return outer.scale * outer.inner.values[k] + outer.inner.number
+    return missing.no_such_field
+
+
+@kernels.entry_point
+def work(outer):
+    """Reads scalars, arrays and nested records; writes through the arrays of both."""
+    outer = local_copy(outer)
+    total = 0.0
+    for k in range(len(outer.values)):
+        outer.values[k] = part(outer.missing, outer, k)
+        outer.inner.values[k] += 1.0
+        total += outer.values[k]
+    return total
+
+
+def test_a_record_is_passed_by_reference():
+    record = Outer(2.0, Inner(3, np.arange(4.0)), None, np.zeros(4))
+    assert work(record) == 2.0 * (0 + 1 + 2 + 3) + 4 * 3
+    assert record.values.tolist() == [3.0, 5.0, 7.0, 9.0] and record.inner.values.tolist() == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_records_with_other_fields_are_other_types():
+    one = numba.typeof(Inner(3, np.arange(4.0)))
+    assert one == numba.typeof(Inner(5, np.zeros(7))) and one != numba.typeof(Inner(3, np.arange(4)))
+    assert one.name != numba.typeof(Inner(3, np.arange(4))).name != numba.typeof(Inner(3.0, np.arange(4))).name
+
+
+def test_a_kernel_called_from_python_is_python():
+    assert part(None, Outer(2.0, Inner(3, [1, 2]), None, None), 1) == 7.0

@@ -16,19 +16,22 @@ from pathlib import Path
 import numba
 from llvmlite import ir
 from numba import types
+from numba.core import event
 from numba.core.cpu import CPUTargetOptions
-from numba.extending import intrinsic
+from numba.extending import intrinsic, register_jitable
 
+from brownpipe import inlining
+
+inlining.install()
 PACKAGE = Path(__file__).parent
 LOCK = "compiling"  # in each folder of machine code; its time is that of the last use
 UNUSED = 86_400.0  # seconds
 
-# cache: compiled once per machine.
 # error_model="numpy": x / 0 is inf, as for arrays, and no division needs a branch.
-# forceinline: a call that passes a workspace copies some hundred words; inlined it costs nothing (3.4 times faster).
+# forceinline: of all kernels an entry point becomes one function, with the workspace in registers (3.4 times faster).
 # _nrt=False: no reference counts around array arguments (1.6 times faster); private to Numba, so left out if unknown.
 # Never fastmath: results would depend on the model of the CPU.
-OPTIONS = {"cache": True, "error_model": "numpy", "forceinline": True}
+OPTIONS = {"error_model": "numpy", "forceinline": True}
 if hasattr(CPUTargetOptions, "_nrt"):
     OPTIONS["_nrt"] = False
 
@@ -40,7 +43,7 @@ def _cache_folder(engine: str) -> str:
     Numba looks only at the file of the outermost kernel to see whether its machine code is out of date; an edited
     callee in another file would go unnoticed, and with it wrong results.
     """
-    shared = [PACKAGE / "kernels.py", PACKAGE / "collisions.py", PACKAGE / "placement.py"]
+    shared = [PACKAGE / f"{name}.py" for name in ("kernels", "inlining", "records", "collisions", "placement")]
     sources = [*shared, *PACKAGE.glob(f"{engine}/*.py")]
     text = b"".join(path.read_bytes() for path in sorted(sources))
     name = f"kernels-{hashlib.sha256(text).hexdigest()[:16]}"
@@ -78,11 +81,16 @@ CACHE = _cache_folder("exact")  # where the lock of all compilers is
 
 
 def kernel(function):
-    """Compile a function at its first call, once per machine."""
-    engine = function.__module__.split(".")[1]  # or a module that all engines share
+    """Let a function be compiled into the kernels that call it. Called from Python it stays a function of Python."""
+    return register_jitable(**OPTIONS, no_cfunc_wrapper=True)(function)
+
+
+def entry_point(function):
+    """Compile a function, with all kernels that it calls, at its first call from Python, once per machine."""
+    engine = function.__module__.removeprefix("brownpipe.").split(".")[0]  # or a module that all engines share
     saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _cache_folder(engine)
     try:
-        return numba.njit(**OPTIONS)(function)
+        return numba.njit(**OPTIONS, no_cfunc_wrapper=True, cache=True)(function)
     finally:
         numba.config.CACHE_DIR = saved
 
@@ -114,32 +122,82 @@ class RunError(Exception):
     """A run that cannot go on. One line."""
 
 
+on_compile = []  # functions of one line of text: told when this process compiles, or waits for one that does
+
+
+def _tell(line: str) -> None:
+    for listener in on_compile:
+        listener(line)
+
+
 @contextmanager
 def one_compiler():
-    """Let one process at a time compile, so that the others find the result in the cache."""
+    """Let one process at a time compile, so that the others find the result in the cache. Ctrl-C is heeded."""
     if not CACHE:
-        with _signals_held():
+        with _compiling():
             yield
         return
     Path(CACHE).mkdir(exist_ok=True)  # it may have been pruned meanwhile
     with open(Path(CACHE) / LOCK, "w") as lock:
         os.utime(lock.fileno())
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with _signals_held():
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            _tell("waiting for another process that compiles or loads its kernels")
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        with _compiling():
             yield
 
 
+class _FirstKernel(event.Listener):
+    """Tells of the first kernel that is compiled and not found in the cache."""
+
+    told = False
+
+    def on_start(self, _):
+        if not self.told:
+            _tell("compiling the kernels for this kind of scene, once per machine: about 8 s")
+        self.told = True
+
+    def on_end(self, _):
+        pass
+
+
 @contextmanager
-def _signals_held():
-    """Hold back Ctrl-C and the like: the compiler calls back from C, where what a handler raises is lost."""
-    held, saved = [], {}
+def _compiling():
+    """Let signals like Ctrl-C end the compiling, except where LLVM calls back: what is raised there is lost.
+
+    Such a one is raised afterwards. A call of LLVM takes up to a second.
+    """
+    held, usual = [], {}
+
+    def heed(number, frame):
+        if _is_callback(frame):
+            held.append(number)
+        elif callable(usual[number]):
+            usual[number](number, frame)
+        else:
+            signal.signal(number, usual[number])
+            signal.raise_signal(number)
+
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
-            saved[number] = signal.signal(number, lambda came, _: held.append(came))
+            usual[number] = signal.getsignal(number) or signal.SIG_DFL
+            signal.signal(number, heed)
     try:
-        yield
+        with event.install_listener("numba:compile", _FirstKernel()):
+            yield
     finally:
-        for number, handler in saved.items():
-            signal.signal(number, handler or signal.SIG_DFL)
-        for number in held:
-            signal.raise_signal(number)
+        for number, handler in usual.items():
+            signal.signal(number, handler)
+    for number in held:
+        signal.raise_signal(number)
+
+
+def _is_callback(frame) -> bool:
+    """Whether a frame is within Numba's functions that LLVM calls with machine code that is made or asked for."""
+    while frame is not None:
+        if frame.f_code.co_name in ("_object_compiled_hook", "_object_getbuffer_hook"):
+            return True
+        frame = frame.f_back
+    return False

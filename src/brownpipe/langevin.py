@@ -18,7 +18,7 @@ import numpy as np
 
 from brownpipe.batch import Run, enter, request, room_for
 from brownpipe.friction import bath_of, followed, friction_rate, refuse_unfit
-from brownpipe.kernels import kernel, one_compiler
+from brownpipe.kernels import entry_point, one_compiler
 from brownpipe.observables import of_tracer
 from brownpipe.scene import Scene, SceneError
 from brownpipe.state import Ensemble, Track, draw_tracer, noise
@@ -85,7 +85,7 @@ def _left_open(x):
     return np.where(x < FLAT, series, (1 - 2 * np.tanh(safe / 2) / safe) / safe)
 
 
-@kernel
+@entry_point
 def follow(path, normal, weights):
     """Continue a path from its first entry: path (T, 2, 2) holds position and velocity, normal (T - 1, 2, 2)."""
     for k in range(len(normal)):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from brownpipe.kernels import kernel
+from brownpipe.kernels import entry_point, kernel
 from brownpipe.scene import Scene, SceneError
 
 TRIES = 1_000_000  # in a row, before a disk counts as one that cannot be placed
@@ -123,7 +123,7 @@ def fits(position, radius, common, big, size, periodic, grid, following, i):
     return True
 
 
-@kernel
+@entry_point
 def insert(position, radius, common, big, size, periodic, numbers, grid, following, progress):
     """Insert disks one after another until all are placed, the random numbers are used up, or one finds no place."""
     i, tries = progress

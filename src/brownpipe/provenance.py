@@ -18,6 +18,8 @@ SOURCES = (
     "theory",
     "collisions",
     "kernels",
+    "inlining",
+    "records",
     "observables",
     "batch",
     "exact",

@@ -7,6 +7,8 @@ second, the candidates of the next, and those of the current one's partners: wha
 one before. Nothing is computed here, and no result depends on it.
 """
 
+import numpy as np
+
 from brownpipe.exact import calendar, grid, lists
 from brownpipe.exact.workspace import (
     BUCKET,
@@ -30,16 +32,16 @@ def ask_ahead(ahead, w):
         return
     prefetch(w.bucket, calendar.LINE * bucket_after(w, 5))
     for j in entries(w, bucket_after(w, 3)):
-        ask_for_disk(w.mass, w, w.bucket[j])
+        ask_for_disk(w.mass, w, np.int64(w.bucket[j]))
     bucket = bucket_after(w, 2)
     for j in entries(w, bucket):
-        i = w.bucket[j]
+        i = np.int64(w.bucket[j])
         if w.link[ROW * i + BUCKET] == bucket:
             ask_for_disk(w.mass, w, partner_of(w, i))
             ask_where(w.lists, w, i, int(w.link[ROW * i + EVENT]))
     bucket = bucket_after(w, 1)
     for j in entries(w, bucket):
-        i = w.bucket[j]
+        i = np.int64(w.bucket[j])
         if w.link[ROW * i + BUCKET] == bucket:
             event = int(w.link[ROW * i + EVENT])
             ask_for_candidates(w.lists, w, i, event)
@@ -151,4 +153,4 @@ def ask_for_three(w, middle, step):
 @kernel
 def cell_of(w, i):
     """Return the number of the cell of disk i."""
-    return grid.cell_at(w, int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE]))
+    return grid.cell_at(w, np.int64(w.link[ROW * i + COLUMN]), np.int64(w.link[ROW * i + LINE]))

@@ -8,6 +8,8 @@ what is not yet due when its bucket is opened is entered again. Where memory is 
 come from there, and are put into them before the next bucket is opened.
 """
 
+import numpy as np
+
 from brownpipe.exact.workspace import BUCKET, BUCKET_NOW, EVENT_ROW, ROW, SOON, WAITING
 from brownpipe.kernels import kernel, prefetch
 
@@ -67,7 +69,7 @@ def put_waiting(ahead, w):
     if ahead is None:
         return
     for j in range(w.clock[WAITING]):
-        bucket, i = ahead.bucket[j], ahead.disk[j]
+        bucket, i = ahead.bucket[j], np.int64(ahead.disk[j])
         if w.link[ROW * i + BUCKET] == bucket & w.calendar.ring:
             put(w, i, bucket)
     w.clock[WAITING] = 0
@@ -102,7 +104,7 @@ def forget_stale(w):
     """Drop the entries of the current bucket that no longer count; what remains is at most one a disk."""
     kept, last_time, last_disk = 0, -1.0, w.soon_disk[0]
     for j in range(w.clock[SOON]):
-        time, i = w.soon_time[j], w.soon_disk[j]
+        time, i = w.soon_time[j], np.int64(w.soon_disk[j])
         if w.event_time[EVENT_ROW * i] == time and not (time == last_time and i == last_disk):
             w.soon_time[kept], w.soon_disk[kept] = time, i
             kept, last_time, last_disk = kept + 1, time, i
@@ -118,7 +120,7 @@ def open_next_bucket(w):
     n = w.bucket[LINE * number]
     w.bucket[LINE * number] = 0
     for j in range(n):
-        i = w.bucket[LINE * number + 1 + j]
+        i = np.int64(w.bucket[LINE * number + 1 + j])
         if w.link[ROW * i + BUCKET] == number:
             push(w, i, w.event_time[EVENT_ROW * i])
 

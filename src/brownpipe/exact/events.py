@@ -8,6 +8,8 @@ later than their collision, so that the earliest event of all is always right (B
 
 import math
 
+import numpy as np
+
 from brownpipe.collisions import delay, encounter, exchange, meets
 from brownpipe.exact import calendar, grid, lists
 from brownpipe.exact.ahead import ask_ahead
@@ -58,7 +60,8 @@ from brownpipe.exact.workspace import (
     X,
     Y,
 )
-from brownpipe.kernels import kernel
+from brownpipe.kernels import entry_point, kernel
+from brownpipe.records import local_copy
 
 
 @kernel
@@ -165,7 +168,7 @@ def wrapped(image, w, i, column, line):
 @kernel
 def change_cell(w, i, column, line):
     """Move disk i from its cell to another; return whether it went round a periodic box."""
-    grid.leave(w.big, w, i, int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE]))
+    grid.leave(w.big, w, i, np.int64(w.link[ROW * i + COLUMN]), np.int64(w.link[ROW * i + LINE]))
     round_the_box = wrapped(w.image, w, i, column, line)
     if round_the_box:
         column, line = column % w.grid.columns, line % w.grid.lines
@@ -183,8 +186,8 @@ def cross(neighbour_lists, w, i, now, event):
         lists.centre(neighbour_lists, w, i, now)
         lists.meet(neighbour_lists, w, i, 0)
         return True
-    column = int(w.link[ROW * i + COLUMN]) + (event == RIGHT) - (event == LEFT)
-    line = int(w.link[ROW * i + LINE]) + (event == UP) - (event == DOWN)
+    column = np.int64(w.link[ROW * i + COLUMN]) + (event == RIGHT) - (event == LEFT)
+    line = np.int64(w.link[ROW * i + LINE]) + (event == UP) - (event == DOWN)
     return change_cell(w, i, column, line)
 
 
@@ -242,7 +245,7 @@ def neighbours(neighbour_lists, w, i, event):
     if neighbour_lists is not None:
         w.disk[ROW * i + PAIR_TIME] = math.inf
         return lists.neighbours(neighbour_lists, i)
-    column, line = int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE])
+    column, line = np.int64(w.link[ROW * i + COLUMN]), np.int64(w.link[ROW * i + LINE])
     if grid.crosses(event):
         return w.candidate, 0, grid.gather_new(w.big, w, i, column, line, event)
     w.disk[ROW * i + PAIR_TIME] = math.inf
@@ -259,7 +262,7 @@ def happen(w, r, i, now):
         if w.disk[ROW * (partner & DISK_MASK) + COUNT] == link[ROW * i + PARTNER_COUNT]:
             k = partner & DISK_MASK
             fx, fy = collide(w, i, partner, now)
-            log(w, r, i, int(k), fx, fy, now)
+            log(w, r, i, k, fx, fy, now)
             count[PAIRS] += 1
             count[TRACER_PAIRS] += (i == r.tracer) | (k == r.tracer)
             w.disk[ROW * k + PAIR_TIME] = math.inf
@@ -293,7 +296,7 @@ def run(w, r, until, most):
             calendar.open_next_bucket(w)
             ask_ahead(w.ahead, w)
         soon = clock[SOON] - 1
-        now, i = w.soon_time[soon], w.soon_disk[soon]
+        now, i = w.soon_time[soon], np.int64(w.soon_disk[soon])
         if now > until:
             return DONE, left
         if len(r.log_time) > 0 and clock[LOGGED] == len(r.log_time):
@@ -351,9 +354,10 @@ def end_block(w):
     w.tally[NOW] = 0.0
 
 
-@kernel
+@entry_point
 def advance(w, r, most):
     """Run until all samples are taken; return why it stopped. To go on, call it again, unless a cell was full."""
+    w, r = local_copy(w), local_copy(r)
     clock = w.clock
     while clock[SAMPLE] < len(r.block):
         if not clock[OPEN]:

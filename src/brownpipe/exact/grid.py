@@ -10,6 +10,8 @@ that a small disk anywhere within its reach finds it among its own 3 x 3 cells. 
 
 import math
 
+import numpy as np
+
 from brownpipe.exact.workspace import (
     COLUMN,
     DISK_BITS,
@@ -226,7 +228,7 @@ def gather_within_reach(big, w, i, column, line):
         across, up = boxes_away(w.shift, w, c, r)
         first = cell_at(w, c - across * w.grid.columns, r - up * w.grid.lines) * w.grid.slots
         for entry in range(first + 1, first + 1 + w.cell[first]):
-            k = w.cell[entry]
+            k = np.int64(w.cell[entry])
             if k & DISK_MASK >= big.number:
                 w.candidate[m] = image_of(k, across, up)
                 m += 1

@@ -8,6 +8,8 @@ centres of their squares, and are needed only to make lists.
 
 import math
 
+import numpy as np
+
 from brownpipe.exact import grid
 from brownpipe.exact.disks import contact_distance, shifted
 from brownpipe.exact.workspace import (
@@ -100,7 +102,7 @@ def centre(lists, w, i, now):
 @kernel
 def meet(lists, w, i, least):
     """Put disk i and its neighbours, of those numbered `least` or more, on each other's lists."""
-    for j in range(grid.gather_around(w, int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE]))):
+    for j in range(grid.gather_around(w, np.int64(w.link[ROW * i + COLUMN]), np.int64(w.link[ROW * i + LINE]))):
         candidate = w.candidate[j]
         k = candidate & DISK_MASK
         if k >= least and k != i and near(lists, w, i, candidate):

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from brownpipe.collisions import encounter
 from brownpipe.exact import grid
 from brownpipe.exact.disks import contact_distance, displacement
@@ -51,7 +53,7 @@ def audit_place(neighbour_lists, w, i, now):
 def audit(w, i, now):
     """Look for overlaps of disk i with its neighbours, and for itself where they look for it."""
     audit_place(w.lists, w, i, now)
-    column, line = int(w.link[ROW * i + COLUMN]), int(w.link[ROW * i + LINE])
+    column, line = np.int64(w.link[ROW * i + COLUMN]), np.int64(w.link[ROW * i + LINE])
     m = grid.gather(w.big, w, i, column, line)
     for j in range(m):
         k = w.candidate[j] & DISK_MASK

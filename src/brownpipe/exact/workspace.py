@@ -7,6 +7,8 @@ an index is not negative.
 
 from typing import NamedTuple
 
+from brownpipe.records import by_reference
+
 # The row of a disk, what others need of it: position and velocity at its own time, when its next collision is, how
 # often its velocity has changed, its radius.
 ROW = 8
@@ -37,6 +39,7 @@ CLOCK = 9
 DONE, PAUSED, LOG_FULL, CELL_FULL, BLOCK_OVER = range(5)
 
 
+@by_reference
 class BigDisks(NamedTuple):
     """The disks much bigger than the cells, numbered first, and the cells around their own that concern them."""
 
@@ -47,6 +50,7 @@ class BigDisks(NamedTuple):
     reach: object  # (n, 2) offsets of the cells in which it can touch something
 
 
+@by_reference
 class Grid(NamedTuple):
     """The box, in the engine's frame and units, cut into cells with a rim of ghost cells around them."""
 
@@ -62,6 +66,7 @@ class Grid(NamedTuple):
     sigma: float  # contact distance, where all disks are equal
 
 
+@by_reference
 class Calendar(NamedTuple):
     """The bucket queue's scale: buckets of equal width in time, a ring of them, a block of time cut into them."""
 
@@ -71,6 +76,7 @@ class Calendar(NamedTuple):
     ring: int  # number of buckets in the ring - 1, a mask
 
 
+@by_reference
 class Lists(NamedTuple):
     """Neighbour lists, and the squares for which they hold."""
 
@@ -80,6 +86,7 @@ class Lists(NamedTuple):
     neighbour: object  # (line * N,) uint32, how many neighbours and which
 
 
+@by_reference
 class Ahead(NamedTuple):
     """Where memory is much slower than the processor's cache: disks that wait for their bucket to come from there."""
 
@@ -87,6 +94,7 @@ class Ahead(NamedTuple):
     disk: object  # (n,) uint32
 
 
+@by_reference
 class Workspace(NamedTuple):
     """All that a run needs. What a scene does not need is None, and the code for it is not compiled."""
 
@@ -112,6 +120,7 @@ class Workspace(NamedTuple):
     tally: object  # float64
 
 
+@by_reference
 class Recorder(NamedTuple):
     """When to sample, and where to write it. Records of all disks and of events are empty if not asked for."""
 

@@ -14,7 +14,8 @@ import math
 import numpy as np
 
 from brownpipe.collisions import exchange, shares
-from brownpipe.kernels import kernel
+from brownpipe.kernels import entry_point, kernel
+from brownpipe.records import local_copy
 from brownpipe.timestep import lists
 from brownpipe.timestep.workspace import (
     ACROSS,
@@ -340,9 +341,10 @@ def sample(w, r, rest):
             note(w, i, rest, r.whole_position, r.whole_velocity, r.whole_image, row, w.disk[i])
 
 
-@kernel
+@entry_point
 def advance(w, r, most):
     """Run until all samples are taken or so many steps are; return why it stopped. To go on, call it again."""
+    w, r = local_copy(w), local_copy(r)
     while w.clock[SAMPLE] < len(r.step):
         while w.clock[STEP] < r.step[w.clock[SAMPLE]]:
             if most == 0:

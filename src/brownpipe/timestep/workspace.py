@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.records import by_reference
+
 # w.clock
 STEP, SAMPLE, TRACER, WITHIN, ACROSS, BEYOND, OVERFULL, LISTS_MADE, CLOCK = range(9)
 # w.count
@@ -21,6 +23,7 @@ DT, SLACK, FAR, LEFT, RIGHT, BOTTOM, TOP, REALS = range(8)
 DONE, PAUSED, NO_ROOM = range(3)
 
 
+@by_reference
 class Room(NamedTuple):
     """The box."""
 
@@ -31,6 +34,7 @@ class Room(NamedTuple):
     periodic: bool
 
 
+@by_reference
 class Pairs(NamedTuple):
     """Pairs of disks that may touch before the lists are made anew, as many as the clock says."""
 
@@ -41,6 +45,7 @@ class Pairs(NamedTuple):
     shift_y: np.ndarray
 
 
+@by_reference
 class Workspace(NamedTuple):
     """A run."""
 
@@ -85,6 +90,7 @@ class Workspace(NamedTuple):
     tally: np.ndarray
 
 
+@by_reference
 class Recorder(NamedTuple):
     """Where samples go; the names of exact.workspace.Recorder."""
 

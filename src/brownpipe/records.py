@@ -1,0 +1,126 @@
+"""Records of arrays that kernels take by reference: how a NamedTuple becomes one pointer.
+
+Numba passes a NamedTuple field by field, and an array as seven words, so that a workspace of twenty arrays is some 180
+arguments of every kernel; packing and unpacking them took most of the time to compile. A NamedTuple declared with
+`by_reference` is passed as the address of a struct instead, nested ones in the same struct. Python without Numba's
+compiler (NUMBA_DISABLE_JIT) sees the NamedTuple as it is.
+
+An entry point first makes a `local_copy`. As all kernels are inlined into it, the compiler then keeps the fields in
+registers, and need not read an array's address again after every store.
+"""
+
+import hashlib
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    intrinsic,
+    lower_getattr_generic,
+    models,
+    register_model,
+    typeof_impl,
+    unbox,
+)
+
+
+class Reference(types.Type):
+    """The type of a reference to a record: the record's name, and (name, type) of each field."""
+
+    def __init__(self, record: str, fields: tuple[tuple[str, types.Type], ...]):
+        self.record, self.fields = record, fields
+        text = ", ".join(f"{name}: {kind}" for name, kind in fields)
+        # It is part of every function's name: short, and different for different fields.
+        super().__init__(f"{record}.{hashlib.sha256(text.encode()).hexdigest()[:16]}")
+
+    @property
+    def key(self):
+        return self.record, self.fields
+
+
+def by_reference(record: type) -> type:
+    """Let kernels take a NamedTuple by reference. What a record does not have is None, and code for it is left out."""
+
+    @typeof_impl.register(record)
+    def reference_to(value, _):
+        return Reference(record.__name__, tuple((name, numba.typeof(getattr(value, name))) for name in record._fields))
+
+    return record
+
+
+def local_copy(record):
+    """Return a copy of a record (not of its arrays) that belongs to the kernel that calls this."""
+    return record
+
+
+def _struct(manager, reference: Reference):
+    """Return the memory layout of a record."""
+    layouts = [
+        _struct(manager, kind) if isinstance(kind, Reference) else manager.lookup(kind).get_value_type()
+        for _, kind in reference.fields
+    ]
+    return ir.LiteralStructType(layouts)
+
+
+@register_model(Reference)
+class _ReferenceModel(models.PrimitiveModel):
+    def __init__(self, manager, reference):
+        super().__init__(manager, reference, _struct(manager, reference).as_pointer())
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = Reference
+
+    def generic_resolve(self, reference, name):
+        return dict(reference.fields).get(name)
+
+
+@lower_getattr_generic(Reference)
+def _read_field(context, builder, reference, pointer, name):
+    number = [field for field, _ in reference.fields].index(name)
+    kind = reference.fields[number][1]
+    address = cgutils.gep_inbounds(builder, pointer, 0, number)
+    if isinstance(kind, Reference):
+        return address
+    return impl_ret_borrowed(context, builder, kind, builder.load(address))
+
+
+@unbox(Reference)
+def _from_python(reference, value, c):
+    """Fill a struct from the NamedTuple that Python passes."""
+    pointer = cgutils.alloca_once(c.builder, c.context.get_value_type(reference).pointee)
+    failed = cgutils.alloca_once_value(c.builder, cgutils.false_bit)
+    _fill(c, reference, value, pointer, failed)
+    return NativeValue(pointer, is_error=c.builder.load(failed))
+
+
+def _fill(c, reference, value, pointer, failed):
+    for number, (_, kind) in enumerate(reference.fields):
+        item, address = c.pyapi.tuple_getitem(value, number), cgutils.gep_inbounds(c.builder, pointer, 0, number)
+        if isinstance(kind, Reference):
+            _fill(c, kind, item, address, failed)
+        else:
+            native = c.unbox(kind, item)
+            c.builder.store(native.value, address)
+            c.builder.store(c.builder.or_(c.builder.load(failed), native.is_error), failed)
+
+
+if not numba.config.DISABLE_JIT:
+
+    @intrinsic
+    def local_copy(typing, record):
+        """Compile to a copy in the memory of the entry point's call."""
+
+        def code(context, builder, signature, arguments):
+            (pointer,) = arguments
+            copy = cgutils.alloca_once(builder, pointer.type.pointee)
+            builder.store(builder.load(pointer), copy)
+            return copy
+
+        return record(record), code
