@@ -1,0 +1,219 @@
+"""Make .venv, or see that it is up to date: what `make` runs before anything else, by uv if it is there, else by pip.
+
+    python3 workflow/set_up.py          what a study needs
+    python3 workflow/set_up.py dev      and what the tests and linters need
+
+The versions are those of requirements.lock and requirements-dev.lock. Nothing is installed yet when this runs, so it
+needs the standard library alone; and it must be readable to a python3 that is too old for the rest.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from zlib import crc32
+
+OLDEST = (3, 11)
+PYTHON_HERE = getattr(sys, "_base_executable", None) or sys.executable  # not that of an environment to be replaced
+ENVIRONMENT = Path(".venv")
+PYTHON = str(ENVIRONMENT / "bin" / "python")
+LOCKS = {"run": Path("requirements.lock"), "dev": Path("requirements-dev.lock")}
+
+INCOMPLETE = f"{PYTHON_HERE} lacks its module venv or ensurepip (Debian, Ubuntu: sudo apt install python3-venv)"
+CAUSES = {  # what venv, uv or pip said, and what that means; the first that is found counts
+    "the disk is full": ("No space left on device", "os error 28", "Disk quota exceeded"),
+    INCOMPLETE: ("ensurepip is not available", "No module named venv", "No module named ensurepip"),
+    "a file or folder here cannot be written to": ("Read-only file system", "Permission denied"),
+    "no network, or none that leads to the package index": (
+        *("NewConnectionError", "ConnectTimeout", "ReadTimeout", "ProxyError", "name resolution", "dns error"),
+        *("Connection refused", "Network is unreachable", "error sending request"),
+    ),
+    "the package index lacks a pinned package": ("No matching distribution", "was not found in", "no version of"),
+}
+
+
+class SetUpError(Exception):
+    """Why there can be no environment. One line."""
+
+
+def main(which="run"):
+    """Make or renew the environment if need be. Return the exit status."""
+    try:
+        refuse_old_python()
+        for name in ("run", "dev") if which == "dev" else ("run",):
+            if not is_ready(name):
+                set_up(name)
+    except SetUpError as error:
+        say(error)
+        return 1
+    except OSError as error:
+        say(cause_of([str(error)]))
+        return 1
+    except KeyboardInterrupt:
+        say("interrupted")
+        return 130
+    return 0
+
+
+def refuse_old_python():
+    if sys.version_info < OLDEST:
+        names = [f"python3.{k}" for k in range(20, OLDEST[1] - 1, -1)]
+        newer = [name for name in names if runs(name, "-c", "")]
+        found = f"{PYTHON_HERE} is {sys.version_info[0]}.{sys.version_info[1]}"
+        wanted = f"another one: make study PYTHON={newer[0] if newer else 'python3.12'}"
+        raise SetUpError(f"needs python3 >= {OLDEST[0]}.{OLDEST[1]}, and {found}; {wanted}")
+
+
+def stamp_of(name):
+    """Return a file that is there once all is installed, and what it then says: where, and from which pins."""
+    pins = LOCKS[name].read_bytes() + Path("pyproject.toml").read_bytes()
+    return ENVIRONMENT / f"installed-{name}", f"{Path.cwd()} {crc32(pins):08x}"
+
+
+def is_ready(name):
+    stamp, contents = stamp_of(name)
+    return stamp.exists() and stamp.read_text() == contents and runs(PYTHON, "-c", "")
+
+
+def runs(*command):
+    """Whether a command can be started and succeeds."""
+    try:
+        return subprocess.call(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) == 0
+    except OSError:
+        return False
+
+
+def set_up(name):
+    """Install what a lock file pins. An environment that was made in vain is taken away again."""
+    if not os.access(".", os.W_OK):
+        raise SetUpError(f"{Path.cwd()} cannot be written to; take a copy of it elsewhere")
+    uv = shutil.which("uv")
+    wrong = why_useless(uv)
+    if wrong:
+        say(f"{ENVIRONMENT} {wrong}: made again")
+    made_here = wrong or not ENVIRONMENT.exists()
+    try:
+        if made_here:
+            remove()
+            make(uv)
+        install(name, uv)
+    except BaseException:
+        if made_here:
+            remove()
+        raise
+
+
+def why_useless(uv):
+    """Return what is wrong with the environment that is there; None if nothing is, or if there is none."""
+    if not os.path.lexists(ENVIRONMENT):
+        return None
+    if not runs(PYTHON, "-c", f"import sys; sys.exit(sys.version_info < {OLDEST})"):
+        return "is broken: its python does not start or is too old"
+    stamp, contents = stamp_of("run")
+    if stamp.exists() and stamp.read_text().rpartition(" ")[0] != contents.rpartition(" ")[0]:
+        return "is of another folder, as this one was moved or copied"
+    return None if uv or runs(PYTHON, "-m", "pip", "--version") else "is broken: it has no pip"
+
+
+def remove():
+    if ENVIRONMENT.is_symlink() or ENVIRONMENT.is_file():
+        ENVIRONMENT.unlink()
+    else:
+        shutil.rmtree(ENVIRONMENT, ignore_errors=True)
+
+
+def make(uv):
+    say(f"making {ENVIRONMENT} with {uv or PYTHON_HERE}")
+    command = [uv, "venv", "--python", PYTHON_HERE] if uv else [PYTHON_HERE, "-m", "venv"]
+    done = subprocess.run([*command, str(ENVIRONMENT)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
+    if done.returncode:
+        raise SetUpError(cause_of(done.stdout.decode(errors="replace").splitlines()))
+
+
+def install(name, uv):
+    """Install the pinned packages, and brownpipe as it lies here.
+
+    The lock files are complete: no dependency has to be resolved. Only what is imported is compiled to byte code, as
+    compiling everything takes as long as all the rest.
+    """
+    began, lock, installer = time.monotonic(), LOCKS[name], "uv" if uv else "pip"
+    count = lock.read_text().count("==")
+    if uv:
+        command = [uv, "pip", "install", "--python", PYTHON, "--no-deps"]
+    else:
+        command = [PYTHON, "-m", "pip", "install", "--no-deps", "--no-compile", "--progress-bar", "off"]
+        command += ["--disable-pip-version-check", "--use-pep517"]
+    follow([*command, "--requirement", str(lock)], f"installing {count} packages with {installer}", count)
+    if name == "run":
+        follow([*command, "--no-build-isolation", "--editable", "."], "installing brownpipe itself")
+    say(f"{count} packages installed in {time.monotonic() - began:.0f} s")
+    stamp, contents = stamp_of(name)
+    stamp.write_text(contents)
+
+
+def follow(command, task, count=None):
+    """Run uv or pip, saying how far it is. Raises SetUpError with the cause in one line if it fails."""
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "PIP_NO_INPUT": "1"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment)
+    lines, over = [], threading.Event()
+    watch = threading.Thread(target=show, args=(lines, over, task, count), daemon=True)
+    watch.start()
+    try:
+        for line in process.stdout:
+            lines.append(line.decode(errors="replace").rstrip())
+        status = process.wait()
+    finally:
+        process.kill()
+        over.set()
+        watch.join()
+    if status:
+        raise SetUpError(cause_of(lines))
+
+
+def show(lines, over, task, count):
+    """Say every half second on a terminal, else whenever a stage begins, how far uv or pip is, until it is over."""
+    terminal, began, stage = sys.stderr.isatty(), time.monotonic(), None
+    if not terminal:
+        say(task)
+    while not over.wait(0.5):
+        seconds, before = time.monotonic() - began, stage
+        stage, left = how_far(lines, count, seconds)
+        if terminal:
+            still = f", about {left:.0f} s to go" if left else ""
+            sys.stderr.write(f"\r\033[Kbrownpipe: set-up: {task}: {stage}, {seconds:.0f} s{still}")
+        elif stage != before and stage in ("unpacking", "waiting for the network"):
+            say(stage)
+    if terminal:
+        sys.stderr.write("\r\033[K")
+
+
+def how_far(lines, count, seconds):
+    """Return the stage in words, and the time that is left [s] if known: pip unpacks as long as it fetches."""
+    fetched = sum(line.startswith(("Collecting ", "Requirement already")) for line in lines)
+    if any("Retrying (" in line for line in lines[-1:]):
+        return "waiting for the network", None
+    if any(line.startswith(("Installing collected", "Prepared ")) for line in lines):
+        return "unpacking", None
+    left = seconds * (2 * count / fetched - 1) if count and fetched > 4 else None
+    return f"{fetched} fetched" if fetched else "fetching", left
+
+
+def cause_of(lines):
+    """Return why venv, uv or pip failed, in one line."""
+    text = "\n".join(lines)
+    for cause, words in CAUSES.items():
+        if any(word in text for word in words):
+            return cause
+    errors = [line for line in lines if line.lower().startswith("error")]
+    return (errors + lines[-1:] + ["it failed without a word"])[0]
+
+
+def say(text):
+    sys.stderr.write(f"brownpipe: set-up: {text}\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
