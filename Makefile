@@ -1,18 +1,22 @@
-# make study | tradeoff | test | bench | lint : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | report | tradeoff | test | bench | lint : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study tradeoff test bench lint ready ready_dev has_python
+.PHONY: study report tradeoff test bench lint ready ready_dev has_python
 SHELL := /bin/bash
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
 STUDY ?= config/harrison2020.yaml
 CORES ?= $(shell nproc)
+REPORT ?= report.html
+export REPORT_COMMAND := make report$(if $(filter file,$(origin STUDY)),, STUDY=$(STUDY))
 
 study: ready
-	brownpipe check $(STUDY)
-	snakemake --cores $(CORES) --configfile $(STUDY)
+	@snakemake --cores $(CORES) --configfile $(STUDY)
+
+report: ready
+	@snakemake --cores $(CORES) --configfile $(STUDY) --report $(REPORT)
 
 tradeoff: ready
-	snakemake tradeoff_figures --cores $(CORES) --configfile config/tradeoff.yaml
+	@snakemake tradeoff_figures --cores $(CORES) --configfile config/tradeoff.yaml
 
 test: ready_dev
 	python -m pytest -n $(CORES) --dist loadfile

@@ -1,9 +1,10 @@
-# The workflow of a study: simulate -> aggregate -> figures.
+# The workflow of a study: simulate -> aggregate -> figures -> the answer on the screen.
 #     snakemake -j2                                              the default study, the 2020 note
 #     snakemake -j2 --configfile config/small.yaml               another one
 #     snakemake -j2 --config seeds=100                           the same with another value of one of its keys
 #     snakemake tradeoff_figures -j2 --configfile config/tradeoff.yaml     what its engines cost and are worth
 #     snakemake --report report.html                             all that came out, as one page
+import os
 import sys
 from os.path import relpath
 
@@ -26,10 +27,21 @@ engines = {one.label: {"words": one.words, "made_with": made_with("simulate", on
 report: "workflow/report/study.rst"
 
 
+# It has no output, so it runs whenever it is asked for: the answer is the last thing on the screen in any case.
 rule all:
     default_target: True
     input:
         f"{results}/figures/summary.txt",
+    params:
+        report=os.environ.get("REPORT_COMMAND", "the same command with --report report.html"),
+    shell:
+        "cat {input} && echo figures and tables: $(dirname {input}) && echo all on one page: {params.report:q}"
+
+
+onstart:
+    from brownpipe.check import forecast
+
+    logger.info(f"brownpipe: the study {study.name}: {forecast(study)}", extra={"forecast": True})
 
 
 include: "workflow/rules/simulate.smk"

@@ -77,7 +77,7 @@ def planned(folder, *arguments, **more):
     """How many jobs of each rule a dry run would start."""
     text = snakemake(folder, "--dry-run", *arguments, **more)
     counts = re.findall(r"^(simulate|aggregate|figures) +(\d+)$", text.partition("Job stats:")[2], re.MULTILINE)
-    assert counts or "Nothing to be done" in text
+    assert counts or re.search(r"^all +1$", text, re.MULTILINE)  # nothing but to show the answer again
     return dict.fromkeys(("simulate", "aggregate", "figures"), 0) | {rule: int(count) for rule, count in counts}
 
 
@@ -110,8 +110,9 @@ def test_everything_declared_is_there_and_printed(finished):
     figures = ("msd", "displacement_distribution", "diffusion", "thermodynamics", "particle_counts", "health")
     expected = {f"{name}.{kind}" for name in figures for kind in ("png", "svg", "csv")}
     assert names == expected | {"summary.txt", "summary.csv"}
-    assert (folder / "results/study/figures/summary.txt").read_text() in printed
-    assert "figures and tables: results/study/figures" in printed
+    answer = (folder / "results/study/figures/summary.txt").read_text()
+    last = "figures and tables: results/study/figures\nall on one page: the same command with --report report.html\n"
+    assert printed.endswith(answer + last)
     logs = list((folder / "results/study/logs").rglob("*.log"))
     tables = list((folder / "results/study/benchmarks").rglob("*.tsv"))
     assert (len(logs), len(tables)) == (10, 10)
@@ -119,6 +120,42 @@ def test_everything_declared_is_there_and_printed(finished):
     study = read_study(folder / "study.yaml")
     remarks = [cost.caution(engine, case) for case in study.cases for engine in study.engines]
     assert sorted(said) == sorted(f"brownpipe: {one}" for one in remarks if one for _ in study.batches)
+
+
+def test_the_screen_shows_how_far_the_study_is_and_little_else(finished):
+    folder, printed = finished
+    before = printed[: printed.index((folder / "results/study/figures/summary.txt").read_text())].splitlines()
+    assert before[0].startswith("Using workflow specific profile ")  # Snakemake says so before it asks for a display
+    assert before[1].startswith("brownpipe: the study study: 80 runs in 8 jobs of up to 10 seeds: some ")
+    shown = (
+        r"simulate: \d of 8 jobs \(\d+ runs\) done in \d+ s.*|(aggregate|figures): \d+ s after the start|brownpipe: .*"
+    )
+    assert [line for line in before[2:] if not re.fullmatch(shown, line)] == []
+    assert {"aggregate", "figures", "simulate"} <= {line.partition(":")[0] for line in before}
+    logs = "".join(log.read_text() for log in (folder / ".snakemake" / "log").iterdir())
+    assert logs.count("brownpipe simulate ") >= 8  # every command is there
+    assert "9 of 11 steps" in logs
+
+
+def test_the_answer_is_shown_again_though_nothing_is_to_be_done(finished):
+    printed = snakemake(finished[0], "--cores", "1", REPORT_COMMAND="make report STUDY='my study.yaml'")
+    answer = (finished[0] / "results/study/figures/summary.txt").read_text()
+    last = "figures and tables: results/study/figures\nall on one page: make report STUDY='my study.yaml'\n"
+    assert printed.partition("\n")[2] == answer + last
+
+
+@pytest.mark.parametrize("given", [(), ("STUDY=config/small.yaml",)], ids=["default", "another"])
+def test_make_names_a_command_for_the_report_that_makes_it(given):
+    """Make is only asked what it would do: the Snakemake command is the one that a test below runs."""
+    surroundings = environment()
+    surroundings.pop("MAKEFLAGS", None)
+    shown = ["make", "--silent", "--eval", "shown: ; @echo $(REPORT_COMMAND)", "shown", *given]
+    asked = subprocess.run(shown, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True).stdout
+    assert asked == " ".join(["make report", *given]) + "\n"
+    command = [*asked.split(), "--dry-run"]
+    done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True).stdout
+    study = given[0].partition("=")[2] if given else "config/harrison2020.yaml"
+    assert f" --configfile {study} --report report.html" in done
 
 
 def test_same_bytes_with_two_cores_in_another_folder_zone_and_language(finished, tmp_path):
@@ -185,7 +222,7 @@ def test_a_change_runs_what_depends_on_it_and_nothing_else(study, file, old, new
     [("exact/events.py", ALL), ("analysis/resampling.py", ANALYSIS), ("figures/msd.py", FIGURES), ("cli.py", NOTHING)],
 )
 def test_a_changed_source_runs_its_step_again(study, tmp_path, source, jobs):
-    package = Path(shutil.copytree(ROOT / "src" / "brownpipe", tmp_path / "src" / "brownpipe"))
+    package = Path(shutil.copytree(ROOT / "src", tmp_path / "src")) / "brownpipe"
     with open(package / source, "a") as file:
         file.write("# another version\n")
     assert planned(study, PYTHONPATH=str(package.parent)) == jobs
@@ -199,7 +236,7 @@ def test_a_changed_version_runs_its_step_again(study, tmp_path, package, jobs):
     told = tmp_path / "site" / f"{package}-99.dist-info" / "METADATA"
     told.parent.mkdir(parents=True)
     told.write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 99\n")
-    assert planned(study, PYTHONPATH=str(tmp_path / "site")) == jobs
+    assert planned(study, PYTHONPATH=f"{tmp_path / 'site'}:{ROOT / 'src'}") == jobs
 
 
 def test_more_seeds_leave_the_files_of_the_others_alone(study):
@@ -237,7 +274,7 @@ def test_a_study_of_two_engines(of_two_engines):
 
 @pytest.mark.parametrize(("source", "simulated"), [("langevin.py", 2), ("friction.py", 2), ("exact/events.py", 4)])
 def test_a_changed_engine_runs_its_own_jobs_again(of_two_engines, tmp_path, source, simulated):
-    package = Path(shutil.copytree(ROOT / "src" / "brownpipe", tmp_path / "src" / "brownpipe"))
+    package = Path(shutil.copytree(ROOT / "src", tmp_path / "src")) / "brownpipe"
     with open(package / source, "a") as file:
         file.write("# another version\n")
     jobs = {"simulate": simulated, "aggregate": 1, "figures": 1}
@@ -289,7 +326,8 @@ def test_a_failed_job_says_why(tmp_path):
     (folder / "study.yaml").write_text(crowd)
     (folder / "scenes" / "hot.yaml").write_text(SCENE.replace("[-3.0, 3.0]", "[-1.5, 1.5]"))
     printed = snakemake(folder, "--cores", "1", fails=True)
-    assert "brownpipe: hot, N = 170, seed 0: disks: " in printed
+    assert printed.splitlines()[-1].startswith("    brownpipe: hot, N = 170, seed 0: disks: ")  # below all else
+    assert "brownpipe: the rule simulate failed: brownpipe simulate scenes/hot.yaml --particles 170" in printed
     assert "Traceback" not in printed
     assert contents(folder, *PHYSICS) == {}
 

@@ -123,32 +123,43 @@ def _cautions(engine: Engine, scenes: Sequence[Scene]) -> list[str]:
     return [f"caution   {one}" for one in dict.fromkeys(cost.caution(engine, scene) for scene in scenes) if one]
 
 
+def forecast(study: Study) -> str:
+    """Return what running a study comes to, in one line. Its seeds must be known."""
+    used, most, size = _uses(study), 0, 0.0
+    for _, seeds, cases in used:
+        most = max(most, len(seeds))
+        size += len(seeds) * sum(cost.of_run(case, *_kept(study)).recorded for case in cases)
+    runs = sum(len(seeds) * len(cases) for _, seeds, cases in used)
+    seconds = sum(_seconds(study, *use) for use in used)
+    jobs = f"{runs:,} runs in {len(study.jobs())} jobs of up to {min(study.batch, most):,} seeds"
+    return f"{jobs}: some {in_time(seconds)} of CPU, {in_bytes(size)} in results/{study.name}"
+
+
 def _study(study: Study) -> list[str]:
     study, remarks = _with_seeds(study)
-    kept = {study.record}, study.observables, study.average
-    costs = {case: cost.of_run(case, *kept) for case in study.cases}
     names = max(len(case.name) for case in study.cases)
     lines = [f"{'scene':<{names}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  of a run"]
-    for case, one in costs.items():
+    for case in study.cases:
+        one = cost.of_run(case, *_kept(study))
         count = _rounded(one.pair_collisions + one.wall_collisions)
         row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {count:>11} {in_time(one.seconds):>9}"
         lines.append(f"{case.name:<{names}}  {row} {in_bytes(one.recorded):>9}")
-    all_runs, seconds, size, most = 0, 0.0, 0.0, 0
     for engine, seeds, cases in _uses(study):
-        takes, batches = [cost.of_engine(engine, case, *kept) for case in cases], len(study.batches_of(seeds))
-        each = sum(batches * (cost.START_UP + one.once) + len(seeds) * one.seconds for one in takes)
         where = "" if len(cases) == len(study.cases) else f" in {', '.join(dict.fromkeys(one.name for one in cases))}"
-        lines.append(f"engine    {engine.label}{where}: {_model(engine, cases)}; some {in_time(each)} of CPU")
-        lines += _cautions(engine, cases)
-        all_runs, seconds, most = all_runs + len(seeds) * len(cases), seconds + each, max(most, len(seeds))
-        size += len(seeds) * sum(costs[case].recorded for case in cases)
-    total = f"{all_runs:,} runs in {len(study.jobs())} jobs of up to {min(study.batch, most):,} seeds"
-    return [
-        *lines,
-        *remarks,
-        f"total     {total}: some {in_time(seconds)} of CPU, {in_bytes(size)} in results/{study.name}",
-        f"figures   {', '.join(study.figures)}",
-    ]
+        some = f"some {in_time(_seconds(study, engine, seeds, cases))} of CPU"
+        lines += [f"engine    {engine.label}{where}: {_model(engine, cases)}; {some}", *_cautions(engine, cases)]
+    return [*lines, *remarks, f"total     {forecast(study)}", f"figures   {', '.join(study.figures)}"]
+
+
+def _kept(study: Study) -> tuple:
+    """What is kept and measured of each run."""
+    return {study.record}, study.observables, study.average
+
+
+def _seconds(study: Study, engine: Engine, seeds: Sequence[int], cases: Sequence[Scene]) -> float:
+    """The CPU time [s] of an engine's jobs."""
+    takes, batches = [cost.of_engine(engine, case, *_kept(study)) for case in cases], len(study.batches_of(seeds))
+    return sum(batches * (cost.START_UP + one.once) + len(seeds) * one.seconds for one in takes)
 
 
 def _uses(study: Study) -> list[tuple[Engine, Sequence[int], list[Scene]]]:

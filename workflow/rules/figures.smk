@@ -18,5 +18,3 @@ rule figures:
         made_with=made_with("figures"),
     shell:
         "brownpipe figures {input} --output $(dirname {output.summary}) --figures {params.names} 2> {log}"
-        " && cat {output.summary}"
-        " && echo figures and tables: $(dirname {output.summary}), as one page: the same command with --report report.html"

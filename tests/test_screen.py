@@ -1,0 +1,147 @@
+"""What a study shows on the screen while it runs, from messages as Snakemake sends them."""
+
+import io
+import logging
+import time
+from collections import Counter
+from types import SimpleNamespace
+
+import pytest
+from snakemake_interface_logger_plugins.common import LogEvent
+
+from snakemake_logger_plugin_brownpipe import LogHandler, progress
+
+
+class Screen(io.StringIO):
+    """A terminal, or not."""
+
+    def __init__(self, terminal):
+        super().__init__()
+        self.terminal = terminal
+
+    def isatty(self):
+        return self.terminal
+
+
+def display(monkeypatch, terminal=False, **changed):
+    """A display and its screen. It looks at running jobs only when it is told to."""
+    screen = Screen(terminal)
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setattr("sys.stdout", screen)
+    monkeypatch.setattr("threading.Thread", lambda **_: SimpleNamespace(start=lambda: None))
+    usual = {"dryrun": False, "verbose": False, "debug_dag": False, "stdout": False}
+    return LogHandler(SimpleNamespace(**usual | changed), None), screen
+
+
+def send(handler, event=None, message="", level=logging.INFO, **more):
+    record = logging.LogRecord("snakemake", level, "", 0, message, None, None)
+    record.__dict__.update(more, **({"event": event} if event else {}))
+    handler.handle(record)
+
+
+def begin(handler, number, rule="simulate", log=(), first=0):
+    seeds = {"first": str(first), "last": str(first + 99)} if rule == "simulate" else {}
+    send(handler, LogEvent.JOB_INFO, jobid=number, rule_name=rule, wildcards=seeds, log=[str(log)] if log else [])
+
+
+STATS = {"simulate": 4, "aggregate": 1, "all": 1, "total": 6}
+
+
+def test_jobs_are_counted_and_forecast(monkeypatch):
+    handler, screen = display(monkeypatch, terminal=True)
+    now = time.monotonic()
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    send(handler, LogEvent.RUN_INFO, "Job stats: ...", stats=STATS)
+    begin(handler, 1)
+    begin(handler, 2)
+    now += 6.0
+    send(handler, LogEvent.JOB_FINISHED, job_id=1)
+    # one job took 6 s; of the other three one is under way, on average half done: 2.5 x 6 s by one at a time
+    assert screen.getvalue().endswith("\r\033[Ksimulate: 1 of 4 jobs (100 runs) done in 6 s, about 15 s to go")
+
+
+def test_a_job_that_waited_for_the_compiler_says_nothing_of_the_others(monkeypatch, tmp_path):
+    handler, screen = display(monkeypatch)
+    send(handler, LogEvent.RUN_INFO, stats=STATS)
+    log = tmp_path / "1.log"
+    line = "brownpipe: compiling the kernels for this kind of scene, once per machine: about 8 s"
+    log.write_text(f"something else\n{line}\n")
+    begin(handler, 1, log=log)
+    begin(handler, 2, log=log)
+    handler.listen()
+    handler.listen()
+    send(handler, LogEvent.JOB_FINISHED, job_id=1)
+    assert handler.left() is None
+    assert screen.getvalue().count(line) == 1
+    assert "something else" not in screen.getvalue()
+
+
+def test_without_a_terminal_a_stage_is_said_once_and_then_seldom(monkeypatch):
+    handler, screen = display(monkeypatch)
+    now = time.monotonic()
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    send(handler, LogEvent.RUN_INFO, stats=STATS)
+    for number in range(3):
+        begin(handler, number)
+        send(handler, LogEvent.JOB_FINISHED, job_id=number)
+    begin(handler, 3)
+    assert screen.getvalue() == "simulate: 0 of 4 jobs (0 runs) done in 0 s\n"
+    now += 11.0
+    handler.show()
+    assert screen.getvalue().endswith("\nsimulate: 3 of 4 jobs (300 runs) done in 11 s, about 0 s to go\n")
+    assert screen.getvalue().count("\n") == 2
+
+
+def test_nothing_is_written_while_the_answer_is_printed(monkeypatch):
+    handler, screen = display(monkeypatch, terminal=True)
+    send(handler, LogEvent.RUN_INFO, stats=STATS)
+    begin(handler, 1, "all")
+    handler.show()
+    assert screen.getvalue().replace("\r\033[K", "") == ""
+
+
+@pytest.mark.parametrize("message", ["Building DAG of jobs...", "Select jobs to execute...", "Complete log(s): x"])
+def test_chatter_is_left_out(monkeypatch, message):
+    handler, screen = display(monkeypatch)
+    send(handler, message=message)
+    assert screen.getvalue() == ""
+
+
+@pytest.mark.parametrize("level", [logging.WARNING, logging.ERROR])
+@pytest.mark.parametrize("event", [None, LogEvent.ERROR])
+def test_no_warning_and_no_error_is_left_out(monkeypatch, level, event):
+    handler, screen = display(monkeypatch)
+    send(handler, event, "Building DAG went wrong", level)
+    assert screen.getvalue() == "Building DAG went wrong\n"
+
+
+def test_messages_that_are_not_known_are_shown(monkeypatch):
+    handler, screen = display(monkeypatch)
+    send(handler, message="Unlocked working directory.")
+    assert screen.getvalue() == "Unlocked working directory.\n"
+
+
+def test_a_dry_run_is_shown_as_snakemake_has_it(monkeypatch):
+    handler, screen = display(monkeypatch, dryrun=True)
+    send(handler, message="Building DAG of jobs...")
+    send(handler, LogEvent.RUN_INFO, "Job stats", stats=STATS)
+    assert screen.getvalue() == "Building DAG of jobs...\nJob stats\n"
+
+
+def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path):
+    handler, screen = display(monkeypatch)
+    log = tmp_path / "1.log"
+    log.write_text("brownpipe: no\n")
+    send(handler, LogEvent.RUN_INFO, stats=STATS)
+    begin(handler, 1)
+    told = {"rule_name": "simulate", "shellcmd": "brownpipe simulate x.yaml", "log": [str(log)]}
+    send(handler, LogEvent.JOB_ERROR, "Error in rule simulate", logging.ERROR, **told)
+    send(handler, message="Complete log(s): y")
+    handler.close()
+    explained = f"brownpipe: the rule simulate failed: brownpipe simulate x.yaml\n{log}:\n    brownpipe: no\n"
+    assert screen.getvalue().endswith(f"Complete log(s): y\n{explained}")
+
+
+def test_several_rules_at_once():
+    text = progress(Counter(simulate=2), Counter(simulate=2), 10, {"aggregate", "tradeoff"}, 3.4, None)
+    assert text == "aggregate: 3 s after the start; tradeoff: 3 s after the start"
