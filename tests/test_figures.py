@@ -1,6 +1,7 @@
 """The figures: complete, the same bytes each time, and with the dataset's numbers in them."""
 
 import csv
+import re
 import warnings
 
 import matplotlib
@@ -565,11 +566,28 @@ def test_summary(dataset):
     line = next(line for line in text.splitlines() if line.split()[:2] == ["hot", "20"])
     case = dataset.sel(scene="hot", particles=20, engine="exact")
     assert cases.plus_minus(case.msd[-1], case.msd_standard_error[-1]) in line
-    assert cases.plus_minus(case.slope[0], case.slope_standard_error[0]) in line
-    assert "MSD(1)" in text
-    assert "D [0.1, 1]" in text
+    d = case.diffusion_coefficient[0], case.diffusion_coefficient_standard_error[0]
+    assert cases.plus_minus(*d) in line
+    assert "MSD(t = 1)" in text
+    assert "D: a quarter of the slope of the MSD over t in [0.1, 1]." in text
     assert "hot, N = 20: failed and left out: 2 of 60 seeds (7,33)" in text
     assert "missing" not in text
+
+
+def test_summary_says_what_is_tested_and_at_which_level(tmp_path):
+    """Of two scenes, normal displacements in one and displacements of nearly one length in the other."""
+    normal, ring = make_runs(make_scene("normal"), range(400)), make_runs(make_scene("ring"), range(400))
+    direction = (np.exp(1j * np.arange(400.0)) * np.linspace(0.9, 1.1, 400)).view(float).reshape(400, 2)
+    ring.ensemble.tracer.position[...] = np.sqrt(4 * ring.ensemble.times)[:, None, None] * direction
+    text = figures.summary(aggregate([write(tmp_path, normal), write(tmp_path, ring)]))
+    first, second = (next(line for line in text.splitlines() if line.startswith(name)) for name in ("normal", "ring"))
+    assert re.search(r"  no, p = [0-9.]+ +no, p = [0-9.]+$", first)
+    assert second.endswith("  yes, p < 1e-12   yes, p < 1e-12")
+    head = text.splitlines()
+    assert head[0].index("eq. (18) rejected?") == head[1].index("with D = MSD/4t") == second.index("yes")
+    assert "Eq. (18): x and y at t = 1 are normal, of variance 2Dt;" in text
+    assert "rejected at a family-wise level of 5% for the 4 tests of this table (Holm); no: not rejected." in text
+    assert max(map(len, head)) <= 100
 
 
 def test_summary_names_missing_seeds_and_engines(tmp_path):
@@ -577,7 +595,7 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
     coarse = partial._replace(engine="timestep", settings={"time_step": 0.01})
     text = figures.summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
     assert "plain, N = 20, timestep time_step=0.01: missing: 4 of 20 seeds (5-8)" in text
-    assert "engine" in text.splitlines()[0]
+    assert "engine" in text.splitlines()[1]
 
 
 def test_summary_table_has_a_row_per_window(dataset, folder):
@@ -653,4 +671,6 @@ def test_the_summary_of_averages_has_no_distribution(tmp_path):
     ensemble = runs.ensemble._replace(tracer=None, observables=measured, average="disks")
     storage.write_trajectories(tmp_path / "a.h5", scene, "exact", {}, ensemble)
     text = figures.summary(aggregate([tmp_path / "a.h5"])).splitlines()
-    assert text[1].split()[-3:] == ["-", "-", "-"] and not any("rejected" in line for line in text)
+    assert text[0].split() == ["scene", "N", "runs", "MSD(t", "=", "1)", "D"] and not any(
+        "rejected" in line for line in text
+    )

@@ -7,29 +7,34 @@ from brownpipe.analysis.variables import FAILED, MISSING
 from brownpipe.figures.cases import at_last_distribution, cases_of, has_msd, over_time, plus_minus, title_of
 from brownpipe.figures.tables import Table
 
-TESTS = ("D = MSD/4t", "D = slope/4")  # of eq. (18), the first two models of a dataset
+TESTS = ("with D = MSD/4t", "with fitted D")  # of eq. (18), the first two models of a dataset
+QUESTION = "eq. (18) rejected?"  # above the columns of the tests
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 
 
 def summary(dataset):
     """The answer as a plain-text table with one line per scene, particle count and engine.
 
-    Runs, MSD at the end, slope and D = slope/4 over the first window with their standard errors over runs, the kurtosis
-    of the displacement at the end, and p-values of eq. (18) with either D. Those of the whole table are one family:
-    what is rejected is so at the family-wise level (Holm). Below it, seeds that failed or are missing.
+    Runs, MSD at the end and D = slope/4 over the first window with their standard errors over runs, and p-values of
+    eq. (18) with either D. Those of the whole table are one family: what is rejected is so at the family-wise level
+    (Holm). Below it, what the columns mean, and seeds that failed or are missing.
     """
     cases = cases_of(dataset)
     durations = sorted({case.duration.item() for case in cases})
-    end = f"{durations[0]:g}" if len(durations) == 1 else "end"
-    window = dataset.window.values[0]
-    head = ("scene", "N", "engine", "runs", f"MSD({end})", f"slope {window}", f"D {window}", "kurtosis", *TESTS)
+    end = f"MSD(t = {durations[0]:g})" if len(durations) == 1 else "MSD at the end"
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
-    rows = [head, *map(_row, cases, p, rejected)]
-    columns = [column for column in zip(*rows, strict=True) if column[0] != "engine" or len(set(column)) > 2]
+    rows = [("scene", "N", "engine", "runs", end, "D", *TESTS), *map(_row, cases, p, rejected)]
+    tests, left_out = np.count_nonzero(np.isfinite(p)), set()
+    if len({row[2] for row in rows}) == 2:
+        left_out.add("engine")
+    if not tests:
+        left_out.update(TESTS)
+    columns = [column for column in zip(*rows, strict=True) if column[0] not in left_out]
     widths = [max(map(len, column)) for column in columns]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*columns, strict=True)]
-    return "\n".join([*lines, *_remarks(cases, np.count_nonzero(np.isfinite(p)))]) + "\n"
+    above = [" " * lines[0].index(TESTS[0]) + QUESTION] if tests else []
+    return "\n".join([*above, *lines, *_legend(dataset, cases, tests), *_left_out(cases)]) + "\n"
 
 
 def _p_values(case):
@@ -41,31 +46,33 @@ def _row(case, p, rejected):
     """One line of the text table."""
     names = (case.scene.item(), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
     if not has_msd(case):
-        return (*names, *["-"] * 6)
-    last, fit = over_time(case).isel(time=-1), case.isel(window=0)
-    estimates = [(last, "msd"), (fit, "slope"), (fit, "diffusion_coefficient")]
+        return (*names, *["-"] * 4)
+    estimates = [(over_time(case).isel(time=-1), "msd"), (case.isel(window=0), "diffusion_coefficient")]
     numbers = [plus_minus(part[name], part[f"{name}_standard_error"]) for part, name in estimates]
-    end = at_last_distribution(case)
-    shape = plus_minus(end.kurtosis, end.kurtosis_standard_error) if "kurtosis" in end else "-"
-    return (*names, *numbers, shape, *map(_verdict, p, rejected))
+    return (*names, *numbers, *map(_verdict, p, rejected))
 
 
 def _verdict(p, rejected):
-    return "-" if np.isnan(p) else f"{'rejected, ' if rejected else ''}{in_words(p)}"
+    return "-" if np.isnan(p) else f"{'yes' if rejected else 'no'}, {in_words(p)}"
 
 
-def _remarks(cases, tests):
-    """How to read the table, and which runs it lacks."""
+def _legend(dataset, cases, tests):
+    """What the columns mean."""
+    shown = [case for case in cases if has_msd(case)]
+    yield "N: number of disks. MSD: mean squared displacement of the tracer. All in the scene's reduced units."
+    yield f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs."
+    if tests:
+        times = sorted({at_last_distribution(case).displacement_time.item() for case in shown})
+        at = "at the end" if len(times) > 1 else f"at t = {times[0]:g}"
+        family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
+        yield f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and kurtosis."
+        yield f"yes: rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm); no: not rejected."
+
+
+def _left_out(cases):
+    """Which runs the table lacks."""
     from brownpipe.storage import seed_text
 
-    yield "±: one standard error over runs. D belongs to its window of time."
-    if tests:
-        yield "kurtosis: <r^4>/(2 <r^2>^2), 1 by eq. (18). p: eq. (18) with this D, by rings and kurtosis together."
-        family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
-        yield f"rejected: at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm)."
-    times = sorted({at_last_distribution(case).displacement_time.item() for case in cases if has_msd(case)})
-    if tests and times != sorted({case.duration.item() for case in cases if has_msd(case)}):
-        yield f"kurtosis and p are those of t = {', '.join(f'{time:g}' for time in times)}."
     for case in cases:
         for status, what in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[case.run_status.values == status]
