@@ -1,6 +1,7 @@
 """The command line: what it does, what it says, and with which status it ends."""
 
 import errno
+import itertools
 import os
 import re
 import signal
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import cli, exact
+from brownpipe import batch, cli, exact, kernels
 from brownpipe.cli import DONE, FAILED, WRONG, main
 from brownpipe.kernels import RunError
 from brownpipe.storage import read_dataset, read_trajectories
@@ -54,6 +55,7 @@ def said(capsys, *argv):
     except SystemExit as left:
         status = left.code
     out, err = capsys.readouterr()
+    err = re.sub("^brownpipe: compiling .*\n", "", err, flags=re.MULTILINE)  # once per machine
     assert err.count("\n") <= 1
     assert "Traceback" not in err
     return status, out, err
@@ -69,8 +71,16 @@ def test_simulate_writes_what_was_asked_for(runs):
     assert (trajectories.scene.particles, trajectories.engine) == (10, "exact")
 
 
+def ends_well(found, file="harrison2020.h5", runs="1 run"):
+    """Whether `simulate` said nothing but, in one line, what it made."""
+    status, out, err = found
+    overlap = r"(?:, worst overlap [0-9.e-]+ contact distances)?"
+    assert (status, err) == (DONE, "")
+    return re.fullmatch(rf"{re.escape(file)}: {runs}{overlap}, [0-9.]+ (?:ms|s|min) of CPU\n", out)
+
+
 def test_one_seed_again_is_the_same_to_the_bit(runs, capsys):
-    assert said(capsys, "simulate", SCENE, "--particles", 10, "--seeds", 2, "--record", "all,events") == (DONE, "", "")
+    assert ends_well(said(capsys, "simulate", SCENE, "--particles", 10, "--seeds", 2, "--record", "all,events"))
     again, before = read_trajectories("harrison2020.h5").ensemble, read_trajectories(runs).ensemble
     assert again.tracer.position[:, 0].tobytes() == before.tracer.position[:, 2].tobytes()
     assert again.whole[2].position[:, 0].tobytes() == again.tracer.position[:, 0].tobytes()
@@ -80,19 +90,19 @@ def test_one_seed_again_is_the_same_to_the_bit(runs, capsys):
 @pytest.mark.parametrize("record", ["tracer", "all", "events", "none", "all,events"])
 def test_the_command_in_a_file_makes_the_file_again(record, capsys):
     argv = ["simulate", SCENE, "--particles", 10, "--seeds", "3,5-6", "--record", record]
-    assert said(capsys, *argv) == (DONE, "", "")
+    assert ends_well(said(capsys, *argv), runs="3 runs")
     first = Path("harrison2020.h5").read_bytes()
     command = re.search(rb"`(brownpipe [^`]*)`", first)[1].decode().split()
     assert command[:3] == ["brownpipe", "simulate", "harrison2020.yaml"]
     os.symlink(SCENE, "harrison2020.yaml")
-    assert said(capsys, *command[1:]) == (DONE, "", "")
+    assert ends_well(said(capsys, *command[1:]), runs="3 runs")
     assert Path("harrison2020.h5").read_bytes() == first
 
 
 @pytest.mark.parametrize("friction", ["enskog", "boltzmann"])
 def test_the_command_in_a_file_names_engine_and_settings(friction, capsys):
     status, out, err = said(capsys, "simulate", SCENE, "--engine", "langevin", "--friction", friction)
-    assert (status, out) == (DONE, "")
+    assert status == DONE and re.fullmatch(r"harrison2020\.h5: 1 run, [0-9.]+ m?s of CPU\n", out)
     assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in err
     first, found = Path("harrison2020.h5").read_bytes(), read_trajectories("harrison2020.h5")
     assert (found.engine, found.settings) == ("langevin", {"friction": friction})
@@ -113,7 +123,7 @@ def test_an_engine_gets_its_settings_and_no_other(capsys, monkeypatch, runs):
 
     monkeypatch.setattr("brownpipe.timestep.simulate", simulate)
     asked = ["simulate", SCENE, "--particles", 10, "--seeds", "0-2", *STEP, "--output", "x.h5"]
-    assert said(capsys, *asked) == (DONE, "", "")
+    assert ends_well(said(capsys, *asked), "x.h5", "3 runs")
     nothing_measured = {"observables": (), "average": "runs"}
     settings = {"time_step": 0.01, "precision": "double", "collisions": "at_contact"}
     assert calls == [([0, 1, 2], frozenset({"tracer"}), nothing_measured | settings)]
@@ -122,6 +132,39 @@ def test_an_engine_gets_its_settings_and_no_other(capsys, monkeypatch, runs):
         b"--engine timestep --time-step 0.01 --precision double --collisions at_contact`" in Path("x.h5").read_bytes()
     )
     assert "engine       timestep" in said(capsys, "inspect", "x.h5")[1]
+
+
+def test_a_long_batch_is_counted_on_a_terminal_alone(capsys, monkeypatch):
+    """A clock that goes on by a second whenever it is read: every run is shown."""
+    asked = ["simulate", SCENE, "--particles", "10", "--seeds", "0-3"]
+    assert main(asked) == DONE
+    assert "runs done" not in capsys.readouterr().err
+    ticks = itertools.count()
+    monkeypatch.setattr("brownpipe.cli.time.monotonic", lambda: next(ticks))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert main(asked) == DONE
+    shown = capsys.readouterr().err.split("\r\033[K")[1:]
+    first, *others = [text for text in shown if "runs done" in text]
+    assert first == "1 of 4 runs done"
+    assert others == [f"{k} of 4 runs done, about {left} to go" for k, left in ((2, "2 s"), (3, "1 s"), (4, "0 ms"))]
+    assert shown[-1] == ""
+    assert batch.on_entry == []
+
+
+def test_what_is_compiled_is_said(capsys, monkeypatch, runs):
+    hooks = []
+
+    def simulate(*_, **__):
+        for tell in hooks:
+            tell("compiling the kernels for this kind of scene, once per machine: about 8 s")
+        return read_trajectories(runs).ensemble
+
+    monkeypatch.setattr(kernels, "on_compile", hooks, raising=False)
+    monkeypatch.setattr(exact, "simulate", simulate)
+    assert main(["simulate", SCENE, "--particles", "10", "--seeds", "0-2"]) == DONE
+    line = "brownpipe: compiling the kernels for this kind of scene, once per machine: about 8 s\n"
+    assert capsys.readouterr().err == line
+    assert hooks == []
 
 
 def test_record_none_keeps_the_observables(capsys):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from brownpipe.check import in_bytes
 from brownpipe.cli import DONE, FAILED, WRONG, main
 from brownpipe.figures import snapshot
 from brownpipe.state import Track
@@ -51,6 +52,13 @@ def test_animation_has_the_frames_asked_for(path):
     for options, frames, pause in (((), 21, 40), (("--frames", "5", "--fps", "10"), 5, 100)):
         with Image.open(io.BytesIO(made(path, ".gif", *options))) as animation:
             assert (animation.n_frames, animation.info["duration"], animation.info["loop"]) == (frames, pause, 0)
+
+
+def test_it_says_what_it_made(path, capsys):
+    asked = (".gif", (), "21 frames"), (".gif", ("--frames", "5"), "5 frames"), (".png", (), "1 frame")
+    for kind, options, frames in asked:
+        size = in_bytes(len(made(path, kind, *options)))
+        assert capsys.readouterr().out == f"{path.with_suffix(kind)}: {frames}, {size}\n"
 
 
 def test_animation_ends_with_the_last_sample(path):

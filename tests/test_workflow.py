@@ -116,7 +116,11 @@ def test_everything_declared_is_there_and_printed(finished):
     logs = list((folder / "results/study/logs").rglob("*.log"))
     tables = list((folder / "results/study/benchmarks").rglob("*.tsv"))
     assert (len(logs), len(tables)) == (10, 10)
-    said = [line for log in logs for line in log.read_text().splitlines()]
+    said = [line for log in logs for line in log.read_text().splitlines() if "brownpipe: compiling" not in line]
+    last = r"results/\S+\.h5: 10 runs, worst overlap \S+ contact distances, .* of CPU"
+    made = [line for line in said if re.fullmatch(last, line)]
+    assert len(made) == 8
+    said = [line for line in said if line not in made]
     study = read_study(folder / "study.yaml")
     remarks = [cost.caution(engine, case) for case in study.cases for engine in study.engines]
     assert sorted(said) == sorted(f"brownpipe: {one}" for one in remarks if one for _ in study.batches)

@@ -10,6 +10,7 @@ from brownpipe.scene import Scene
 from brownpipe.state import Ensemble, Events, Track
 
 SMALLEST_SQUARE = float(np.finfo(float).smallest_normal)
+on_entry = []  # functions called with the number of runs done and of all runs, whenever a run has been entered
 
 
 class Run(NamedTuple):
@@ -69,6 +70,8 @@ def enter(batch: Ensemble, column: int, one: Run, asked: Request) -> None:
         batch.whole[seed] = one.whole
     if one.events is not None:
         batch.events[seed] = one.events
+    for tell in on_entry:
+        tell(column + 1, len(batch.seeds))
 
 
 def _measured(one: Run, asked: Request) -> dict[str, np.ndarray | float | int]:

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
@@ -79,6 +80,7 @@ def simulate(arguments) -> int:
     from brownpipe.seeds import parse_seeds
     from brownpipe.study import refuse_repetition
 
+    began = time.process_time()
     engine, record, seeds = _engine(arguments), _record(arguments.record), parse_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
     refuse_repetition([scene], seeds)
@@ -93,13 +95,15 @@ def simulate(arguments) -> int:
         _say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
     kept = _checkpoints(arguments, checkpoint, scene, seeds, record)
-    ensemble = engine.simulate(scene, seeds, record, *kept, **measures)
+    with _told_about_runs():
+        ensemble = engine.simulate(scene, seeds, record, *kept, **measures)
     write_trajectories(output, scene, engine.name, dict(engine.settings), ensemble)
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
     failed = ensemble.seeds[ensemble.observables["failed"] > 0]
     if len(failed):
         _say(f"{output}: failed their health check: {len(failed)} of {len(seeds)} runs: {seed_text(failed)}", FAILED)
+    print(_made(output, ensemble, time.process_time() - began))
     return FAILED if len(failed) == len(seeds) else DONE
 
 
@@ -135,12 +139,17 @@ def movie(arguments) -> int:
 
     The file must have been recorded with `--record all`. The picture shows the end of the run.
     """
+    from brownpipe.check import in_bytes
     from brownpipe.figures.movie import movie as moving
+    from brownpipe.figures.movie import samples_shown
     from brownpipe.storage import read_trajectories, write_file
 
     output = _writable(arguments.output or f"{Path(arguments.file).stem}.gif", arguments.file)
     trajectories, kind = read_trajectories(arguments.file), Path(output).suffix
-    write_file(output, moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps))
+    contents = moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps)
+    write_file(output, contents)
+    frames = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
+    print(f"{output}: {_number(frames, 'frame')}, {in_bytes(len(contents))}")
     return DONE
 
 
@@ -205,6 +214,63 @@ def check(arguments) -> int:
 
     print(describe(arguments.file, arguments.particles))
     return DONE
+
+
+@contextmanager
+def _told_about_runs():
+    """Say meanwhile what is compiled and, on a terminal, how many runs are done and how long the others will take."""
+    from brownpipe import batch, kernels
+
+    hooks = [(getattr(kernels, "on_compile", []), lambda text: _say(text, DONE))]
+    if sys.stderr.isatty():
+        hooks.append((batch.on_entry, _counter()))
+    for told, function in hooks:
+        told.append(function)
+    try:
+        yield
+    finally:
+        for told, function in hooks:
+            told.remove(function)
+        if sys.stderr.isatty():
+            _rewrite("")
+
+
+def _counter():
+    """Return a function that shows how far a batch is, in a line that is written over, a few times a second."""
+    from brownpipe.check import in_time
+
+    first = shown = began = None
+
+    def tell(done: int, runs: int) -> None:
+        nonlocal first, shown, began
+        now = time.monotonic()
+        if first is None:  # the clock starts here: compiling and preparing came before
+            first, shown, began = done, -1.0, now
+        if now - shown > 0.2:
+            still = f", about {in_time((now - began) / (done - first) * (runs - done))} to go" if done > first else ""
+            _rewrite(f"{done:,} of {runs:,} runs done{still}")
+            shown = now
+
+    return tell
+
+
+def _rewrite(text: str) -> None:
+    """Write text in place of what is in the last line of the terminal."""
+    sys.stderr.write(f"\r\033[K{text}")
+    sys.stderr.flush()
+
+
+def _made(output: str, ensemble, seconds: float) -> str:
+    """What was simulated, how well and at what cost, in one line. The exact engine's overlaps are round-off."""
+    from brownpipe.check import in_time
+
+    overlap = ensemble.observables.get("worst_overlap")
+    worst = "" if overlap is None or not overlap.size else f", worst overlap {overlap.max():.2g} contact distances"
+    return f"{output}: {_number(len(ensemble.seeds), 'run')}{worst}, {in_time(seconds)} of CPU"
+
+
+def _number(count: int, name: str) -> str:
+    return f"{count:,} {name}{'' if count == 1 else 's'}"
 
 
 def _engine(arguments):

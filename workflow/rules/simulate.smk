@@ -14,4 +14,4 @@ rule simulate:
         made_with=lookup(dpath="{engine}/made_with", within=engines),
     shell:
         "brownpipe simulate {params.scene:q} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
-        " --engine {params.engine} {params.measuring} --output {output} 2> {log}"
+        " --engine {params.engine} {params.measuring} --output {output} > {log} 2>&1"

@@ -31,9 +31,13 @@ def movie(trajectories, path, kind, seed=None, frames=None, fps=25.0):
     run = whole_run(trajectories, path, seed)
     if kind == ".png":
         return snapshot(run)
-    shown = np.unique(np.linspace(len(run.times) - 1, 0, frames or len(run.times)).round().astype(int))
     with drawing():
-        return (_gif if kind == ".gif" else _video)(_frames(run, shown), fps)
+        return (_gif if kind == ".gif" else _video)(_frames(run, samples_shown(len(run.times), frames)), fps)
+
+
+def samples_shown(samples, frames=None):
+    """The indices of the samples that an animation shows."""
+    return np.unique(np.linspace(samples - 1, 0, frames or samples).round().astype(int))
 
 
 def _frames(run, shown):
