@@ -142,6 +142,15 @@ def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path):
     assert screen.getvalue().endswith(f"Complete log(s): y\n{explained}")
 
 
+def test_after_an_interruption_no_job_is_blamed(monkeypatch):
+    handler, screen = display(monkeypatch)
+    send(handler, message="Terminating processes on user request, this might take some time.")
+    told = {"rule_name": "simulate", "shellcmd": "brownpipe simulate x.yaml", "log": []}
+    send(handler, LogEvent.JOB_ERROR, "Error in rule simulate", logging.ERROR, **told)
+    handler.close()
+    assert screen.getvalue().splitlines()[1:] == ["brownpipe: interrupted; the same command goes on from here"]
+
+
 def test_several_rules_at_once():
     text = progress(Counter(simulate=2), Counter(simulate=2), 10, {"aggregate", "tradeoff"}, 3.4, None)
     assert text == "aggregate: 3 s after the start; tradeoff: 3 s after the start"

@@ -184,7 +184,7 @@ def show(lines, over, task, count):
         if terminal:
             still = f", about {left:.0f} s to go" if left else ""
             sys.stderr.write(f"\r\033[Kbrownpipe: set-up: {task}: {stage}, {seconds:.0f} s{still}")
-        elif stage != before and stage in ("unpacking", "waiting for the network"):
+        elif count and stage != before and stage in ("unpacking", "waiting for the network"):
             say(stage)
     if terminal:
         sys.stderr.write("\r\033[K")

@@ -20,6 +20,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 CHATTER = ("Assuming unrestricted", "Building DAG", "Using shell", "Select jobs", "Execute ", "Complete log", "Elapsed")
 ANSWERS = ("all", "tradeoff_figures")  # rules that print the answer: nothing else is written meanwhile
+GO_ON = "brownpipe: interrupted; the same command goes on from here"
 OFTEN, SELDOM = 0.5, 10.0  # seconds between two looks, and between two lines where there is no terminal
 
 
@@ -46,6 +47,7 @@ class LogHandler(LogHandlerBase):
         self.began = self.last = time.monotonic()
         self.compiled = 0.0  # when a job last said so: it and those that wait for it take longer than others
         self.heard, self.shown, self.failures, self.over = set(), set(), [], threading.Event()
+        self.interrupted = False
 
     def emit(self, record):
         """Take note of a message of Snakemake, and show it if it is for the user."""
@@ -65,6 +67,7 @@ class LogHandler(LogHandlerBase):
             if getattr(record, "forecast", False) and not self.planned["simulate"]:
                 return
             text = self.format(record)
+            self.interrupted |= text.startswith("Terminating processes on user request")
             if self.failures or record.levelno > logging.INFO or not text.startswith(CHATTER):
                 self.write(text)
 
@@ -140,9 +143,9 @@ class LogHandler(LogHandlerBase):
         self.over.set()
         with self.lock:
             self.erase()
-            for text in self.failures:
+            for text in [GO_ON] if self.interrupted else self.failures:
                 self.write(text)
-            self.failures = []
+            self.failures, self.interrupted = [], False
         super().close()
 
 
