@@ -1,4 +1,4 @@
-"""What the README tells people to type works as it stands there."""
+"""What the README and the guide tell people to type works as it stands there, and what they point at is there."""
 
 import re
 import shlex
@@ -11,28 +11,73 @@ import pytest
 from brownpipe.cli import DONE, main
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text()
+PAGES = {
+    name: (ROOT / name).read_text() for name in ("README.md", "docs/guide.md", "docs/results.md", "CONTRIBUTING.md")
+}
+README, GUIDE = PAGES["README.md"], PAGES["docs/guide.md"]
 DATASET = "results/harrison2020/aggregate/harrison2020.nc"
 
 
-def blocks(language):
-    return re.findall(rf"^```{language}\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+def blocks(language, page):
+    return re.findall(rf"^```{language}\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+
+
+def commands(program, page):
+    """Lines that begin with a program, in blocks of either kind and in the text; without their comments."""
+    lines = re.findall(rf"^(?:    )?({program} .*)$|`({program} [^`]*)`", page, re.MULTILINE)
+    return [shlex.split((block or inline).partition("&&")[0], comments=True)[1:] for block, inline in lines]
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder after the commands of the README were run in it."""
+    """A folder after the commands of the README and of the guide were run in it."""
     folder = tmp_path_factory.mktemp("readme")
     (folder / "config").symlink_to(ROOT / "config")
+    (scene,) = blocks("yaml", README)
+    (folder / "my_scene.yaml").write_text(scene)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for line in re.findall(r"^brownpipe .*", "".join(blocks("sh")), re.MULTILINE):
-            assert main(shlex.split(line, comments=True)[1:]) == DONE
+        for page in (README, GUIDE):
+            for words in commands("brownpipe", "".join(blocks("sh", page))):
+                assert main(words) == DONE
         assert main(["aggregate", "seed17.h5", "--output", DATASET]) == DONE
     return folder
 
 
-@pytest.mark.parametrize("code", blocks("python"), ids=["h5py", "xarray"])
+def test_the_readme_is_a_front_page():
+    assert len(README.splitlines()) <= 120
+
+
+def test_the_scene_of_ones_own_comes_to_its_figures(folder):
+    assert {"msd.png", "summary.txt"} <= {path.name for path in (folder / "my_figures").iterdir()}
+
+
+@pytest.mark.parametrize("words", [words for page in PAGES.values() for words in commands("make", page)], ids=" ".join)
+def test_make_knows_its_targets(words):
+    done = subprocess.run(["make", "--dry-run", *words], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("words", commands("snakemake", README + GUIDE), ids=" ".join)
+def test_snakemake_knows_what_to_do(words, folder):
+    """Planned, not run: a study from end to end is in test_workflow.py."""
+    words = [word.replace("my_study.yaml", "config/small.yaml") for word in words]
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--snakefile",
+        ROOT / "Snakefile",
+        *words,
+        "--dry-run",
+        "--quiet",
+        "all",
+    ]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("code", blocks("python", GUIDE), ids=["h5py", "xarray"])
 def test_snippets_run(code, folder):
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=folder, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
@@ -40,7 +85,7 @@ def test_snippets_run(code, folder):
 
 
 def test_map_names_every_source_file_in_the_order_of_imports():
-    named = re.findall(r"`(\w+)(?:\.py|/)`", README.partition("## Map")[2].partition("## Speed")[0])
+    named = re.findall(r"`(\w+)(?:\.py|/)`", PAGES["CONTRIBUTING.md"].partition("## Map")[2].partition("## Style")[0])
     package = ROOT / "src" / "brownpipe"
     there = {path.stem for path in package.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
     assert set(named) >= there - {"__init__", "__main__"}
@@ -51,7 +96,8 @@ def test_map_names_every_source_file_in_the_order_of_imports():
         assert imported <= set(named[:place]), name
 
 
-def test_links_and_pictures_are_there():
-    links = re.findall(r"\]\(([^)#:]+)\)", README)
-    assert links
-    assert [link for link in links if not (ROOT / link).exists()] == []
+@pytest.mark.parametrize("page", PAGES)
+def test_links_and_pictures_are_there(page):
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)|<img src=\"([^\"]*)\"", PAGES[page])
+    assert links or page == "CONTRIBUTING.md"
+    assert [link for pair in links for link in pair if link and not ((ROOT / page).parent / link).exists()] == []
