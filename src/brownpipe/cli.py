@@ -221,7 +221,7 @@ def _told_about_runs():
     """Say meanwhile what is compiled and, on a terminal, how many runs are done and how long the others will take."""
     from brownpipe import batch, kernels
 
-    hooks = [(getattr(kernels, "on_compile", []), lambda text: _say(text, DONE))]
+    hooks = [(kernels.on_compile, lambda text: _say(text, DONE))]
     if sys.stderr.isatty():
         hooks.append((batch.on_entry, _counter()))
     for told, function in hooks:
