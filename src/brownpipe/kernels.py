@@ -47,9 +47,9 @@ def _cache_folder(engine: str) -> str:
     sources = [*shared, *PACKAGE.glob(f"{engine}/*.py")]
     text = b"".join(path.read_bytes() for path in sorted(sources))
     name = f"kernels-{hashlib.sha256(text).hexdigest()[:16]}"
-    usual = os.environ.get("NUMBA_CACHE_DIR") or PACKAGE / "__pycache__"
+    usual = Path(os.environ.get("NUMBA_CACHE_DIR") or PACKAGE / "__pycache__").absolute()
     shared = Path(tempfile.gettempdir()) / f"brownpipe-{os.getuid()}"
-    for base in (Path(usual), shared):
+    for base in (usual, shared):
         try:
             base.mkdir(mode=0o700 if base == shared else 0o777, parents=True, exist_ok=True)
             if not (base / name).exists():
@@ -122,7 +122,7 @@ class RunError(Exception):
     """A run that cannot go on. One line."""
 
 
-on_compile = []  # functions of one line of text: told when this process compiles, or waits for one that does
+on_compile = []  # functions that take a line of text, called when this process compiles or waits for one that does
 
 
 def _tell(line: str) -> None:
@@ -137,16 +137,23 @@ def one_compiler():
         with _compiling():
             yield
         return
-    Path(CACHE).mkdir(exist_ok=True)  # it may have been pruned meanwhile
+    Path(CACHE).mkdir(parents=True, exist_ok=True)  # it may have been removed meanwhile
     with open(Path(CACHE) / LOCK, "w") as lock:
         os.utime(lock.fileno())
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            _tell("waiting for another process that compiles or loads its kernels")
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        _take(lock)
         with _compiling():
             yield
+
+
+def _take(lock) -> None:
+    """Lock a file. That another process loads its kernels takes less than a second, and is not worth a word."""
+    for _ in range(20):
+        with suppress(BlockingIOError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        time.sleep(0.1)
+    _tell("waiting for another process that compiles its kernels")
+    fcntl.flock(lock, fcntl.LOCK_EX)
 
 
 class _FirstKernel(event.Listener):
@@ -165,9 +172,9 @@ class _FirstKernel(event.Listener):
 
 @contextmanager
 def _compiling():
-    """Let signals like Ctrl-C end the compiling, except where LLVM calls back: what is raised there is lost.
+    """Let signals like Ctrl-C end the compiling, at the latest after a call of LLVM, which takes up to a second.
 
-    Such a one is raised afterwards. A call of LLVM takes up to a second.
+    An exception raised in a callback from LLVM is lost, so a signal that arrives there is raised again after compiling.
     """
     held, usual = [], {}
 
@@ -180,11 +187,11 @@ def _compiling():
             signal.signal(number, usual[number])
             signal.raise_signal(number)
 
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            usual[number] = signal.getsignal(number) or signal.SIG_DFL
-            signal.signal(number, heed)
     try:
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                usual[number] = signal.getsignal(number) or signal.SIG_DFL
+                signal.signal(number, heed)
         with event.install_listener("numba:compile", _FirstKernel()):
             yield
     finally:

@@ -44,7 +44,7 @@ class Reference(types.Type):
 
 
 def by_reference(record: type) -> type:
-    """Let kernels take a NamedTuple by reference. What a record does not have is None, and code for it is left out."""
+    """Let kernels take a NamedTuple by reference. A field may be None; branches on `is None` end at compile time."""
 
     @typeof_impl.register(record)
     def reference_to(value, _):
@@ -95,18 +95,25 @@ def _read_field(context, builder, reference, pointer, name):
 def _from_python(reference, value, c):
     """Fill a struct from the NamedTuple that Python passes."""
     pointer = cgutils.alloca_once(c.builder, c.context.get_value_type(reference).pointee)
-    failed = cgutils.alloca_once_value(c.builder, cgutils.false_bit)
-    _fill(c, reference, value, pointer, failed)
-    return NativeValue(pointer, is_error=c.builder.load(failed))
+    failed, taken = cgutils.alloca_once_value(c.builder, cgutils.false_bit), []
+    _fill(c, reference, value, pointer, failed, taken)
+
+    def release():
+        for kind, native in taken:
+            c.context.nrt.decref(c.builder, kind, native)
+
+    return NativeValue(pointer, is_error=c.builder.load(failed), cleanup=release if c.context.enable_nrt else None)
 
 
-def _fill(c, reference, value, pointer, failed):
+def _fill(c, reference, value, pointer, failed, taken):
+    """Store the fields, and append (type, value) of each to what is taken, references to arrays among it."""
     for number, (_, kind) in enumerate(reference.fields):
         item, address = c.pyapi.tuple_getitem(value, number), cgutils.gep_inbounds(c.builder, pointer, 0, number)
         if isinstance(kind, Reference):
-            _fill(c, kind, item, address, failed)
+            _fill(c, kind, item, address, failed, taken)
         else:
             native = c.unbox(kind, item)
+            taken.append((kind, native.value))
             c.builder.store(native.value, address)
             c.builder.store(c.builder.or_(c.builder.load(failed), native.is_error), failed)
 
