@@ -35,7 +35,7 @@ rule all:
     params:
         report=os.environ.get("REPORT_COMMAND", "the same command with --report report.html"),
     shell:
-        "cat {input} && echo figures and tables: $(dirname {input}) && echo all on one page: {params.report:q}"
+        "cat {input:q} && echo figures and tables: $(dirname {input:q}) && echo all on one page: {params.report:q}"
 
 
 onstart:

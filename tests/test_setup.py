@@ -99,6 +99,12 @@ def test_it_installs_once_and_says_what(checkout):
     assert set_up(checkout, "ready_dev") == (0, [], 0)
 
 
+@pytest.mark.parametrize(("environment", "later"), [({}, True), ({"PYTHONDONTWRITEBYTECODE": "1"}, False)])
+def test_byte_code_is_compiled_later_where_it_is_then_kept(checkout, environment, later):
+    set_up(checkout, **environment)
+    assert all(("--no-compile" in call) == later for call in (checkout / "pip.calls").read_text().splitlines())
+
+
 def test_other_pins_are_installed(checkout):
     set_up(checkout)
     with open(checkout / "requirements.lock", "a") as file:

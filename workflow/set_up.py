@@ -136,16 +136,18 @@ def make(uv):
 def install(name, uv):
     """Install the pinned packages, and brownpipe as it lies here.
 
-    The lock files are complete: no dependency has to be resolved. Only what is imported is compiled to byte code, as
-    compiling everything takes as long as all the rest.
+    The lock files are complete: no dependency has to be resolved. Only what is imported is compiled to byte code, then
+    and there, as compiling everything takes as long as all the rest; except where Python is told to keep no byte code
+    (PYTHONDONTWRITEBYTECODE): there every process would compile it again.
     """
     began, lock, installer = time.monotonic(), LOCKS[name], "uv" if uv else "pip"
     count = lock.read_text().count("==")
     if uv:
         command = [uv, "pip", "install", "--python", PYTHON, "--no-deps"]
+        command += ["--compile-bytecode"] if sys.dont_write_bytecode else []
     else:
-        command = [PYTHON, "-m", "pip", "install", "--no-deps", "--no-compile", "--progress-bar", "off"]
-        command += ["--disable-pip-version-check", "--use-pep517"]
+        command = [PYTHON, "-m", "pip", "install", "--no-deps", "--progress-bar", "off", "--disable-pip-version-check"]
+        command += ["--use-pep517"] if sys.dont_write_bytecode else ["--use-pep517", "--no-compile"]
     follow([*command, "--requirement", str(lock)], f"installing {count} packages with {installer}", count)
     if name == "run":
         follow([*command, "--no-build-isolation", "--editable", "."], "installing brownpipe itself")
