@@ -176,32 +176,57 @@ def milliseconds_per_run(effort):
     return float(np.median(alone)), float(np.median(whole)), pairs
 
 
-def note_rate(effort, barrier):
+def note_rate(effort, wait):
     """Pair collisions per second of wall time in runs of the note's scene, all processes beginning together."""
     scene, pairs = read_scene(NOTE), 0
     exact.simulate(scene, range(10))
-    barrier.wait()
+    wait()
     begun = time.monotonic()
     for first in range(0, 10 * effort.runs, effort.runs):
         pairs += exact.simulate(scene, range(first, first + effort.runs)).observables["pair_collisions"].sum()
     return pairs / (time.monotonic() - begun)
 
 
-def case_rate(case, effort, barrier):
+def case_rate(case, effort, wait):
     """Pair collisions per second of wall time in a large box, all processes beginning together."""
     w, room = started(scene_of(case), effort)
-    barrier.wait()
+    wait()
     begun, done = time.monotonic(), w.count[ws.PAIRS]
     go_on(w, room, 5 * effort.melting)
     return (w.count[ws.PAIRS] - done) / (time.monotonic() - begun)
 
 
-def together(work, processes):
-    """The sum of the rates of so many processes at once."""
-    context = multiprocessing.get_context("spawn")
-    with context.Manager() as manager, context.Pool(processes) as pool:
-        barrier = manager.Barrier(processes)
-        return sum(pool.map(work, [barrier] * processes, chunksize=1))
+def measure_what_is_asked(pipe):
+    """A process that measures one rate after the other: it says when it is ready, and waits until all others are."""
+
+    def wait():
+        pipe.send("ready")
+        pipe.recv()
+
+    while (work := pipe.recv()) is not None:
+        pipe.send(work(wait))
+
+
+def started_processes(number):
+    """The pipes to so many processes of their own."""
+    context, pipes = multiprocessing.get_context("spawn"), []
+    for _ in range(number):
+        mine, its = context.Pipe()
+        context.Process(target=measure_what_is_asked, args=(its,), daemon=True).start()
+        its.close()  # else nobody would notice if the process died
+        pipes.append(mine)
+    return pipes
+
+
+def together(work, pipes):
+    """The sum of the rates of the processes at once."""
+    for pipe in pipes:
+        pipe.send(work)
+    for pipe in pipes:
+        pipe.recv()
+    for pipe in pipes:
+        pipe.send("go")
+    return sum(pipe.recv() for pipe in pipes)
 
 
 def ensembles(effort):
@@ -209,9 +234,12 @@ def ensembles(effort):
     works = {"the note's scene, N = 150": partial(note_rate, effort)}
     for n in effort.together:
         works[f"periodic, equal, phi = 0.5, N = {n}"] = partial(case_rate, Case(n, 0.5, "periodic", "equal"), effort)
+    groups = [started_processes(number) for number in (1, 2)]
     for name, work in works.items():
-        rates = [[together(work, processes) for processes in (1, 2)] for _ in range(effort.stretches)]
+        rates = [[together(work, pipes) for pipes in groups] for _ in range(effort.stretches)]
         yield name, *np.median(rates, axis=0)
+    for pipe in (pipe for pipes in groups for pipe in pipes):
+        pipe.send(None)
 
 
 # -- the report -----------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 SCENE = ROOT / "config" / "scenes" / "harrison2020.yaml"
-QUICK = f"scenes: {SCENE}\nparticles: 20\nseeds: 40\nbatch: 20\nfigures: [health]\n"
+QUICK = f"scenes: {SCENE}\nparticles: 20\nseeds: 40\nbatch: 40\nfigures: [health]\n"
 ENVIRONMENT = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
 
 
@@ -77,7 +77,7 @@ def table(folder, wall, cpu, start, start_cpu, idle, cores):
 def seconds(folder, step):
     """Wall time of every job of a step."""
     files = sorted(folder.glob(f"results/*/benchmarks/{step}/**/*.tsv"))
-    return [float(row["s"]) for file in files for row in csv.DictReader(file.open(), delimiter="\t")]
+    return [float(row["s"]) for file in files for row in csv.DictReader(file.read_text().splitlines(), delimiter="\t")]
 
 
 def machine():

@@ -1,6 +1,6 @@
-"""Every benchmark runs to its end: a quick pass of each, in a process of its own."""
+"""Every benchmark runs to its end: a quick pass of each."""
 
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 BENCHMARKS = sorted((ROOT / "benchmarks").glob("bench_*.py"))
-LIMIT = 600.0  # seconds: a pass takes some, its kernels, where they are not compiled yet, up to some minutes
+pytestmark = pytest.mark.slow
 
 
 def docs():
@@ -21,11 +21,12 @@ def test_there_are_benchmarks():
 
 
 @pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)
-def test_a_quick_pass_reports_and_leaves_the_tables_of_docs_alone(path):
+def test_a_quick_pass_reports_and_leaves_the_tables_of_docs_alone(path, monkeypatch, capfd):
+    """As `python benchmarks/bench_x.py --quick` does, in the process of the tests, which has imported what it takes."""
     before = docs()
-    done = subprocess.run(
-        [sys.executable, str(path), "--quick"], cwd=ROOT, capture_output=True, text=True, timeout=LIMIT, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert any(character.isdigit() for character in done.stdout)
+    monkeypatch.setattr(sys, "argv", [str(path), "--quick"])
+    monkeypatch.syspath_prepend(path.parent)
+    monkeypatch.chdir(ROOT)
+    runpy.run_path(str(path), run_name="__main__")
+    assert any(character.isdigit() for character in capfd.readouterr().out)
     assert docs() == before
