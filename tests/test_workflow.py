@@ -162,20 +162,52 @@ def test_make_names_a_command_for_the_report_that_makes_it(given):
     assert f" --configfile {study} --report report.html" in done
 
 
-def test_same_bytes_with_two_cores_in_another_folder_zone_and_language(finished, tmp_path):
+def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_language(finished, tmp_path):
+    """Every file is made far from where `finished` made its own: some before Ctrl-C, the others after it."""
     folder = write_study(tmp_path / "a folder of another name")
-    snakemake(folder, "--cores", "2", TZ="Asia/Kathmandu", LC_ALL="C.UTF-8", LANG="de_DE.UTF-8", PYTHONHASHSEED="7")
+    elsewhere = {"TZ": "Asia/Kathmandu", "LC_ALL": "C.UTF-8", "LANG": "de_DE.UTF-8", "PYTHONHASHSEED": "7"}
+    first = subprocess.Popen(
+        command(folder, "--cores", "1"),
+        env=environment(**elsewhere),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        wait_for(lambda: list(folder.rglob("*.h5")))
+        printed = snakemake(folder, "--cores", "1", fails=True)  # a second one at once
+        assert "LockException" in printed
+        assert "Traceback" not in printed
+    finally:
+        os.killpg(first.pid, signal.SIGINT)  # as Ctrl-C does
+        first.wait(60)
+    assert first.returncode != 0
+    assert not list(folder.rglob("*.part"))
+    done = len(list(folder.rglob("*.h5")))
+    assert 0 < done < 8
+    assert planned(folder)["simulate"] <= 8 - done + 1
+    snakemake(folder, "--cores", "2", **elsewhere)
     one, two = (contents(each, *PHYSICS, *PICTURES) for each in (finished[0], folder))
     assert one.keys() == two.keys()
     assert [path for path in one if one[path] != two[path]] == []
     assert len(one) == 8 + 1 + 2 + 3 * 6  # runs, dataset, summary, six figures in three forms
 
 
+def wait_for(condition, seconds=120):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
 def test_batches_change_neither_trajectories_nor_results(finished, tmp_path):
+    """Figures and summary are made of the dataset alone, the same bytes of the same dataset."""
     folder = write_study(tmp_path / "study")
-    snakemake(folder, "--cores", "2", "--config", "batch=20")
-    one, two = (contents(each, "*.nc", *PICTURES) for each in (finished[0], folder))
-    assert one == two
+    snakemake(folder, "--cores", "2", "--until", "aggregate", "--config", "batch=20")
+    one, two = (contents(each, "*.nc") for each in (finished[0], folder))
+    assert one == two and len(one) == 1
+    of_figures = (ROOT / "workflow" / "rules" / "figures.smk").read_text().partition("    output:")[0]
+    assert of_figures.split() == ["rule", "figures:", "input:", 'f"{results}/aggregate/{study.name}.nc",']
     for case in ("hot/N8", "thermal/N12"):
         parts = [finished[0] / f"results/study/simulate/{case}/exact/{batch}.h5" for batch in ("0-9", "10-19")]
         whole = folder / f"results/study/simulate/{case}/exact/0-19.h5"
@@ -205,7 +237,6 @@ REORDERED = "# a comment\n" + "".join(
 @pytest.mark.parametrize(
     ("file", "old", "new", "jobs"),
     [
-        ("study.yaml", "", "", NOTHING),
         ("scenes/hot.yaml", SCENE, REORDERED, NOTHING),
         ("scenes/hot.yaml", "mass: 0.4", "mass: 0.5", HALF),
         ("scenes/thermal.yaml", "duration: 1.0", "duration: 1.1", HALF),
@@ -252,8 +283,10 @@ def test_more_seeds_leave_the_files_of_the_others_alone(study):
 
 
 def test_the_answer_is_printed_by_what_makes_it(study):
-    (study / "scenes" / "hot.yaml").write_text(SCENE.replace("mass: 0.4", "mass: 0.5"))
+    (dataset,) = study.rglob("*.nc")
+    dataset.unlink()
     assert "figures and tables" not in snakemake(study, "--cores", "1", "--until", "aggregate")
+    assert dataset.exists()
 
 
 @pytest.fixture(scope="module")
@@ -334,39 +367,6 @@ def test_a_failed_job_says_why(tmp_path):
     assert "brownpipe: the rule simulate failed: brownpipe simulate scenes/hot.yaml --particles 170" in printed
     assert "Traceback" not in printed
     assert contents(folder, *PHYSICS) == {}
-
-
-def test_interrupted_locked_and_continued(finished, tmp_path):
-    folder = write_study(tmp_path / "study")
-    first = subprocess.Popen(
-        command(folder, "--cores", "1"),
-        env=environment(),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    try:
-        wait_for(lambda: list(folder.rglob("*.h5")))
-        printed = snakemake(folder, "--cores", "1", fails=True)  # a second one at once
-        assert "LockException" in printed
-        assert "Traceback" not in printed
-    finally:
-        os.killpg(first.pid, signal.SIGINT)  # as Ctrl-C does
-        first.wait(60)
-    assert first.returncode != 0
-    assert not list(folder.rglob("*.part"))
-    done = len(list(folder.rglob("*.h5")))
-    assert 0 < done < 8
-    assert planned(folder)["simulate"] <= 8 - done + 1
-    snakemake(folder, "--cores", "2", "--until", "aggregate")
-    assert contents(folder, *PHYSICS) == contents(finished[0], *PHYSICS)
-
-
-def wait_for(condition, seconds=120):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 # -- report and style -----------------------------------------------------------------------------------------------
