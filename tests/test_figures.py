@@ -3,6 +3,7 @@
 import csv
 import re
 import warnings
+from functools import cache
 
 import matplotlib
 import numpy as np
@@ -174,15 +175,21 @@ def drawn(name, data):
     return figure, [axes for axes in figure.axes if axes.get_visible()]
 
 
+@pytest.fixture(scope="module")
+def as_it_is(dataset):
+    """Figure and panels of the dataset as it is, by name, each drawn once."""
+    return cache(lambda name: drawn(name, dataset))
+
+
 def only_hot(dataset, *names):
     """The dataset without these variables in the other scenes."""
     return dataset.assign({name: dataset[name].where(dataset.scene == "hot") for name in names})
 
 
 @pytest.mark.parametrize("name", ["msd", "diffusion", "energy", "pair_distribution", "displacement_distribution"])
-def test_more_than_four_cases_begin_a_new_row(dataset, name):
+def test_more_than_four_cases_begin_a_new_row(dataset, as_it_is, name):
     six = dataset.isel(scene=[0, 1] * 3).assign_coords(scene=list("abcdef"))
-    (few, panels), (many, more) = drawn(name, dataset), drawn(name, six)
+    (few, panels), (many, more) = as_it_is(name), drawn(name, six)
     assert many.get_figwidth() == 2 * few.get_figwidth()
     assert many.get_figheight() == 2 * few.get_figheight()
     named = [axes for axes in more if title(axes)]
@@ -238,8 +245,8 @@ def test_equations_of_state_end_where_they_are_known(dataset):
     assert residuals == [1, 1]  # of the two particle counts of each scene
 
 
-def test_correlation_ends_where_its_band_reaches_zero(dataset):
-    low = drawn("velocity_autocorrelation", dataset)[1][2]
+def test_correlation_ends_where_its_band_reaches_zero(dataset, as_it_is):
+    low = as_it_is("velocity_autocorrelation")[1][2]
     case = dataset.sel(scene="hot", particles=20, engine="exact")
     end = low.lines[0].get_xdata()[-1]
     least = case.velocity_autocorrelation_low
@@ -372,8 +379,8 @@ def test_logarithmic_panels_of_all_scenes_have_one_axis_that_holds_all_curves(da
         assert axes.get_ylim()[0] < curve.min() and curve.max() < axes.get_ylim()[1]
 
 
-def test_ballistic_flight_has_a_key(dataset):
-    for axes in drawn("msd", dataset)[1][:2]:
+def test_ballistic_flight_has_a_key(as_it_is):
+    for axes in as_it_is("msd")[1][:2]:
         assert any("ballistic flight" in text.get_text() for text in axes.get_legend().get_texts())
 
 
@@ -454,9 +461,9 @@ def test_no_marker_of_a_state_point_hides_another(dataset, count, particles):
     assert ("set apart" in panels[-1].get_xlabel()) == (count > 1)
 
 
-def test_no_axis_says_its_units_are_reduced(dataset):
+def test_no_axis_says_its_units_are_reduced(as_it_is):
     for name in ("msd", "velocity_autocorrelation", "particle_counts", "pair_distribution", "energy"):
-        _, panels = drawn(name, dataset)
+        _, panels = as_it_is(name)
         assert not any(
             word in label
             for axes in panels
