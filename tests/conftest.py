@@ -1,6 +1,25 @@
-"""What all tests need: Ctrl-C works, also where they are started in the background of a shell, which ignores it."""
+"""What all tests need: one thread each, an order that keeps all cores busy, and Ctrl-C."""
 
+import os
 import signal
 
+# Before numpy is imported, and for all processes that tests start: the tests themselves are on all cores.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# The files that take longest, before all others: each is run by one process, and none may be left to the end. One
+# process at a time compiles kernels, most of them in `exact`; until they are there, the other one does without.
+FIRST = (
+    "exact",
+    *("figures", "goodness", "streaming", "analysis"),
+    *("workflow", "checkpoint", "benchmarks", "prices", "measures", "timestep"),
+)
+RANK = {f"test_{name}.py": rank for rank, name in enumerate(FIRST)}
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # the processes that tests start inherit the default
+    # So it is where tests are started in the background of a shell. The processes that they start inherit the default.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items):
+    """Bring the tests into the order of `FIRST`; within a file, and after these, it stays."""
+    items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))

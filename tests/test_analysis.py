@@ -246,6 +246,7 @@ def test_collision_counts_are_means_over_runs(dataset):
         assert np.allclose(dataset[f"{name}_standard_error"], np.sqrt(mean / 58), rtol=SIGMAS / np.sqrt(2 * 57))
 
 
+@pytest.mark.slow
 def test_order_and_batches_do_not_matter(dataset, files, tmp_path):
     assert aggregate(files[::-1], **RINGS).identical(dataset)
     whole = study(tmp_path, batch=60, failed=(7, 33))

@@ -106,6 +106,7 @@ def _check(engine, *names):
     placement.insert = lambda *arrays: insert(*map(checked, arrays))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["exact", "timestep"])
 def test_every_index_lies_within_its_array(engine):
     folders = Path(__file__).parent, Path(exact.__file__).parents[2]

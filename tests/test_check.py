@@ -132,6 +132,7 @@ def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
     assert np.isclose(found["wall_collisions"].mean(), expected.wall_collisions, rtol=0.12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(OBSERVABLES))
 @pytest.mark.parametrize("scene", ["harrison2020", "dilute"])
 def test_expected_price_of_an_observable_is_near_the_real_one(scene, name):

@@ -63,6 +63,9 @@ CASES = {  # some blocks each, and samples that do not fall on their ends
 }
 
 
+OTHERS = [name for name in CASES if name != "walls-everything"]
+
+
 class KilledError(Exception):
     """Stands for the end of a process."""
 
@@ -118,7 +121,7 @@ def soil(engine):
 # -- the same to the byte -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", ["walls-everything", *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)])
 def test_from_every_block_to_the_same_bytes(name, tmp_path, monkeypatch):
     scene, record = CASES[name]
     expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
@@ -162,6 +165,7 @@ def test_what_is_measured_in_the_runs(record, average, tmp_path):
         assert file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, NEVER, arrays, **measured)) == expected
 
 
+@pytest.mark.slow
 def test_calls_that_pause_between_checkpoints(tmp_path, monkeypatch):
     scene, record = CASES["periodic-mixture"]
     expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
@@ -191,6 +195,7 @@ def full_in_block(number, most=10**9):
     return seems_full
 
 
+@pytest.mark.slow
 def test_a_cell_that_proves_too_small(tmp_path, monkeypatch):
     """Then a run begins again, whatever it did so far, and without neighbour lists; and so it must if it goes on."""
     scene, record = CASES["crowded"]
@@ -275,6 +280,7 @@ def test_without_the_option_a_checkpoint_is_left_alone(kept, capsys):
     assert KEPT.read_bytes() == kept
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment():
     """In the middle of a run, or, as a checkpoint is due at every block, most likely while one is written."""
     Path("some.yaml").write_text(SCENE.replace("DURATION", "1.5e4"))

@@ -420,6 +420,7 @@ def test_runs_that_fail_their_health_check(runs, failed, status, capsys, monkeyp
     assert read_trajectories("x.h5").ensemble.observables["failed"].tolist() == failed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_signal_leaves_nothing_behind(sent, status):
     argv = [sys.executable, "-m", "brownpipe", "simulate", SCENE, "--seeds", "0-99999", "--output", "new/x.h5"]

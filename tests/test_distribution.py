@@ -59,6 +59,7 @@ def test_verdict_says_p_and_power(dataset):
     assert distribution.verdict(np.nan, np.nan, np.nan).startswith("not tested")
 
 
+@pytest.mark.slow
 def test_a_distribution_that_is_not_normal_is_rejected(tmp_path):
     """D differs from run to run, so that more runs are near the start and far away than eq. (18) has it."""
     scene, rng = make_scene(boundary="periodic"), np.random.default_rng(1)
@@ -74,6 +75,7 @@ def test_a_distribution_that_is_not_normal_is_rejected(tmp_path):
 # --- rings from the data
 
 
+@pytest.mark.slow
 def test_rings_suit_the_data_where_none_are_given(tmp_path):
     """Whatever the unit of length: 16 to 32 rings up to three rms displacements, of a width that is a power of two."""
     scene = make_scene(boundary="periodic")
@@ -128,6 +130,7 @@ def test_times_that_are_wrong_are_refused(tmp_path, times, message):
 # --- kurtosis
 
 
+@pytest.mark.slow
 def test_kurtosis_and_its_error():
     """Of exponential r^2: 1, and log(m4/m2^2) has variance 1/n by the delta method."""
     n, sets = 4000, 300

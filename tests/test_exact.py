@@ -237,7 +237,9 @@ def compare(scene, seed):
     return n, len(events)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (scene.particles > 60)) for name, scene in SCENES.items()]
+)
 def test_events_are_those_of_the_slow_twin(name):
     counts = np.array([compare(SCENES[name], seed) for seed in seeds_of(SCENES[name])])
     assert counts[:, 0].sum() >= np.minimum(50, counts[:, 1]).sum() / 4, counts  # else nothing much was compared
@@ -246,6 +248,7 @@ def test_events_are_those_of_the_slow_twin(name):
 # -- what is conserved ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("diameter", [1.0, 2.0**0.5, 1.3])
 def test_the_energy_does_not_drift(diameter):
     """Mean change of the energy in one of 4 million collisions, phi = 0.7: less than 3e-18 kT, 7 standard errors.
@@ -393,6 +396,7 @@ DENSE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DENSE)
 def test_a_crowded_run_does_not_start_twice(name, starts):
     """Room for lists and cells is what a scene needs. Too little cost a failed start each."""
@@ -428,6 +432,7 @@ def test_a_workspace_that_had_to_grow_changes_nothing():
     assert np.array_equal(run.tracer.position[:, 0], run.tracer.position[:, 1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phi", [0.14, 0.65])
 def test_asking_memory_ahead_changes_no_bit(phi, monkeypatch):
     """With cells and with lists, as for many disks and as for few."""
@@ -473,6 +478,7 @@ FEW = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fits_cache", [setup.FITS_CACHE, 0])
 def test_the_compiler_changes_no_bit(fits_cache):
     """Every kernel gives the same numbers as plain Python: nothing is reordered, fused or approximated."""
@@ -517,6 +523,7 @@ def touching_scenes():
     return [*pairs, crystal(6, 1e-14, 5e-13)]
 
 
+@pytest.mark.slow
 def test_the_run_time_audit_sees_a_lost_collision():
     """Eq. (1) taken literally drops negative times; disks pass through each other, energy and momentum perfect."""
     literal = in_plain_python(
@@ -559,6 +566,7 @@ def strays():
     return [*pairs, crowded(box(2.5, 2, P), [(57, 0.14, 1)], 0.2)]
 
 
+@pytest.mark.slow
 def test_the_run_time_audit_sees_a_disk_that_left_its_cell_unnoticed():
     """No overlap is ever looked at then: the disk is past when it is next predicted."""
     blind = in_plain_python(BLIND)

@@ -195,6 +195,7 @@ def neighbours(scene):
     return set(zip(a.tolist(), b.tolist(), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14])
 def test_a_packing_keeps_its_neighbours(gap):
     """400,000 collisions in which nobody collides with anyone but its six neighbours at the start.
@@ -229,6 +230,7 @@ for record in (set(), {"events"}):
 """
 
 
+@pytest.mark.slow
 def test_disks_that_touch_all_round_end_with_an_error():
     """In a process of its own, with limits of time and memory: others run for ever at time 0."""
     done = subprocess.run(
@@ -516,6 +518,7 @@ def test_pi_collisions(digits):
     assert not seen["failed"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kinds", "bound"),
     [
@@ -562,6 +565,7 @@ def test_a_lone_disk_for_a_long_time(duration, speed, bound):
     assert not run.observables["failed"][0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("duration", "speed"), [(1e6, 1.0), (1e9, 1 / 64)])
 def test_a_lone_disk_in_a_periodic_box_for_a_long_time(duration, speed):
     """Unwrapped it moves straight; the error is that of times within blocks, 1e-16 of the way at the most."""

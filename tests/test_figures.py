@@ -62,6 +62,7 @@ def test_every_figure_is_png_svg_and_csv(dataset, folder, tmp_path):
         assert b"<svg" in (folder / f"{name}.svg").read_bytes()
 
 
+@pytest.mark.slow
 def test_same_bytes_whatever_the_user_has_set(dataset, folder, tmp_path):
     with matplotlib.rc_context({"font.size": 30, "axes.grid": False, "svg.hashsalt": None, "savefig.dpi": 20}):
         paths = figures.render(dataset, tmp_path, ["msd", "velocity_distribution", "health"])
@@ -80,6 +81,7 @@ def test_style_is_put_back(dataset, tmp_path):
     assert dict(matplotlib.rcParams) == before
 
 
+@pytest.mark.slow
 def test_one_particle_count_has_nothing_to_compare(plain, tmp_path):
     names = {path.stem for path in figures.render(plain.sel(particles=[10]), tmp_path)}
     assert names == {*OF_TRAJECTORIES, "summary"}
@@ -115,6 +117,7 @@ def test_each_scene_shows_a_count_of_its_own(dataset):
     assert [int(case.particles) for case in cases.one_count(cases.cases_of(with_own))] == [10, 20]
 
 
+@pytest.mark.slow
 def test_figures_not_drawn_again_do_not_stay(dataset, tmp_path):
     (tmp_path / "msd.txt").write_text("of the user")
     figures.render(dataset, tmp_path, ["msd"])
@@ -135,6 +138,7 @@ def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatc
     assert not (tmp_path / "summary.csv").exists()
 
 
+@pytest.mark.slow
 def test_figures_asked_for(dataset, tmp_path):
     names = {path.stem for path in figures.render(dataset, tmp_path, ["health", "msd"])}
     assert names == {"health", "msd", "summary"}
@@ -186,6 +190,7 @@ def only_hot(dataset, *names):
     return dataset.assign({name: dataset[name].where(dataset.scene == "hot") for name in names})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["msd", "diffusion", "energy", "pair_distribution", "displacement_distribution"])
 def test_more_than_four_cases_begin_a_new_row(dataset, as_it_is, name):
     six = dataset.isel(scene=[0, 1] * 3).assign_coords(scene=list("abcdef"))
@@ -316,6 +321,7 @@ TIMES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["velocity_autocorrelation", "msd"])
 @pytest.mark.parametrize("times", TIMES)
 def test_tick_labels_stand_clear_of_each_other(dataset, name, times):
@@ -323,6 +329,7 @@ def test_tick_labels_stand_clear_of_each_other(dataset, name, times):
     assert not touching(figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["particle_counts", "pair_distribution", "thermodynamics"])
 @pytest.mark.parametrize("count", [1, 8])
 def test_no_words_touch_with_few_and_many_scenes(dataset, name, count):
@@ -384,6 +391,7 @@ def test_ballistic_flight_has_a_key(as_it_is):
         assert any("ballistic flight" in text.get_text() for text in axes.get_legend().get_texts())
 
 
+@pytest.mark.slow
 def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(dataset, tmp_path):
     """Where the first window, or every one, begins with an MSD of more than half the ballistic one."""
 
@@ -447,6 +455,7 @@ def test_only_pairs_that_there_are_take_room(dataset):
     assert figure.get_size_inches() == pytest.approx([2 * style.PANEL[0], 3.6])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "particles"), [(1, [20]), (2, [20]), (8, [10, 20])])
 def test_no_marker_of_a_state_point_hides_another(dataset, count, particles):
     figure, panels = drawn("thermodynamics", scenes(dataset, count).sel(particles=particles))
@@ -461,6 +470,7 @@ def test_no_marker_of_a_state_point_hides_another(dataset, count, particles):
     assert ("set apart" in panels[-1].get_xlabel()) == (count > 1)
 
 
+@pytest.mark.slow
 def test_no_axis_says_its_units_are_reduced(as_it_is):
     for name in ("msd", "velocity_autocorrelation", "particle_counts", "pair_distribution", "energy"):
         _, panels = as_it_is(name)
@@ -518,6 +528,7 @@ def test_velocity_table_has_maxwell_beside_it(folder):
         assert (maxwell * value**2).sum() * width == pytest.approx(mean_square, rel=2e-3)  # width^2/12 and the like
 
 
+@pytest.mark.slow
 def test_scenes_share_no_pair(dataset, tmp_path):
     """Pairs, species and times that one scene lacks leave gaps, not errors."""
     hot = dataset.scene == "hot"
@@ -535,6 +546,7 @@ def test_contact_is_where_the_dataset_says(dataset, folder):
     assert first == pytest.approx(CONTACT[2], abs=0.005)
 
 
+@pytest.mark.slow
 def test_several_displacement_times(dataset, tmp_path):
     several = at_times(dataset, (0.5, 1.0))
     figures.render(several, tmp_path, ["displacement_distribution"])
@@ -611,6 +623,7 @@ def test_summary_table_has_a_row_per_window(dataset, folder):
     assert {(row["window_start"], row["window_end"]) for row in table} == {("0.1", "1"), ("0.5", "1")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("runs", [1, 12])
 def test_few_runs_draw_without_a_warning(runs, tmp_path):
     trajectories = make_runs(make_scene(duration=0.4), range(runs))
@@ -621,6 +634,7 @@ def test_few_runs_draw_without_a_warning(runs, tmp_path):
     assert "plain" in figures.summary(dataset)
 
 
+@pytest.mark.slow
 def test_disk_at_rest_and_no_disk(tmp_path):
     trajectories = make_runs(make_scene(), range(12))
     rest = trajectories.ensemble._replace(tracer=state.Track(0 * trajectories.ensemble.tracer.position))
@@ -645,6 +659,7 @@ def test_csv_gives_numbers_back():
     assert contents == b'a,b,c\n0.30000000000000004,,3\n1,inf,"x, y"\n'
 
 
+@pytest.mark.slow
 def test_distributions_in_rings_of_different_widths_keep_their_own_axes(tmp_path):
     """Scenes of very different sizes, in rings from the data; and walls that leave rings without runs."""
     paths = []

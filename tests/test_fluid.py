@@ -12,6 +12,7 @@ from brownpipe.scene import parse_scene
 from test_exact import P, W, box, crowded, make, species
 
 
+@pytest.mark.slow
 def test_every_disk_gets_its_share_of_the_energy():
     """In a walled box every disk has P(KE < e) = 1 - (1 - e/E)^(N-1), whatever its mass: Kolmogorov-Smirnov.
 
@@ -67,6 +68,7 @@ def fluid(phi, time, placement, n=1024, equilibrate=5.0):
     return parse_scene(mapping, "fluid.yaml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("phi", "runs", "placement", "rate", "virial"), FLUIDS, ids=["0.14", "0.50"])
 def test_collision_rate_and_pressure_of_the_hard_disk_fluid(phi, runs, placement, rate, virial):
     """Against independent Monte Carlo, N = 1024, within 4.5 standard errors of both: false alarm 1 in 150,000 each.
@@ -93,6 +95,7 @@ def assert_one_contact_value(phi, rates, virials):
     assert difference.std(ddof=1) / np.sqrt(len(rates)) < 1e-3
 
 
+@pytest.mark.slow
 def test_collision_rate_at_the_temperature_of_the_scene():
     """Against 0.80101(38), as above, and with the scatter of the temperatures of runs taken away.
 
@@ -151,6 +154,7 @@ def wall_impulses(scene):
     return np.array([taken[np.isin(log.b, walls)].sum() for walls in ((-1, -2), (-3, -4))])
 
 
+@pytest.mark.slow
 def test_a_million_disks():
     """With neighbour lists, 400,000 collisions: sound, in at most 250 bytes of workspace a disk."""
     n = 1_000_000

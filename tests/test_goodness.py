@@ -36,6 +36,7 @@ def model(ring, estimate, edges, scale=1.0):
     return np.bincount(ring, minlength=len(edges)), expected, source
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("runs", "width", "rings"), [(200, 0.1, 24), (2400, 0.04, 24)])
 def test_true_ensembles_are_rejected_as_often_as_stated(runs, width, rings):
     """At 5 % and at 1 %, within 4 standard errors (0.9 and 0.4 % of 600 sets) and 0.4 % for the approximations.
@@ -54,6 +55,7 @@ def test_true_ensembles_are_rejected_as_often_as_stated(runs, width, rings):
     assert np.all(np.abs(np.mean(np.array(joint) < 0.01, axis=0) - 0.01) < 4 * math.sqrt(0.01 / SETS) + 0.004)
 
 
+@pytest.mark.slow
 def test_power_is_the_share_of_tests_that_reject_a_wrong_d():
     """D 5 % too large, from all three sources; within 4 standard errors of 300 sets and 3 % for the cumulants."""
     edges, shares, said = distribution.ring_edges(0.04, 24), [], []

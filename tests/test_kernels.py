@@ -31,6 +31,7 @@ with kernels.one_compiler():
 """
 
 
+@pytest.mark.slow
 def test_one_compiler_at_a_time(tmp_path):
     processes = [
         subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
@@ -137,6 +138,7 @@ print("compiled")
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_compiling_of_an_engine(tmp_path):
     """Within a call of LLVM, the longest of which takes a second on a quiet machine; nothing half-written is left."""
     code = INTERRUPTED.replace("SCENE", repr(str(NOTE)))
@@ -178,6 +180,7 @@ print(len(times), "kernels;", "more than once:", sorted(name for name in times i
 """
 
 
+@pytest.mark.slow
 def test_every_kernel_is_compiled_once_and_only_the_first_time(tmp_path):
     """Not once for disks that are int64 and once for uint32; and a second process finds the machine code."""
     command = [sys.executable, "-c", EVERY_KERNEL, str(NOTE)]
@@ -204,6 +207,7 @@ print(JITCPUCodegen._library_class.__module__, draw(read_scene(sys.argv[2]), 7).
 """
 
 
+@pytest.mark.slow
 def test_with_a_numba_that_was_not_tested_kernels_are_compiled_as_usual_to_the_same_bits(tmp_path):
     results = [
         subprocess.run(

@@ -51,6 +51,7 @@ def mean_and_error(values):
 # -- the equation ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
 def test_msd_of_the_tracer(boundary):
     """Short, middle and long times at once: gamma t from 0.07 to 29. Six numbers, 0.6 % false alarms."""
@@ -132,6 +133,7 @@ def dense():
     return scene_of(particles=2000, species=bath, duration=2000.0, sample_interval=20.0)
 
 
+@pytest.mark.slow
 def test_between_walls_it_diffuses_as_in_the_reflecting_square():
     """The whole curve, to 2 a^2/3; what flight at first leaves out is 1/(gamma t) < 1e-3. Six times, 0.6 %."""
     scene = dense()
@@ -159,6 +161,7 @@ def reflected_by_small_steps(start, gamma, square_speed, duration, width, steps=
     return x, v
 
 
+@pytest.mark.slow
 def test_mirrored_paths_are_reflected_paths():
     """Where the wall matters most: one bounce or two in the time of friction. Euler's error is below 0.1 %; 1 %."""
     scene = scene_of()
@@ -234,6 +237,7 @@ def test_it_begins_with_the_velocity_of_the_exact_engine(velocities):
         assert np.array_equal(position, state.position[0])
 
 
+@pytest.mark.slow
 def test_without_a_place_it_begins_anywhere_it_can_be():
     """Mean and variance of 8,000 uniform coordinates in [-2.7, 2.7]: 0.2 % false alarms."""
     found = langevin.simulate(scene_of(tracer={"position": None}), range(RUNS)).tracer.position[0].ravel()
@@ -243,6 +247,7 @@ def test_without_a_place_it_begins_anywhere_it_can_be():
         assert abs(mean - expected) < FAR * error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tracer", "square_speed"), [("free", 1.6), ("pinned", 4.0)])
 def test_a_tracer_that_is_free_while_the_scene_equilibrates_cools(tracer, square_speed):
     """<r^2> = <v0^2> t^2 to 1 % in the first 0.001 of a run: 0.1 % false alarms each."""
@@ -310,6 +315,7 @@ def test_frictions_of_several_species_add():
     assert hot.temperature == pytest.approx(4 * (100 * 0.2 + 20 * 0.4) / 120, rel=1e-14)
 
 
+@pytest.mark.slow
 def test_measured_friction_is_that_of_theory_in_a_thin_bath():
     """4,000 collisions are 1.6 % if they come at random; walls take 0.7 % of the room, chi is 1.001. 0.1 %."""
     scene = scene_of(width=60.0, particles=100)
@@ -318,6 +324,7 @@ def test_measured_friction_is_that_of_theory_in_a_thin_bath():
     assert abs(measured / expected - 1) < 0.007 + FAR / math.sqrt(friction.COLLISIONS)
 
 
+@pytest.mark.slow
 def test_the_note_by_langevin_and_by_collisions():
     """With the measured friction the first steps agree, MSD(0.1) to 1 % (9,600 runs each: 0.0496(5) and 0.0501(5)).
 

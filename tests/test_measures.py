@@ -254,6 +254,7 @@ def test_no_theory_makes_no_overflow():
     assert np.isnan(slope_of(scene, decaying(scene, 0.0))).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("misjudged", [1.0, 1.3])
 def test_initial_slope_of_langevin_runs(misjudged):
     """20,480 Ornstein-Uhlenbeck velocities: within 4.5 stated errors of -gamma <v^2>, <v^2> = 2 kT/m."""
@@ -282,6 +283,7 @@ def test_expected_slope_is_enskogs_friction():
     assert velocity.expected_slope(walls, found) == pytest.approx(expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("still", [True, False])
 def test_expected_slope_is_that_of_the_collisions(still):
     """Four disks: <v.dv> per time, which is -<|dv|^2> per time / 2 where <v^2> does not change.
@@ -364,6 +366,7 @@ def test_points_have_no_structure(boundary):
         assert np.isnan(g[0]).all()  # one tracer makes no pair
 
 
+@pytest.mark.slow
 def test_points_around_a_tracer_off_centre_have_no_structure():
     """Relative to a gas around where the tracer is, whose errors say how far from 1; not to two uniform points.
 
@@ -442,6 +445,7 @@ def test_truncation_widens_error_and_interval():
     assert pairs.truncation(following).tolist() == [4.0, 0.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("phi", "time"), [(0.14, 100.0), (0.5, 40.0), (0.65, 25.0)])
 def test_contact_value_of_the_fluid_is_that_of_its_collisions(phi, time):
     """256 disks, 16 runs of 250 samples: within 3 of the stated errors of the exact value, whose own are smaller.
@@ -520,6 +524,7 @@ def test_enskog_needs_a_temperature():
 # --- control variate
 
 
+@pytest.mark.slow
 def test_control_variate_takes_away_what_v0_explains():
     """r^2 = v0^2 + noise of the same variance: half of the variance stays, and the mean keeps its place."""
     scene, rng = make_scene(), np.random.default_rng(4)  # <v0^2> = 8

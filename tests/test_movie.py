@@ -43,6 +43,7 @@ def made(path, kind, *options):
     return target.read_bytes()
 
 
+@pytest.mark.slow
 def test_same_bytes_for_the_same_run(path):
     for kind in (".png", ".gif"):
         assert made(path, kind) == made(path, kind, "--seed", "3") != made(path, kind, "--seed", "8")

@@ -356,6 +356,7 @@ def test_the_order_of_the_names_does_not_matter():
     assert files[0] == files[1]
 
 
+@pytest.mark.slow
 def test_one_whole_run_is_held_at_a_time():
     scene = make(duration=200.0)  # 2,001 samples of 16 disks: 1.3 MB of tracks
     names = ("displacement", "kinetic_energy", "velocity_distribution", "pair_distribution")

@@ -215,6 +215,7 @@ def prices_of(scene, folder):
     return found
 
 
+@pytest.mark.slow
 def test_stored_prices_of_the_same_scene_are_used_and_a_study_is_written(study_file, here, monkeypatch, capsys):
     path, stored = study_file(seeds=5, rings={"dr": 0.1, "count": 9}), here / "results" / "old" / "tradeoff"
     stored.mkdir(parents=True)

@@ -21,6 +21,7 @@ engines:
   - {name: timestep, time_step: 0.03, scenes: full}
   - {name: langevin, friction: boltzmann, scenes: full, seeds: 300}
 """
+pytestmark = pytest.mark.slow
 
 
 def snakemake(folder, *words, study="prices"):

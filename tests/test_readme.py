@@ -48,6 +48,7 @@ def test_the_readme_is_a_front_page():
     assert len(README.splitlines()) <= 120
 
 
+@pytest.mark.slow
 def test_the_scene_of_ones_own_comes_to_its_figures(folder):
     assert {"msd.png", "summary.txt"} <= {path.name for path in (folder / "my_figures").iterdir()}
 
@@ -58,6 +59,7 @@ def test_make_knows_its_targets(words):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", commands("snakemake", README + GUIDE), ids=" ".join)
 def test_snakemake_knows_what_to_do(words, folder):
     """Planned, not run: a study from end to end is in test_workflow.py."""
@@ -77,6 +79,7 @@ def test_snakemake_knows_what_to_do(words, folder):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", blocks("python", GUIDE), ids=["h5py", "xarray"])
 def test_snippets_run(code, folder):
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=folder, capture_output=True, text=True)

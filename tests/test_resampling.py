@@ -26,6 +26,7 @@ def ensembles_of_diffusers(runs, count, seed):
     return np.concatenate(samples, axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("runs", "count"), [(20, 1000), (50, 1000), (400, 600), (2400, 600)])
 def test_interval_covers_the_truth(runs, count):
     """95 +- 4 % of the ensembles, for MSD(1) and for the slope: 4.5 standard errors of 600 ensembles, 5.8 of 1,000."""
@@ -107,6 +108,7 @@ print(hashlib.sha256(b"".join(values.tobytes() for values in resample(x))).hexdi
 """
 
 
+@pytest.mark.slow
 def test_intervals_do_not_depend_on_the_number_of_threads():
     """Threads of the linear algebra, which reads its number when it starts."""
     said = {

@@ -93,6 +93,7 @@ def test_nothing_to_draw():
     assert state.position.shape == state.velocity.shape == (0, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracer", ["pinned", "free"])
 def test_zero_momentum_at_t_zero_after_equilibration(tracer):
     """Taken out before a pinned equilibration it would come back; taken out twice, it would cool the tracer by 7 %."""

@@ -229,6 +229,7 @@ storage.write_dataset("a/study.nc", make_dataset())
 """
 
 
+@pytest.mark.slow
 def test_same_bytes_in_another_process_place_and_time_zone(tmp_path):
     scene = make_scene()
     storage.write_trajectories(

@@ -52,6 +52,7 @@ def layouts():
     }
 
 
+@pytest.mark.slow
 def test_the_layout_of_files_does_not_matter(everything, tmp_path):
     images = set()
     for name, batches in layouts().items():

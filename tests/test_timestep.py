@@ -400,6 +400,7 @@ def few():
     ]
 
 
+@pytest.mark.slow
 def test_the_compiler_changes_no_bit():
     plain = os.environ | {
         "NUMBA_DISABLE_JIT": "1",

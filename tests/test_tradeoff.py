@@ -42,6 +42,7 @@ def skewed(rng, correlation, runs, others, mean):
     return mean * (mixed[:runs] ** 2).sum(axis=1, keepdims=True) / 2, (exact[:others] ** 2).sum(1, keepdims=True) / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("correlation", "runs", "others"), [(0.99, 100, 100), (0.7, 100, 400), (0.0, 200, 100)])
 def test_bias_covers_the_truth_in_95_of_100_ensembles(correlation, runs, others):
     """300 ensembles of a bias of 10 %; a coverage of 95 % is missed by 4.5 % (3.6 standard errors) once in 3,000."""
@@ -105,6 +106,7 @@ def distance_of_shares(width, rings=bias.RINGS):
     return np.abs(-np.diff(tail, append=0.0) - 1 / rings).sum() / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "same"), [(1.0, False), (1.0, True), (1.3, False)])
 def test_distance_of_distributions(width, same):
     """An interval that covers in 95 % of the cases misses more than 8 of 60 ensembles once in 300."""

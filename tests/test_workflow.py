@@ -38,6 +38,7 @@ batch: 10
 """
 PHYSICS = ("*.h5", "*.nc")
 PICTURES = ("*.png", "*.svg", "*.csv", "*.txt")
+pytestmark = pytest.mark.slow
 
 
 def write_study(folder):
