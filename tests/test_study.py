@@ -20,9 +20,9 @@ def small(**overrides):
 
 
 @pytest.mark.parametrize("file", sorted(CONFIG.glob("*.yaml")), ids=lambda file: file.stem)
-def test_every_study_that_is_there_is_valid_and_named_in_the_readme(file):
+def test_every_study_that_is_there_is_valid_and_named_in_the_guide(file):
     assert read_study(file).jobs()
-    assert f"`{file.name}`" in (CONFIG.parent / "README.md").read_text()
+    assert f"`{file.name}`" in (CONFIG.parent / "docs" / "guide.md").read_text()
 
 
 def test_default_study_is_the_note():
