@@ -54,6 +54,7 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_every_figure_is_png_svg_and_csv(dataset, folder, tmp_path):
     expected = {f"{name}.{kind}" for name in NAMES for kind in ("png", "svg", "csv")} | {"summary.csv"}
     assert {path.name for path in folder.iterdir()} == expected
@@ -70,6 +71,7 @@ def test_same_bytes_whatever_the_user_has_set(dataset, folder, tmp_path):
     assert all(path.read_bytes() == (folder / path.name).read_bytes() for path in paths)
 
 
+@pytest.mark.slow
 def test_no_date_in_the_files(folder):
     assert not any(b"<dc:date>" in path.read_bytes() for path in folder.glob("*.svg"))
     assert not any(b"tIME" in path.read_bytes() or b"Software" in path.read_bytes() for path in folder.glob("*.png"))
@@ -485,6 +487,7 @@ def test_no_axis_says_its_units_are_reduced(as_it_is):
 # -- tables and the summary -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_msd_table_is_the_dataset(dataset, folder):
     table = [row for row in rows(folder / "msd.csv") if row["scene"] == "hot"]
     case = dataset.sel(scene="hot", particles=20, engine="exact")
@@ -497,6 +500,7 @@ def test_msd_table_is_the_dataset(dataset, folder):
     assert np.allclose(np.diff(fit) / 0.05, case.slope.values[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "variable", "along"),
     [
@@ -519,6 +523,7 @@ def test_table_of_a_measure_is_the_dataset(dataset, folder, name, variable, alon
     assert sum(bool(row[variable]) for row in table) == np.isfinite(expected).sum()
 
 
+@pytest.mark.slow
 def test_velocity_table_has_maxwell_beside_it(folder):
     table = rows(folder / "velocity_distribution.csv")
     for of, width, mean_square in (("velocity", 0.1, 1), ("speed", 0.1, 2)):
@@ -540,6 +545,7 @@ def test_scenes_share_no_pair(dataset, tmp_path):
         assert figures.render(dataset.assign(gaps | {"pair_distribution": pair}), tmp_path, list(OF_OBSERVABLES))
 
 
+@pytest.mark.slow
 def test_contact_is_where_the_dataset_says(dataset, folder):
     table = [row for row in rows(folder / "pair_distribution.csv") if row["species_pair"] == PAIRS[2]]
     first = min(float(row["distance"]) for row in table if float(row["pair_distribution"]) > 0)
@@ -556,6 +562,7 @@ def test_several_displacement_times(dataset, tmp_path):
     assert line == next(line for line in figures.summary(dataset).splitlines() if line.split()[:2] == ["hot", "20"])
 
 
+@pytest.mark.slow
 def test_distribution_table_counts_every_run(dataset, folder):
     table = [row for row in rows(folder / "displacement_distribution.csv") if row["scene"] == "hot"]
     assert len(table) == 25
@@ -564,6 +571,7 @@ def test_distribution_table_counts_every_run(dataset, folder):
     assert sum(float(row["expected, msd"]) for row in table) == pytest.approx(58)
 
 
+@pytest.mark.slow
 def test_particle_counts_table_names_the_window(dataset, folder):
     table = rows(folder / "particle_counts.csv")
     assert len(table) == 2 * 2 * 2
@@ -573,6 +581,7 @@ def test_particle_counts_table_names_the_window(dataset, folder):
         assert float(row["diffusion_coefficient"]) == fit.diffusion_coefficient.item()
 
 
+@pytest.mark.slow
 def test_health_table_has_the_worst_run(dataset, folder):
     table = {(row["scene"], row["particles"], row["measure"]): row for row in rows(folder / "health.csv")}
     worst = abs(dataset.energy_drift.sel(scene="hot", particles=10, engine="exact")).max().item()
@@ -617,6 +626,7 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
     assert "engine" in text.splitlines()[1]
 
 
+@pytest.mark.slow
 def test_summary_table_has_a_row_per_window(dataset, folder):
     table = rows(folder / "summary.csv")
     assert len(table) == 8

@@ -117,7 +117,7 @@ def twin(state, box, dt, steps, collisions):
     return x, v, pairs, walls
 
 
-@pytest.mark.parametrize("collisions", COLLISIONS)
+@pytest.mark.parametrize("collisions", ["at_contact", pytest.param("late", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SCENES)
 def test_every_step_is_that_of_the_plain_twin(name, collisions):
     """Between walls to the last bit; in periodic boxes positions are rounded elsewhere, so to 1e-9 in a short time."""
