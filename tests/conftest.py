@@ -6,8 +6,8 @@ import signal
 # Before numpy is imported, and for all processes that tests start: the tests themselves are on all cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# The files that take longest, before all others: each is run by one process, and none may be left to the end. One
-# process at a time compiles kernels, most of them in `exact`; until they are there, the other one does without.
+# The files that take longest, before all others: each is run by one process, and none may be left to the end. Most
+# kernels are compiled in `exact`; until they are there, the other process runs files that need few of them.
 FIRST = (
     "exact",
     *("figures", "goodness", "streaming", "analysis"),

@@ -1,4 +1,4 @@
-"""Kernels are compiled by one process at a time."""
+"""Kernels are compiled once, whoever needs them, and correctly."""
 
 import fcntl
 import os
@@ -17,7 +17,8 @@ import pytest
 from brownpipe import inlining, kernels
 from brownpipe.records import by_reference, local_copy
 
-NOTE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
+HERE = Path(__file__).parent
+NOTE = HERE.parent / "config" / "scenes" / "harrison2020.yaml"
 
 HOLD = """
 import sys, time
@@ -40,6 +41,51 @@ def test_one_compiler_at_a_time(tmp_path):
     times = sorted(tuple(map(float, process.communicate(timeout=60)[0].split())) for process in processes)
     assert len(times) == 3
     assert all(end <= begin for (_, end), (begin, _) in pairwise(times))
+
+
+AT_ONCE = """
+import sys, time
+import numpy as np
+from numba.core.caching import IndexDataCacheFile
+from brownpipe import kernels
+from test_kernels import Inner, Outer, work
+
+def save_slowly(index, overloads):
+    time.sleep(0.5)
+    save(index, overloads)
+
+save, IndexDataCacheFile._save_index = IndexDataCacheFile._save_index, save_slowly
+record = Outer(2.0, Inner(3, np.arange(4, dtype=sys.argv[1])), None, np.zeros(4, sys.argv[1]))
+kernels.on_compile.append(lambda line: print("compiled"))
+print("ready", flush=True)
+sys.stdin.readline()
+with kernels.one_compiler(record):
+    work(record._replace(values=record.values[:0]))
+print(work(record), record.values.tolist())
+"""
+
+
+def test_several_processes_compile_for_other_types_at_once(tmp_path):
+    """And each finds its own machine code afterwards, not that of another one, though the disk is slow."""
+    settings = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join([*sys.path, str(HERE)])}
+    for first in (True, False):
+        processes = [
+            subprocess.Popen(
+                [sys.executable, "-c", AT_ONCE, kind],
+                env=settings,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            for kind in ("float64", "float32", "int64", "int32")
+        ]
+        assert [process.stdout.readline() for process in processes] == ["ready\n"] * 4
+        for process in processes:
+            process.stdin.write("go\n")
+            process.stdin.flush()
+        printed = [process.communicate(timeout=120)[0].splitlines() for process in processes]
+        assert [lines[:-1] for lines in printed] == [["compiled"] if first else []] * 4
+        assert [line.replace(".0", "") for *_, line in printed] == ["24 [3, 5, 7, 9]"] * 4
 
 
 def test_a_prefetch_is_compiled_to_one():

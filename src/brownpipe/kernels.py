@@ -1,4 +1,4 @@
-"""How the kernels are compiled, where the machine code is kept, and that only one process compiles at a time."""
+"""How the kernels are compiled, where the machine code is kept, and that no two processes compile the same."""
 
 import fcntl
 import hashlib
@@ -77,7 +77,7 @@ def _private(folder: Path) -> bool:
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
 
 
-CACHE = _cache_folder("exact")  # where the lock of all compilers is
+CACHE = _cache_folder("exact")  # where the locks of all compilers are
 
 
 def kernel(function):
@@ -90,9 +90,12 @@ def entry_point(function):
     engine = function.__module__.removeprefix("brownpipe.").split(".")[0]  # or a module that all engines share
     saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _cache_folder(engine)
     try:
-        return numba.njit(**OPTIONS, no_cfunc_wrapper=True, cache=True)(function)
+        dispatcher = numba.njit(**OPTIONS, no_cfunc_wrapper=True, cache=True)(function)
     finally:
         numba.config.CACHE_DIR = saved
+    if not numba.config.DISABLE_JIT:
+        _save_one_by_one(dispatcher)
+    return dispatcher
 
 
 def prefetch(array, index):
@@ -131,18 +134,40 @@ def _tell(line: str) -> None:
 
 
 @contextmanager
-def one_compiler():
-    """Let one process at a time compile, so that the others find the result in the cache. Ctrl-C is heeded."""
+def one_compiler(*records):
+    """Let one process at a time compile for records of these types; others then find the result in the cache.
+
+    Kernels for other types, other scenes that is, are compiled at the same time on other cores. Ctrl-C is heeded.
+    """
     if not CACHE:
         with _compiling():
             yield
         return
     Path(CACHE).mkdir(parents=True, exist_ok=True)  # it may have been removed meanwhile
-    with open(Path(CACHE) / LOCK, "w") as lock:
-        os.utime(lock.fileno())
+    kinds = [numba.typeof(record).name for record in records]
+    with open(Path(CACHE) / LOCK, "w") as in_use, open(Path(CACHE) / "-".join([LOCK, "for", *kinds]), "w") as lock:
+        os.utime(in_use.fileno())
+        fcntl.flock(in_use, fcntl.LOCK_SH)
         _take(lock)
         with _compiling():
             yield
+
+
+def _save_one_by_one(dispatcher) -> None:
+    """Let one process at a time enter machine code into the disk cache of a function, whose index they share.
+
+    Numba gives two files the same name if two processes enter theirs at the same time.
+    """
+    save = dispatcher._cache.save_overload
+
+    def save_alone(*code):
+        Path(CACHE).mkdir(parents=True, exist_ok=True)
+        with open(Path(CACHE) / "saving", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            save(*code)
+
+    if CACHE:
+        dispatcher._cache.save_overload = save_alone
 
 
 def _take(lock) -> None:

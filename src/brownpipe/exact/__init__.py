@@ -98,7 +98,7 @@ def prepared(scene: Scene, pinned: bool = False) -> Engine:
     """Return what runs of a scene need, with its kernels compiled."""
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
-    with one_compiler():
+    with one_compiler(w):
         advance(w, recorder(frame, w, scene.times[:0], ()), 0)
         warm_up()
     return Engine(scene, frame, w, pinned)

@@ -83,7 +83,7 @@ def prepared(scene: Scene, time_step: float, precision: str = "double", collisio
     refuse_bad_step(scene, time_step, precision, collisions)
     frame = frame_of(scene)
     w = prepare(scene, frame, time_step, precision, collisions)
-    with one_compiler():
+    with one_compiler(w):
         advance(w, recorder(scene, frame, time_step, scene.times[:0], ()), 0)
     return Engine(scene, frame, time_step, precision, collisions, w)
 
