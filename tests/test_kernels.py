@@ -77,15 +77,15 @@ def test_several_processes_compile_for_other_types_at_once(tmp_path):
                 stdout=subprocess.PIPE,
                 text=True,
             )
-            for kind in ("float64", "float32", "int64", "int32")
+            for kind in ("float64", "int64")
         ]
-        assert [process.stdout.readline() for process in processes] == ["ready\n"] * 4
+        assert [process.stdout.readline() for process in processes] == ["ready\n"] * 2
         for process in processes:
             process.stdin.write("go\n")
             process.stdin.flush()
         printed = [process.communicate(timeout=120)[0].splitlines() for process in processes]
-        assert [lines[:-1] for lines in printed] == [["compiled"] if first else []] * 4
-        assert [line.replace(".0", "") for *_, line in printed] == ["24 [3, 5, 7, 9]"] * 4
+        assert [lines[:-1] for lines in printed] == [["compiled"] if first else []] * 2
+        assert [line.replace(".0", "") for *_, line in printed] == ["24 [3, 5, 7, 9]"] * 2
 
 
 def test_a_prefetch_is_compiled_to_one():
