@@ -8,20 +8,22 @@ import os
 import sys
 from os.path import relpath
 
-from brownpipe.plan import settle
+from brownpipe.errors import RequestError
 from brownpipe.provenance import made_with
-from brownpipe.reading import SceneError
 from brownpipe.study import read_study
 
 try:
     study_file = [f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1]
     study = read_study(relpath(study_file), workflow.config_settings.config)
-    study = settle(study, f"results/{study.name}/plan.yaml")
-except SceneError as error:
+    if study.tolerance is not None:
+        from brownpipe.study.plan import settle
+
+        study = settle(study, f"results/{study.name}/plan.yaml")
+except RequestError as error:
     sys.exit(f"brownpipe: {error}")
 results = f"results/{study.name}"
 cases = study.table
-engines = {one.label: {"words": one.words, "made_with": made_with("simulate", one.name)} for one in study.engines}
+engines = {one.label: {"options": one.options, "made_with": made_with("simulate", one.name)} for one in study.engines}
 
 
 report: "workflow/report/study.rst"
@@ -39,9 +41,9 @@ rule all:
 
 
 onstart:
-    from brownpipe.check import forecast
+    from brownpipe.study.total import total
 
-    logger.info(f"brownpipe: the study {study.name}: {forecast(study)}", extra={"forecast": True})
+    logger.info(f"brownpipe: the study {study.name}: {total(study)}", extra={"forecast": True})
 
 
 include: "workflow/rules/simulate.smk"

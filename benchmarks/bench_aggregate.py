@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from brownpipe.engines.state import Ensemble, Track
 from brownpipe.scene import parse_scene
-from brownpipe.state import Ensemble, Track
 from brownpipe.storage import write_trajectories
 
 DIFFUSION = 0.25

@@ -14,7 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe import cost, exact, observables
+from brownpipe import observables
+from brownpipe.engines import forecast
+from brownpipe.engines.exact import simulation as exact
 from brownpipe.scene import read_scene
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
@@ -43,7 +45,7 @@ REQUESTS = [
 
 def measured(scene, requests, stretches, stretch):
     """Median CPU seconds of a run for each of the requests; calls of about `stretch` CPU seconds."""
-    runs = [1 + int(stretch / cost.of_run(scene, *request).seconds) for request in requests]
+    runs = [1 + int(stretch / forecast.of_run(scene, *request).seconds) for request in requests]
     taken = np.empty((stretches, len(requests)))
     for request in requests:
         seconds_of_call(scene, request, 1)
@@ -81,7 +83,7 @@ def main():
         requests = fit(scene)
         times = measured(scene, requests, *((1, 0.0) if quick else (5, STRETCH)))
         for request, seconds in zip(requests, times, strict=True):
-            expected = cost.of_run(scene, *request).seconds
+            expected = forecast.of_run(scene, *request).seconds
             row = f"{1e3 * expected:.3g} | {1e3 * seconds:.3g} | {expected / seconds:.2f}"
             print(f"| {name} | {words(request)} | {row} |", flush=True)
 

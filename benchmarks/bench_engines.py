@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.engines import Engine
+from brownpipe.engines.timestep.settings import largest_step
 from brownpipe.figures.style import DATA, FIT, drawing, grid, heads, image_bytes, shades
 from brownpipe.scene import parse_scene
-from brownpipe.timestep import largest_step
 
 ROOT = Path(__file__).parent.parent
 DISKS = (150, 1_000, 10_000, 100_000)

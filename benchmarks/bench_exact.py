@@ -18,14 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe import exact
-from brownpipe.exact import workspace as ws
-from brownpipe.exact.events import advance
-from brownpipe.exact.recording import recorder
-from brownpipe.exact.setup import begin, motion_of
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.exact import workspace as ws
+from brownpipe.engines.exact.events import advance
+from brownpipe.engines.exact.layout import begin
+from brownpipe.engines.exact.recording import recorder
+from brownpipe.engines.initial_state import draw
+from brownpipe.engines.units import motion_of
+from brownpipe.errors import RequestError
 from brownpipe.figures import style
-from brownpipe.scene import SceneError, parse_scene, read_scene
-from brownpipe.state import draw
+from brownpipe.scene import parse_scene, read_scene
 
 ROOT = Path(__file__).parent.parent
 FOR_EVER = np.array([1e9])
@@ -285,7 +287,7 @@ def can_be_placed(case):
     """Whether its disks find places: the densest may not, beside a big disk or between walls."""
     try:
         return len(draw(scene_of(case), 0).position) > 0
-    except SceneError:
+    except RequestError:
         return False
 
 

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe import plan, tradeoff
-from brownpipe.study import read_study
+from brownpipe import tradeoff
+from brownpipe.study import plan, read_study
 
 ROOT = Path(__file__).parent.parent
 SCENES = (("harrison2020", 0.02), ("heavy", 0.05), ("dense", 0.08))  # and the tolerances of MSD(end)
@@ -48,7 +48,7 @@ def row(scene, tolerance, folder):
     planned, taken = read_study(folder / "planned.yaml"), 0.0
     for job in planned.jobs():
         words = [f"{ROOT / 'config' / 'scenes' / job.scene}.yaml", "--seeds", f"{job.first}-{job.last}"]
-        words += ["--engine", *chosen.engine.words.split(), "--output", str(folder / f"{job.first}.h5")]
+        words += ["--engine", *chosen.engine.options.split(), "--output", str(folder / f"{job.first}.h5")]
         taken += seconds([sys.executable, "-m", "brownpipe", "simulate", *words])
     (runs,) = tradeoff.read_runs(sorted(folder.glob("*.h5")))
     known = cases[0].known[chosen.engine]

@@ -19,11 +19,13 @@ from typing import NamedTuple
 import numpy as np
 from bench_exact import ROOT, Case, scene_of
 
-from brownpipe import exact, timestep
 from brownpipe.analysis.departure import SHARE, departure_time
-from brownpipe.scene import SceneError, parse_scene, read_scene
-from brownpipe.state import draw
-from brownpipe.timestep.setup import COLLISIONS
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.initial_state import draw
+from brownpipe.engines.timestep import simulation as timestep
+from brownpipe.engines.timestep.settings import COLLISIONS
+from brownpipe.errors import RequestError
+from brownpipe.scene import parse_scene, read_scene
 
 STEPS = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 BOX_STEPS = (1e-4, 1e-3, 1e-2)
@@ -87,7 +89,7 @@ def stepping(scene, dt, precision, collisions):
     """The engine; None where it refuses the time step, too short for the precision."""
     try:
         return timestep.prepared(scene, dt, precision, collisions)
-    except SceneError:
+    except RequestError:
         return None
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from brownpipe.engines.state import Ensemble, Track
 from brownpipe.scene import parse_scene
-from brownpipe.state import Ensemble, Track
 from brownpipe.storage import Trajectories, write_trajectories
 
 DIFFUSION = 0.25

@@ -6,9 +6,11 @@ Tolerances are in standard errors: 4.5 is a false alarm in 1 of 150,000 comparis
 import numpy as np
 import pytest
 
-from brownpipe import analysis, state, theory
+from brownpipe import analysis, theory
 from brownpipe.analysis import aggregate, displacement, distribution
 from brownpipe.analysis.conditions import initial_square_speed
+from brownpipe.engines.initial_state import draw
+from brownpipe.engines.state import Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage import read_dataset, trajectories, write_dataset
 from ensembles import DIFFUSION, make_runs, make_scene, study, walk, write
@@ -153,7 +155,7 @@ def test_least_squares_alone_claims_far_too_little():
 ])  # fmt: skip
 def test_initial_square_speed_is_that_of_drawn_states(velocities):
     scene = make_scene(particles=4, velocities=velocities)
-    v2 = np.array([np.square(state.draw(scene, seed).velocity[0]).sum() for seed in range(1500)])
+    v2 = np.array([np.square(draw(scene, seed).velocity[0]).sum() for seed in range(1500)])
     assert abs(v2.mean() - initial_square_speed(scene)) < SIGMAS * v2.std() / np.sqrt(v2.size)
 
 
@@ -300,7 +302,7 @@ def test_a_case_without_files_is_empty(tmp_path):
 def test_one_run_of_one_disk(tmp_path):
     trajectories = make_runs(one_disk(), [3])
     straight = trajectories.scene.times[:, None, None] * np.array([3.0, 4.0])
-    ensemble = trajectories.ensemble._replace(tracer=state.Track(straight, None, None))
+    ensemble = trajectories.ensemble._replace(tracer=Track(straight, None, None))
     dataset = aggregate([write(tmp_path, trajectories._replace(ensemble=ensemble))]).squeeze()
     assert np.allclose(dataset.msd, 25 * dataset.time**2)
     assert dataset.initial_square_speed == 25
@@ -320,7 +322,7 @@ def test_engines_are_labelled_with_their_settings(tmp_path):
     exact = make_runs(make_scene(), range(12))
     coarse = exact._replace(engine="timestep", settings={"time_step": 0.01})
     dataset = aggregate([write(tmp_path, exact), write(tmp_path, coarse)])
-    assert dataset.engine.values.tolist() == ["exact", "timestep time_step=0.01"]
+    assert dataset.engine.values.tolist() == ["exact", "timestep-0.01-late"]
 
 
 def test_a_seed_counts_once(tmp_path):
@@ -351,7 +353,7 @@ def test_no_files():
 
 def test_two_sources_are_not_averaged(tmp_path, monkeypatch):
     first = write(tmp_path, make_runs(make_scene(), range(20)))
-    monkeypatch.setattr(trajectories, "source_digest", lambda **_: "another")
+    monkeypatch.setattr(trajectories, "source_digest", lambda *_: "another")
     second = write(tmp_path, make_runs(make_scene(), range(20, 30)))
     with pytest.raises(analysis.AnalysisError, match=r"20-29\.h5: made by another source code than .*0-19\.h5"):
         aggregate([first, second])

@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import exact, placement, timestep
+from brownpipe.engines import placement
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.scene import parse_scene
 
 ASPECTS = (1, 7, 50, 5000)

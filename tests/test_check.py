@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import check, cost, exact
-from brownpipe.check import describe
-from brownpipe.engines import Engine
+from brownpipe.engines import Engine, forecast
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.errors import RequestError
 from brownpipe.observables import OBSERVABLES
-from brownpipe.reading import SceneError
 from brownpipe.scene import parse_scene, read_scene
+from brownpipe.study import check
+from brownpipe.study.check import describe
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -30,7 +31,10 @@ def test_scene():
     assert "560 collisions between disks and 110 with walls" in said["expected"]
     assert "adds to a run, one by one: displacement 0.01" in said["measure"]
     assert all(f" {name} " in said["measure"] for name in OBSERVABLES)
-    assert "in steps of --time-step; some " in said["timestep"]
+    assert (
+        "--time-step 0.02 --precision double --collisions at_contact: all disks, in time steps; some "
+        in said["timestep"]
+    )
     assert "--friction enskog: the tracer alone, gamma = 7.35; no 1/t tail" in said["langevin"]
     assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in said["caution"]
 
@@ -47,10 +51,10 @@ def test_too_few_disks_for_the_box_are_said():
         "thin.yaml",
     )
     expected = 36.0 / 3 / (2 * 2**0.5 * 0.2)  # of the three others
-    assert cost.mean_free_path(scene) == pytest.approx(expected, rel=0.01)
-    remark = cost.caution(Engine("exact"), scene)
+    assert forecast.mean_free_path(scene) == pytest.approx(expected, rel=0.01)
+    remark = forecast.few_collisions(scene)
     assert remark.startswith("thin: 4 disks are too few for Brownian motion in this box: the mean free path, 21, is")
-    assert cost.caution(Engine("exact"), read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
+    assert forecast.few_collisions(read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
 
 
 def test_scene_with_another_number_of_disks():
@@ -103,7 +107,7 @@ def test_study_of_several_engines(tmp_path):
 
 
 def test_particles_are_not_for_studies():
-    with pytest.raises(SceneError, match="--particles is for scenes"):
+    with pytest.raises(RequestError, match="--particles is for scenes"):
         describe(CONFIG / "small.yaml", 50)
 
 
@@ -127,7 +131,7 @@ def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
     box = SIZES | {"boundary": boundary}
     mapping = {"box": box, "particles": 150, "disks": disks, "velocities": velocities, "duration": 1.0}
     scene = parse_scene(mapping, "some.yaml")
-    found, expected = exact.simulate(scene, range(20), frozenset({"none"})).observables, cost.of_run(scene)
+    found, expected = exact.simulate(scene, range(20), frozenset({"none"})).observables, forecast.of_run(scene)
     assert np.isclose(found["pair_collisions"].mean(), expected.pair_collisions, rtol=0.08)
     assert np.isclose(found["wall_collisions"].mean(), expected.wall_collisions, rtol=0.12)
 
@@ -150,13 +154,13 @@ def test_expected_price_of_an_observable_is_near_the_real_one(scene, name):
             exact.simulate(scene, range(10), observables=names)
             seconds.append(time.process_time() - begun)
     found = np.median(taken[name,]) / np.median(taken[()])
-    expected = cost.of_run(scene, observables=(name,)).seconds / cost.of_run(scene).seconds
+    expected = forecast.of_run(scene, observables=(name,)).seconds / forecast.of_run(scene).seconds
     assert found / 2 < expected < found * 2
 
 
 def test_averages_and_kept_disks_have_their_price():
     def seconds(scene, record=frozenset({"tracer"}), names=(), average="runs"):
-        return cost.of_run(scene, record, names, average).seconds
+        return forecast.of_run(scene, record, names, average).seconds
 
     scene = read_scene(CONFIG / "scenes" / "dense.yaml")
     assert seconds(scene) < seconds(scene, names=("displacement",)) < seconds(scene, frozenset({"all"}))
@@ -165,7 +169,7 @@ def test_averages_and_kept_disks_have_their_price():
         assert seconds(scene, frozenset({"all"})) < seconds(scene, names=(name,), average="disks")
     langevin = Engine("langevin", (("friction", "enskog"),))
     heavy = read_scene(CONFIG / "scenes" / "heavy.yaml")
-    alone, measured = (cost.of_engine(langevin, heavy, frozenset(), names) for names in ((), tuple(OBSERVABLES)))
+    alone, measured = (langevin.forecast(heavy, frozenset(), names) for names in ((), tuple(OBSERVABLES)))
     assert alone.seconds < measured.seconds < 2 * alone.seconds  # it follows the tracer alone
 
 
@@ -174,7 +178,7 @@ def test_a_collision_costs_more_where_disks_cross_more_cells_between(name, phi):
     """docs/benchmarks.md: 2.5, 3.7 and 4.9 million pair collisions per second at phi = 0.14, 0.5 and 0.7, N = 1000; the
     forecast is made for a machine that is busy with other work, up to 1.5 times slower."""
     scene = read_scene(CONFIG / "scenes" / f"{name}.yaml")
-    one = cost.of_run(scene)
+    one = forecast.of_run(scene)
     assert scene.packing_fraction == pytest.approx(phi, abs=0.005)
     microseconds = 1e6 * one.seconds / one.pair_collisions
     lower = {0.03: 0.6, 0.14: 0.4, 0.7: 0.2}[phi]
@@ -183,16 +187,16 @@ def test_a_collision_costs_more_where_disks_cross_more_cells_between(name, phi):
 
 def test_disks_at_rest_and_no_disks_cost_nothing():
     scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml", 1)
-    assert cost.of_run(scene).pair_collisions == 0.0
-    assert cost.of_run(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")).wall_collisions == 0.0
+    assert forecast.of_run(scene).pair_collisions == 0.0
+    assert forecast.of_run(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")).wall_collisions == 0.0
 
 
 def test_a_key_of_a_study_does_not_make_a_scene_one(tmp_path):
     text = (CONFIG / "scenes" / "harrison2020.yaml").read_text()
     (tmp_path / "one.yaml").write_text(f"{text}seeds: 3\n")
-    with pytest.raises(SceneError, match="unknown key 'seeds'"):
+    with pytest.raises(RequestError, match="unknown key 'seeds'"):
         describe(str(tmp_path / "one.yaml"))
-    with pytest.raises(SceneError, match="is a study, not a scene; run snakemake --configfile"):
+    with pytest.raises(RequestError, match="is a study, not a scene; run snakemake --configfile"):
         read_scene(CONFIG / "small.yaml")
 
 
@@ -204,8 +208,8 @@ def heavy(mass, velocities):
 
 
 def test_a_heavy_tracer_does_not_heat_the_bath_beforehand():
-    usual = cost.of_run(heavy(1.0, {"standard_deviation": 2.0}))
-    assert cost.of_run(heavy(1e12, {"standard_deviation": 2.0})) == usual
+    usual = forecast.of_run(heavy(1.0, {"standard_deviation": 2.0}))
+    assert forecast.of_run(heavy(1e12, {"standard_deviation": 2.0})) == usual
 
 
 @pytest.mark.parametrize("value", [0.0, 1e-300, 1e300])

@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import exact, provenance
-from brownpipe.cli import DONE, FAILED, WRONG, main
-from brownpipe.exact import simulate
-from brownpipe.exact import workspace as ws
-from brownpipe.exact.checkpoint import NEVER, Watch
+from brownpipe import provenance
+from brownpipe.cli import DONE, FAILED, main
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.exact import workspace as ws
+from brownpipe.engines.exact.checkpoint import NEVER, Watch
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.errors import WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
 from brownpipe.storage import read_checkpoint, write_checkpoint, write_trajectories
@@ -325,7 +327,7 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
     else:
         asked += [option, value]
     status, err = said(capsys, *asked)
-    assert status == WRONG
+    assert status == WRONG_REQUEST
     assert err.startswith(f"brownpipe: x.h5.checkpoint: is of a run with {message}")
     assert err.endswith("; repeat that command, delete this file to begin anew, or choose another --output\n")
     assert err.count("\n") == 1
@@ -361,5 +363,5 @@ def test_a_file_that_is_no_checkpoint(capsys):
 def test_an_interval_that_is_none(value, capsys):
     with pytest.raises(SystemExit) as left:
         main(["simulate", "some.yaml", "--checkpoint-every", value])
-    assert left.value.code == WRONG
+    assert left.value.code == WRONG_REQUEST
     assert "--checkpoint-every: must be a finite number > 0" in capsys.readouterr().err

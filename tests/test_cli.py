@@ -13,9 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import batch, cli, exact, kernels
-from brownpipe.cli import DONE, FAILED, WRONG, main
-from brownpipe.kernels import RunError
+from brownpipe import cli
+from brownpipe.cli import DONE, FAILED, main
+from brownpipe.engines import batch, kernels
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.errors import WRONG_REQUEST, RunError
 from brownpipe.storage import read_dataset, read_trajectories
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
@@ -121,7 +123,7 @@ def test_an_engine_gets_its_settings_and_no_other(capsys, monkeypatch, runs):
         calls.append((list(seeds), record, given))
         return read_trajectories(runs).ensemble
 
-    monkeypatch.setattr("brownpipe.timestep.simulate", simulate)
+    monkeypatch.setattr("brownpipe.engines.timestep.simulation.simulate", simulate)
     asked = ["simulate", SCENE, "--particles", 10, "--seeds", "0-2", *STEP, "--output", "x.h5"]
     assert ends_well(said(capsys, *asked), "x.h5", "3 runs")
     nothing_measured = {"observables": (), "average": "runs"}
@@ -269,7 +271,7 @@ def test_version(capsys):
 )
 def test_wrong_requests(argv, message, capsys, tmp_path):
     status, out, err = said(capsys, *argv)
-    assert (status, out) == (WRONG, "")
+    assert (status, out) == (WRONG_REQUEST, "")
     assert err.startswith("brownpipe")
     assert message in err
     assert list(tmp_path.iterdir()) == []
@@ -279,20 +281,20 @@ def test_more_than_this_machine_can_hold(capsys, monkeypatch):
     pages = {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}
     monkeypatch.setattr(os, "sysconf", pages.__getitem__)
     status, _, err = said(capsys, "simulate", SCENE, "--seeds", "0-9999999")
-    assert status == WRONG
+    assert status == WRONG_REQUEST
     assert "harrison2020: 10000000 runs need some 61.4 GB of memory, and this machine has 0.0041 GB: take fewer" in err
 
 
 def test_figures_that_there_is_nothing_to_show_in(dataset, capsys):
     status, _, err = said(capsys, "figures", dataset, "--output", "f", "--figures", "particle_counts")
-    assert status == WRONG
+    assert status == WRONG_REQUEST
     assert "particle_counts: there is nothing to show in this figure" in err
-    assert said(capsys, "figures", dataset, "--output", "f", "--particles", 150)[0] == WRONG
+    assert said(capsys, "figures", dataset, "--output", "f", "--particles", 150)[0] == WRONG_REQUEST
 
 
 def test_the_same_seed_twice(runs, capsys):
     status, _, err = said(capsys, "aggregate", runs, runs, "--output", "a.nc")
-    assert status == WRONG
+    assert status == WRONG_REQUEST
     assert "seed 0 is already in" in err
 
 
@@ -316,7 +318,7 @@ def test_a_place_that_cannot_be_written_to(output, message, capsys):
 
 
 @pytest.mark.parametrize("verb", [["aggregate", "x.h5", "--output", "a.nc"], ["figures", "x.h5", "--output", "f"]])
-@pytest.mark.parametrize(("content", "expected"), [(None, WRONG), (b"", FAILED), (b"not HDF5", WRONG)])
+@pytest.mark.parametrize(("content", "expected"), [(None, WRONG_REQUEST), (b"", FAILED), (b"not HDF5", WRONG_REQUEST)])
 def test_files_that_are_none(verb, content, expected, capsys):
     if content is not None:
         Path("x.h5").write_bytes(content)
@@ -329,12 +331,12 @@ def test_files_that_are_none(verb, content, expected, capsys):
 def test_intact_files_of_the_other_kind_are_not_to_be_deleted(runs, dataset, capsys):
     for argv in (["aggregate", dataset, "--output", "a.nc"], ["figures", runs, "--output", "f"]):
         status, _, err = said(capsys, *argv)
-        assert (status, "delete" in err) == (WRONG, False)
+        assert (status, "delete" in err) == (WRONG_REQUEST, False)
         assert "is a file of brownpipe, but not a" in err
     Path("dataset").write_bytes(dataset.read_bytes())
     assert "title " in said(capsys, "inspect", "dataset")[1]
     assert said(capsys, "inspect", "absent.nc") == (
-        WRONG, "", "brownpipe: absent.nc: cannot be read: No such file or directory\n"
+        WRONG_REQUEST, "", "brownpipe: absent.nc: cannot be read: No such file or directory\n"
     )  # fmt: skip
 
 
@@ -349,7 +351,7 @@ def test_inputs_and_devices_are_not_replaced(runs, capsys):
         ["simulate", "scene.yaml", "--output", "pipe"],
     ):
         status, _, err = said(capsys, *argv)
-        assert status == WRONG
+        assert status == WRONG_REQUEST
         assert "choose another name for the output" in err
     assert Path("runs.h5").read_bytes() == runs.read_bytes()
     assert Path("pipe").is_fifo()
@@ -365,7 +367,7 @@ def test_a_link_is_followed(capsys):
 def test_a_list_of_disks_has_one_seed(capsys, tmp_path):
     scene = Path(__file__).parent / "scenes" / "pair_head_on.yaml"
     status, _, err = said(capsys, "simulate", scene, "--seeds", "0-49")
-    assert status == WRONG
+    assert status == WRONG_REQUEST
     assert "seeds: must be one seed, as the disks of pair_head_on are listed one by one" in err
     assert list(tmp_path.iterdir()) == []
     assert said(capsys, "simulate", scene, "--particles", 2, "--seeds", 7)[0] == DONE

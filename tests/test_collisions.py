@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import naive
-from brownpipe.collisions import delay, encounter, exchange, meets, pair_time, shares, wall_time
+from brownpipe.engines.collisions import delay, encounter, exchange, meets, pair_time, shares, wall_time
 
 getcontext().prec = 60
 EPSILON = 2.0**-52

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from brownpipe import theory
-from brownpipe.analysis import AnalysisError, aggregate, conditions, distribution, measure, runs
+from brownpipe.analysis import aggregate, conditions, distribution, measure, runs
+from brownpipe.errors import AnalysisError
 from ensembles import DIFFUSION, make_runs, make_scene, write
 
 SIGMAS = 4.5

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 
 import naive
-from brownpipe import exact, packing
-from brownpipe.exact import setup, simulate
-from brownpipe.scene import parse_scene
-from brownpipe.state import State, draw
+from brownpipe.engines import units
+from brownpipe.engines.exact import layout
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.initial_state import draw
+from brownpipe.engines.state import State
+from brownpipe.scene import packing, parse_scene
 
 W, P = "reflecting", "periodic"
 EPSILON = np.finfo(float).eps
@@ -377,8 +380,8 @@ def starts(monkeypatch):
 
 def test_a_run_that_needs_more_room_leaves_no_trace_in_those_after_it(monkeypatch, starts):
     """In a batch the workspace is handed on; one run in which a cell or a list is too small must not tell."""
-    squares = setup._squares
-    monkeypatch.setattr(setup, "_squares", lambda *given: (1.3 * squares(*given)[0], None))
+    squares = layout._squares
+    monkeypatch.setattr(layout, "_squares", lambda *given: (1.3 * squares(*given)[0], None))
     scene = binary()
     batch = simulate(scene, range(8, 13))
     assert 5 < starts[0] < 10  # some had too little room
@@ -413,7 +416,7 @@ def test_lists_are_right_from_block_to_block():
     """
     for n, side in ((56, 8.53), (81, 10.26)):
         scene = crowded(box(side, side, P), [(n, 0.5, 1.0)], 2000.0)
-        assert setup.prepare(scene, setup.frame_of(scene)).lists is not None
+        assert layout.prepare(scene, units.frame_of(scene)).lists is not None
         seen = simulate(scene, [0], frozenset()).observables
         assert seen["pair_collisions"][0] > 500_000
         assert seen["worst_overlap"][0] <= 1e-12
@@ -441,8 +444,8 @@ def test_asking_memory_ahead_changes_no_bit(phi, monkeypatch):
     mapping = {"box": box(float(side), float(side), P), "disks": disks, "velocities": {"temperature": 1.0}}
     scene = parse_scene(mapping | {"duration": 3.0 / phi}, "many.yaml")
     plain = simulate(scene, [1], {"all"})
-    monkeypatch.setattr(setup, "FITS_CACHE", 0)
-    w = setup.prepare(scene, setup.frame_of(scene))
+    monkeypatch.setattr(layout, "FITS_CACHE", 0)
+    w = layout.prepare(scene, units.frame_of(scene))
     assert w.ahead is not None
     assert all(array.ctypes.data % 64 == 0 for array in (w.disk, w.link, w.bucket, w.cell))
     asking = simulate(scene, [1], {"all"})
@@ -479,11 +482,11 @@ FEW = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fits_cache", [setup.FITS_CACHE, 0])
+@pytest.mark.parametrize("fits_cache", [layout.FITS_CACHE, 0])
 def test_the_compiler_changes_no_bit(fits_cache):
     """Every kernel gives the same numbers as plain Python: nothing is reordered, fused or approximated."""
     others = in_plain_python(
-        f"import pickle; from test_exact import FEW, setup, simulate; setup.FITS_CACHE = {fits_cache};"
+        f"import pickle; from test_exact import FEW, layout, simulate; layout.FITS_CACHE = {fits_cache};"
         "print(pickle.dumps([simulate(scene, [3], {'all', 'events'}) for scene in FEW.values()]).hex())"
     )
     for scene, other in zip(FEW.values(), others, strict=True):
@@ -527,7 +530,7 @@ def touching_scenes():
 def test_the_run_time_audit_sees_a_lost_collision():
     """Eq. (1) taken literally drops negative times; disks pass through each other, energy and momentum perfect."""
     literal = in_plain_python(
-        "import math, pickle; from test_exact import *; from brownpipe.exact import events;"
+        "import math, pickle; from test_exact import *; from brownpipe.engines.exact import events;"
         "events.delay = lambda b, c, d: math.inf if c < 0 else c / (math.sqrt(d) - b);"
         "print(pickle.dumps([simulate(scene, [0]).observables for scene in touching_scenes()]).hex())"
     )
@@ -546,7 +549,7 @@ def test_the_run_time_audit_sees_a_lost_collision():
 BLIND = """
 import math, pickle
 from test_exact import *
-from brownpipe.exact import events
+from brownpipe.engines.exact import events
 edges_ahead = events.edges_ahead
 def blind(lists, w, i, vx, vy):
     far = math.copysign(1e300, vx), math.copysign(1e300, vy)

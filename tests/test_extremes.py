@@ -14,13 +14,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import packing, timestep
-from brownpipe.exact import prepared, recording, simulate
-from brownpipe.exact.setup import begin, motion_of
-from brownpipe.exact.workspace import BLOCK, CROSSINGS
-from brownpipe.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS, SceneError, parse_scene
-from brownpipe.state import State, at_rest_on_the_whole, draw
-from brownpipe.timestep.workspace import STEP
+from brownpipe.engines.exact import recording
+from brownpipe.engines.exact.layout import begin
+from brownpipe.engines.exact.simulation import prepared, simulate
+from brownpipe.engines.exact.workspace import BLOCK, CROSSINGS
+from brownpipe.engines.initial_state import at_rest_on_the_whole, draw
+from brownpipe.engines.state import State
+from brownpipe.engines.timestep import simulation as timestep
+from brownpipe.engines.timestep.workspace import STEP
+from brownpipe.engines.units import motion_of
+from brownpipe.errors import RequestError
+from brownpipe.scene import packing, parse_scene
+from brownpipe.scene.scene_file import LARGEST_MASS_RATIO, SMALLEST_RADIUS
 from test_exact import FEW, P, W, box, crystal, explicit, make, note_scene
 
 BOTH = pytest.mark.parametrize("boundary", [W, P])
@@ -219,8 +224,8 @@ def test_a_packing_keeps_its_neighbours(gap):
 NO_ROOM = """
 import resource
 resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, resource.getrlimit(resource.RLIMIT_AS)[1]))
-from brownpipe.exact import simulate
-from brownpipe.kernels import RunError
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.errors import RunError
 from test_exact import crystal
 for record in (set(), {"events"}):
     try:
@@ -369,9 +374,9 @@ def with_broken(engine, index, value):
         return recording.observables(scene, one.frame, w, first[:, 2:])["failed"]
     one = timestep.prepared(scene, timestep.largest_step(scene) / 64)
     w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
-    timestep.setup.begin(w, first)
+    timestep.begin(w, first)
     (w.x, w.y, w.vx, w.vy)[index][0] = value
-    return timestep.setup.observables(scene, one.frame, w, first[:, 2:])["failed"]
+    return timestep.observables(scene, one.frame, w, first[:, 2:])["failed"]
 
 
 @pytest.mark.parametrize("engine", ["exact", "timestep"])
@@ -395,8 +400,8 @@ def test_a_run_that_starts_nowhere_fails(engine, value):
     else:
         one = timestep.prepared(scene, timestep.largest_step(scene) / 64)
         first = motion_of(state, one.frame)
-        timestep.setup.begin(one.workspace, first)
-        found = timestep.setup.observables(scene, one.frame, one.workspace, first[:, 2:])
+        timestep.begin(one.workspace, first)
+        found = timestep.observables(scene, one.frame, one.workspace, first[:, 2:])
     assert found["failed"] == 1
 
 
@@ -413,14 +418,14 @@ def test_images_that_no_int32_can_count_fail_the_run():
         one.workspace.count[CROSSINGS] = 2**32
         one.workspace.clock[BLOCK] = int(share * longest / one.workspace.calendar.block)
         assert recording.observables(scene, one.frame, one.workspace, first[:, 2:])["failed"] == failed
-        timestep.setup.begin(step.workspace, first)
+        timestep.begin(step.workspace, first)
         step.workspace.clock[STEP] = int(share * longest / step.workspace.step)
-        assert timestep.setup.observables(scene, step.frame, step.workspace, first[:, 2:])["failed"] == failed
+        assert timestep.observables(scene, step.frame, step.workspace, first[:, 2:])["failed"] == failed
 
 
 def test_a_duration_that_the_clock_cannot_count_is_refused():
     disks = state_of([(0, 0, 1, 0)])
-    with pytest.raises(SceneError, match=r"explicit, N = 1, seed 0: duration: must be at most .* not 1e\+200"):
+    with pytest.raises(RequestError, match=r"explicit, N = 1, seed 0: duration: must be at most .* not 1e\+200"):
         simulate(explicit(box(6, 6, W), disks, 1e200), [0])
 
 
@@ -437,7 +442,9 @@ def test_disks_at_rest_in_any_units(size, duration):
 def test_a_unit_of_time_that_is_no_number_is_refused(speed):
     size = 1e130 if speed < 1 else 1e-130
     scene = explicit(box(size, size, W), state_of([(0, 0, speed, 0)], size / 8), 1.0)
-    with pytest.raises(SceneError, match=r"explicit: velocities: the thermal speed 1e.200 must be from .* other units"):
+    with pytest.raises(
+        RequestError, match=r"explicit: velocities: the thermal speed 1e.200 must be from .* other units"
+    ):
         simulate(scene, [0])
 
 
@@ -629,7 +636,7 @@ def test_a_disk_as_large_as_its_box(boundary):
     """Between walls one that cannot move at all; a periodic box must be twice as wide as a disk."""
     where = box(2, 2, boundary)
     if boundary == P:
-        with pytest.raises(SceneError, match="too narrow"):
+        with pytest.raises(RequestError, match="too narrow"):
             explicit(where, state_of([(0, 0, 0, 0)], 1.0), 1.0)
         return
     position, _, _, _ = outcome(where, state_of([(0, 0, 0, 0)], 1.0), 1.0)
@@ -646,5 +653,5 @@ def test_a_periodic_box_below_four_radii_is_refused_by_name():
         if width == 1.0:
             parse_scene(mapping, "narrow.yaml")
         else:
-            with pytest.raises(SceneError, match=r"narrow\.yaml: box: a periodic box .* must be at least 1\.0"):
+            with pytest.raises(RequestError, match=r"narrow\.yaml: box: a periodic box .* must be at least 1\.0"):
                 parse_scene(mapping, "narrow.yaml")

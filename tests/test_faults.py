@@ -6,8 +6,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from brownpipe.reading import read_yaml
-from brownpipe.scene import SceneError, read_scene
+from brownpipe.errors import RequestError
+from brownpipe.scene import read_scene
+from brownpipe.scene.reading import read_yaml
 from brownpipe.study import read_study
 
 SCENES = Path(__file__).parent / "scenes"
@@ -32,7 +33,7 @@ duration: 1
 
 
 def refusal(path, read=read_scene):
-    with pytest.raises(SceneError) as caught:
+    with pytest.raises(RequestError) as caught:
         read(path)
     line = str(caught.value)
     assert line.startswith(f"{path}: ")
@@ -98,7 +99,7 @@ def test_file_is_refused(tmp_path, read, content, message):
 def test_file_that_cannot_be_read(tmp_path, read):
     assert refusal(tmp_path / "absent.yaml", read) == "cannot be read: No such file or directory"
     assert refusal(tmp_path, read) == "cannot be read: Is a directory"
-    with pytest.raises(SceneError, match="cannot be read: embedded null byte"):
+    with pytest.raises(RequestError, match="cannot be read: embedded null byte"):
         read("a\0b.yaml")
 
 

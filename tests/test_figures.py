@@ -12,11 +12,12 @@ import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from brownpipe import cli, figures, state, storage
+from brownpipe import cli, figures, storage
 from brownpipe.analysis import aggregate
+from brownpipe.engines import state
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
 from brownpipe.figures.tables import Table, to_csv
-from brownpipe.study import FIGURES
+from brownpipe.study.study_file import FIGURES
 from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, with_measures
 
@@ -134,7 +135,7 @@ def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatc
             raise storage.StorageError("full")
         path.touch()
 
-    monkeypatch.setattr(storage, "write_file", full)
+    monkeypatch.setattr(figures, "write_file", full)
     with pytest.raises(storage.StorageError):
         figures.render(dataset, tmp_path, ["health"])
     assert not (tmp_path / "summary.csv").exists()
@@ -622,7 +623,7 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
     full, partial = make_runs(make_scene(), range(20)), make_runs(make_scene(), [*range(5), *range(9, 20)])
     coarse = partial._replace(engine="timestep", settings={"time_step": 0.01})
     text = figures.summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
-    assert "plain, N = 20, timestep time_step=0.01: missing: 4 of 20 seeds (5-8)" in text
+    assert "plain, N = 20, timestep-0.01-late: missing: 4 of 20 seeds (5-8)" in text
     assert "engine" in text.splitlines()[1]
 
 

@@ -7,7 +7,9 @@ from scipy import stats
 from brownpipe import theory
 from brownpipe.analysis import measure, thermodynamics
 from brownpipe.analysis.runs import Runs
-from brownpipe.exact import setup, simulate
+from brownpipe.engines import units
+from brownpipe.engines.exact import layout
+from brownpipe.engines.exact.simulation import simulate
 from brownpipe.scene import parse_scene
 from test_exact import P, W, box, crowded, make, species
 
@@ -159,7 +161,7 @@ def test_a_million_disks():
     """With neighbour lists, 400,000 collisions: sound, in at most 250 bytes of workspace a disk."""
     n = 1_000_000
     scene = fluid(0.7, 0.125, {"placement": "lattice"}, n, equilibrate=0.0)
-    w = setup.prepare(scene, setup.frame_of(scene))
+    w = layout.prepare(scene, units.frame_of(scene))
     arrays = [array for array in (*w, *w.lists) if isinstance(array, np.ndarray)]
     sizes = {array.ctypes.data: array.nbytes for array in arrays}  # two may be views of the same memory
     assert sum(sizes.values()) <= 250 * n

@@ -14,8 +14,8 @@ import numba
 import numpy as np
 import pytest
 
-from brownpipe import inlining, kernels
-from brownpipe.records import by_reference, local_copy
+from brownpipe.engines import inlining, kernels
+from brownpipe.engines.records import by_reference, local_copy
 
 HERE = Path(__file__).parent
 NOTE = HERE.parent / "config" / "scenes" / "harrison2020.yaml"
@@ -23,7 +23,7 @@ NOTE = HERE.parent / "config" / "scenes" / "harrison2020.yaml"
 HOLD = """
 import sys, time
 from pathlib import Path
-from brownpipe import kernels
+from brownpipe.engines import kernels
 kernels.CACHE = sys.argv[1]
 with kernels.one_compiler():
     begin = time.monotonic()
@@ -47,7 +47,7 @@ AT_ONCE = """
 import sys, time
 import numpy as np
 from numba.core.caching import IndexDataCacheFile
-from brownpipe import kernels
+from brownpipe.engines import kernels
 from test_kernels import Inner, Outer, work
 
 def save_slowly(index, overloads):
@@ -176,7 +176,8 @@ def test_ctrl_c_while_llvm_calls_back_is_heeded_afterwards():
 
 
 INTERRUPTED = """
-from brownpipe import exact, kernels
+from brownpipe.engines import kernels
+from brownpipe.engines.exact import simulation as exact
 from brownpipe.scene import read_scene
 kernels.on_compile.append(lambda line: print(line, flush=True))
 exact.prepared(read_scene(SCENE))
@@ -207,7 +208,8 @@ EVERY_KERNEL = """
 import sys
 from collections import Counter
 from numba.core import event
-from brownpipe import exact, kernels
+from brownpipe.engines import kernels
+from brownpipe.engines.exact import simulation as exact
 from brownpipe.scene import read_scene
 
 class Listener(event.Listener):
@@ -243,12 +245,12 @@ def test_every_kernel_is_compiled_once_and_only_the_first_time(tmp_path):
 
 PLACED = """
 import sys
-from brownpipe import inlining
+from brownpipe.engines import inlining
 if sys.argv[1] == "usual":
     inlining.TESTED = ((0, 0), (0, 0))
 from numba.core.codegen import JITCPUCodegen
 from brownpipe.scene import read_scene
-from brownpipe.state import draw
+from brownpipe.engines.initial_state import draw
 print(JITCPUCodegen._library_class.__module__, draw(read_scene(sys.argv[2]), 7).position.tobytes().hex())
 """
 
@@ -267,7 +269,7 @@ def test_with_a_numba_that_was_not_tested_kernels_are_compiled_as_usual_to_the_s
         for which in ("inlined", "usual")
     ]
     tested = inlining.TESTED[0] <= numba.version_info[:2] <= inlining.TESTED[1]
-    expected = "brownpipe.inlining" if tested else "numba.core.codegen"
+    expected = "brownpipe.engines.inlining" if tested else "numba.core.codegen"
     assert [module for module, _ in results] == [expected, "numba.core.codegen"]
     assert results[0][1] == results[1][1] and len(results[0][1]) > 1000
 

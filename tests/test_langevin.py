@@ -7,11 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import exact, friction, langevin, theory
+from brownpipe import theory
 from brownpipe.analysis import thermodynamics
-from brownpipe.langevin import step_weights
-from brownpipe.scene import SceneError, Velocities, parse_scene, read_scene
-from brownpipe.state import draw, draw_tracer, noise
+from brownpipe.engines import friction
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.initial_state import draw, draw_tracer, noise
+from brownpipe.engines.langevin import COLLISIONS, caution, refuse_unfit
+from brownpipe.engines.langevin import simulation as langevin
+from brownpipe.engines.langevin.simulation import step_weights
+from brownpipe.errors import RequestError
+from brownpipe.scene import Velocities, parse_scene, read_scene
 
 RUNS = 4000
 SCENES = Path(__file__).parents[1] / "config" / "scenes"
@@ -319,9 +324,9 @@ def test_frictions_of_several_species_add():
 def test_measured_friction_is_that_of_theory_in_a_thin_bath():
     """4,000 collisions are 1.6 % if they come at random; walls take 0.7 % of the room, chi is 1.001. 0.1 %."""
     scene = scene_of(width=60.0, particles=100)
-    measured, expected = (friction.friction_rate(scene, which) for which in ("measured", "enskog"))
-    assert measured == friction.friction_rate(replace(scene, duration=5.0), "measured")
-    assert abs(measured / expected - 1) < 0.007 + FAR / math.sqrt(friction.COLLISIONS)
+    measured, expected = (langevin.rate_of(scene, which) for which in ("measured", "enskog"))
+    assert measured == langevin.rate_of(replace(scene, duration=5.0), "measured")
+    assert abs(measured / expected - 1) < 0.007 + FAR / math.sqrt(COLLISIONS)
 
 
 @pytest.mark.slow
@@ -368,7 +373,7 @@ def test_units_are_powers_of_two_or_refused(boundary, length, time, mass):
     """The path to the square root of odd powers, 4 units of round-off; kT and kT/m must be numbers with all digits."""
     scene, usual = in_units(length, time, mass, boundary=boundary), in_units(boundary=boundary)
     if abs(2 * (length - time) + mass) > 1018 or abs(2 * (length - time)) > 1018:
-        with pytest.raises(SceneError, match=r"needs a temperature of the bath below|needs kT and kT/m of at least"):
+        with pytest.raises(RequestError, match=r"needs a temperature of the bath below|needs kT and kT/m of at least"):
             langevin.simulate(scene, [1, 2])
         return
     found, plain = langevin.simulate(scene, [1, 2]), langevin.simulate(usual, [1, 2])
@@ -427,29 +432,29 @@ CROWD = {"particles": 900, "width": 6.0, "disks": {
     ],
 )
 def test_where_friction_and_noise_are_no_bath(changes, message):
-    with pytest.raises(SceneError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         langevin.simulate(scene_of(**changes), [0])
     assert message in str(refusal.value)
 
 
 def test_a_dense_bath_is_measured_or_nothing():
-    friction.refuse_unfit(scene_of(**CROWD), "measured")
+    refuse_unfit(scene_of(**CROWD), {"friction": "measured"}, frozenset())
 
 
 def test_a_list_of_disks_has_no_bath():
     disk = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "radius": 0.1, "mass": 1.0}
     scene = parse_scene({"box": {"x": [-1, 1], "y": [-1, 1]}, "disks": [disk], "duration": 1.0}, "listed.yaml")
-    with pytest.raises(SceneError, match="listed, N = 1: --engine langevin needs a scene with species"):
+    with pytest.raises(RequestError, match="listed, N = 1: --engine langevin needs a scene with species"):
         langevin.simulate(scene, [0])
 
 
 @pytest.mark.parametrize("record", [{"all"}, {"events", "tracer"}])
 def test_what_the_bath_does_cannot_be_recorded(record):
-    with pytest.raises(SceneError, match=r"the langevin engine has no bath; must be tracer or none"):
+    with pytest.raises(RequestError, match=r"the langevin engine has no bath; must be tracer or none"):
         langevin.simulate(scene_of(), [0], frozenset(record))
 
 
 @pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])
 def test_a_tracer_that_is_not_very_heavy(mass, said):
-    remark = friction.caution(scene_of(tracer={"mass": mass}))
+    remark = caution(scene_of(tracer={"mass": mass}))
     assert (remark is not None) == said

@@ -6,11 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from brownpipe import analysis, exact, langevin, observables, theory
+from brownpipe import analysis, observables, theory
 from brownpipe.analysis import conditions, displacement, measure, pairs, runs, thermodynamics, velocity
 from brownpipe.analysis.resampling import Estimate
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.langevin import simulation as langevin
+from brownpipe.engines.state import Track
 from brownpipe.scene import parse_scene
-from brownpipe.state import Track
 from brownpipe.storage import write_trajectories
 from ensembles import make_scene
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from brownpipe.check import in_bytes
-from brownpipe.cli import DONE, FAILED, WRONG, main
+from brownpipe.cli import DONE, FAILED, main
+from brownpipe.engines.state import Track
+from brownpipe.errors import WRONG_REQUEST
 from brownpipe.figures import snapshot
-from brownpipe.state import Track
+from brownpipe.formatting import in_bytes
 from brownpipe.storage import write_trajectories
 from ensembles import make_runs, make_scene
 
@@ -73,7 +74,7 @@ def test_animation_ends_with_the_last_sample(path):
 
 def test_video_is_what_ffmpeg_makes_of_raw_frames(path, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert main(["movie", str(path), "--output", str(tmp_path / "a.mp4")]) == WRONG
+    assert main(["movie", str(path), "--output", str(tmp_path / "a.mp4")]) == WRONG_REQUEST
     assert "a .mp4 needs ffmpeg" in capsys.readouterr().err
     stand_in = tmp_path / "ffmpeg"
     stand_in.write_text(f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'wb').write(sys.stdin.buffer.read())\n")
@@ -101,7 +102,7 @@ def test_refusals(path, tmp_path, capsys):
         "is an input": [path, "--output", path],
     }
     for message, arguments in asked.items():
-        assert main(["movie", *map(str, arguments)]) == WRONG
+        assert main(["movie", *map(str, arguments)]) == WRONG_REQUEST
         error = capsys.readouterr().err
         assert message in error and error.count("\n") == 1
 

@@ -8,14 +8,16 @@ import pytest
 import xarray
 from scipy import stats
 
-from brownpipe import cost, observables, storage, theory
+from brownpipe import observables, storage, theory
 from brownpipe.analysis.displacement import squared_displacement
-from brownpipe.batch import Run
-from brownpipe.cli import DONE, WRONG, main
-from brownpipe.exact import simulate
+from brownpipe.cli import DONE, main
+from brownpipe.engines import forecast
+from brownpipe.engines.batch import Run
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.state import Track
+from brownpipe.errors import WRONG_REQUEST, RequestError
 from brownpipe.observables import OBSERVABLES, VARIABLES, observe
-from brownpipe.scene import SceneError, parse_scene
-from brownpipe.state import Track
+from brownpipe.scene import parse_scene
 
 W, P = "reflecting", "periodic"
 ALL = tuple(OBSERVABLES)
@@ -367,7 +369,7 @@ def test_one_whole_run_is_held_at_a_time():
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] - peaks[0] < tracks
-    assert peaks[0] < cost.BYTES_PER_SAMPLE * len(scene.times) * scene.particles + 2**21
+    assert peaks[0] < forecast.BYTES_PER_SAMPLE * len(scene.times) * scene.particles + 2**21
 
 
 def test_what_needs_every_disk():
@@ -388,14 +390,14 @@ def test_what_needs_every_disk():
 @pytest.mark.parametrize("boundary", [W, P])
 def test_cost_knows_the_arrays_and_the_run_that_is_held(boundary):
     scene = make(boundary)
-    usual, measured = cost.of_run(scene), cost.of_run(scene, {"none"}, ALL)
+    usual, measured = forecast.of_run(scene), forecast.of_run(scene, {"none"}, ALL)
     seed = simulate(scene, [0], {"none"}, observables=ALL).observables
     size = sum(seed[name].size for name in VARIABLES if name in seed)
     assert measured.recorded == 8 * size
-    assert measured.working - usual.working == cost.BYTES_PER_SAMPLE * len(scene.times) * 16
-    assert cost.of_run(scene, {"none"}, ("displacement",)).working == usual.working  # of the tracer alone
+    assert measured.working - usual.working == forecast.BYTES_PER_SAMPLE * len(scene.times) * 16
+    assert forecast.of_run(scene, {"none"}, ("displacement",)).working == usual.working  # of the tracer alone
     longer = make(duration=200.0)
-    seconds = [cost.of_run(longer, {"none"}, names, "origins").seconds for names in ((), ("displacement",), ALL)]
+    seconds = [forecast.of_run(longer, {"none"}, names, "origins").seconds for names in ((), ("displacement",), ALL)]
     assert seconds[0] < seconds[1] < seconds[2]
 
 
@@ -501,7 +503,7 @@ EXPLICIT = {"disks": LISTED, "velocities": None, "equilibrate": None}
 )
 def test_what_a_scene_does_not_have_is_refused(more, names, average, message):
     scene = make(**more)
-    with pytest.raises(SceneError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         simulate(scene, [0], {"none"}, observables=names, average=average)
     assert str(refusal.value).startswith("made: ")
     assert message in str(refusal.value)
@@ -509,7 +511,7 @@ def test_what_a_scene_does_not_have_is_refused(more, names, average, message):
 
 def test_more_bins_than_can_be_kept_are_refused():
     kinds = [{"name": "dust", "count": 2, "radius": 1e-7, "mass": 1.0}, BATH[0]]
-    with pytest.raises(SceneError, match="more than 1000000 bins"):
+    with pytest.raises(RequestError, match="more than 1000000 bins"):
         simulate(make(kinds=kinds), [0], {"none"}, observables=("pair_distribution",))
 
 
@@ -529,7 +531,7 @@ def test_stationary_is_what_has_one_temperature_and_had_time():
 def test_wrong_options(options, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
-    assert main(["simulate", "some.yaml", *options]) == WRONG
+    assert main(["simulate", "some.yaml", *options]) == WRONG_REQUEST
     err = capsys.readouterr().err
     assert err.startswith(f"brownpipe: {message}") and err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["some.yaml"]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brownpipe.packing import most_disks, overlap
+from brownpipe.scene.packing import most_disks, overlap
 
 
 @given(

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from brownpipe import packing
-from brownpipe.placement import common_radius, place
-from brownpipe.scene import SceneError, parse_scene
-from brownpipe.state import draw
+from brownpipe.engines.initial_state import draw
+from brownpipe.engines.placement import place
+from brownpipe.engines.units import common_radius
+from brownpipe.errors import RequestError
+from brownpipe.scene import packing, parse_scene
 from test_exact import P, W, box, make, note_scene, species
 
 
@@ -74,7 +75,7 @@ def test_a_disk_is_uniform_over_where_it_can_be(boundary):
 def test_what_cannot_be_placed_ends_with_a_message():
     """Random insertion jams near phi = 0.547; in bounded time."""
     scene = make(box(3, 3, P), [(150, 0.13, 1)], 1.0)
-    with pytest.raises(SceneError, match=r"only \d+ of 150 disks found a place .*\(packing fraction 0\.885\)"):
+    with pytest.raises(RequestError, match=r"only \d+ of 150 disks found a place .*\(packing fraction 0\.885\)"):
         draw(scene, 0)
 
 
@@ -110,7 +111,7 @@ def test_species_share_a_lattice_at_random():
 
 def test_a_lattice_that_does_not_fit_is_refused():
     scene = on_lattice(box(3, 3, P), [(110, 0.15, 1.0)])
-    with pytest.raises(SceneError, match=r"places for 110 disks of radius 0\.15"):
+    with pytest.raises(RequestError, match=r"places for 110 disks of radius 0\.15"):
         draw(scene, 0)
 
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import yaml
 
-from brownpipe import cli, exact, plan, storage, tradeoff
+from brownpipe import cli, storage, tradeoff
 from brownpipe.analysis import squared_displacement
 from brownpipe.engines import Engine
-from brownpipe.plan import Case, Known
-from brownpipe.reading import SceneError
-from brownpipe.study import read_study
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.errors import WRONG_REQUEST, RequestError
+from brownpipe.study import plan, read_study
+from brownpipe.study.plan import Case, Known
 from ensembles import make_runs, make_scene, write
 
 EXACT = Engine("exact")
@@ -176,7 +177,7 @@ def test_too_many_jobs_take_larger_batches(study_file, tmp_path):
     ],
 )
 def test_studies_that_cannot_be_are_refused(study_file, keys, message):
-    with pytest.raises(SceneError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         read_study(study_file(**keys))
     assert message in str(refusal.value)
 
@@ -189,7 +190,7 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
     jobs = [(job.scene, job.engine, job.last) for job in study.jobs()]
     assert jobs == [("few", "exact", 6), ("few", "langevin-enskog", 2), ("equal", "exact", 6)]
     assert study.compared == ["few"]
-    with pytest.raises(SceneError, match="langevin is for a heavy tracer"):  # equal disks
+    with pytest.raises(RequestError, match="langevin is for a heavy tracer"):  # equal disks
         read_study(study_file(**keys, engines=["exact", {"name": "langevin", "friction": "enskog"}]))
 
 
@@ -234,7 +235,7 @@ def test_stored_prices_of_the_same_scene_are_used_and_a_study_is_written(study_f
 
 
 def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys):
-    monkeypatch.setattr(tradeoff.cost, "seconds_per_run", lambda engine, *_, **__: 1.0 if engine == EXACT else 2.0)
+    monkeypatch.setattr(tradeoff.timing, "seconds_per_run", lambda engine, *_, **__: 1.0 if engine == EXACT else 2.0)
     path = study_file(tolerance=0.1)
     assert cli.main(["plan", str(path)]) == cli.DONE
     said = capsys.readouterr().out
@@ -263,7 +264,7 @@ def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, words, mess
         except SystemExit as end:
             status = end.code
     said = capsys.readouterr().err
-    assert status == cli.WRONG and message in said and said.count("\n") == 1
+    assert status == WRONG_REQUEST and message in said and said.count("\n") == 1
 
 
 def test_times_are_understood():

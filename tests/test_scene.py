@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brownpipe.packing import most_disks
-from brownpipe.scene import Disk, Scene, SceneError, Species, parse_scene, read_scene
+from brownpipe.errors import RequestError
+from brownpipe.scene import Disk, Scene, Species, parse_scene, read_scene
+from brownpipe.scene.packing import most_disks
 
 CONFIG = Path(__file__).parent.parent / "config"
 BOX = {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": "reflecting"}
@@ -199,15 +200,15 @@ def test_scenes_without_logarithmic_times_keep_their_digests():
     ],
 )
 def test_sample_times_that_are_refused(more, message):
-    with pytest.raises(SceneError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         explicit(**more)
     assert str(refusal.value).startswith(f"test.yaml: {message}")
 
 
 def test_more_logarithmic_samples_than_can_be_kept(monkeypatch):
-    monkeypatch.setattr("brownpipe.sampling.MOST_SAMPLES", 31)
+    monkeypatch.setattr("brownpipe.scene.sample_times.MOST_SAMPLES", 31)
     assert len(explicit(samples={"per_decade": 10, "first": 1e-3}).times) == 32
-    with pytest.raises(SceneError, match=r"samples.per_decade: must be smaller, for at most 31 samples, not 11"):
+    with pytest.raises(RequestError, match=r"samples.per_decade: must be smaller, for at most 31 samples, not 11"):
         explicit(samples={"per_decade": 11, "first": 1e-3})
 
 
@@ -225,7 +226,7 @@ def test_contact_is_accepted_to_round_off(offset, angle):
 @pytest.mark.parametrize("gap", [-1e-3, -1e-6, -1e-9, -1e-11])
 def test_overlap_is_refused_beyond_round_off(gap):
     with pytest.raises(
-        SceneError, match=r"disk 0 at \[0.0, 0.0\] and disk 2 at .* overlap: the gap .* is -(1e-|0.001)"
+        RequestError, match=r"disk 0 at \[0.0, 0.0\] and disk 2 at .* overlap: the gap .* is -(1e-|0.001)"
     ):
         explicit(disk(), disk(x=2.0), disk(x=0.2 + gap))
 
@@ -235,7 +236,7 @@ def test_wall_contact_is_accepted_to_round_off():
     assert explicit(disk(radius=3.0)).particles == 1
     far = {"x": [1e6 - 3, 1e6 + 3], "y": [-3, 3]}
     assert explicit(disk(math.nextafter(1e6 + 2.9, 2e6)), box=far).particles == 1
-    with pytest.raises(SceneError, match=r"disks\[0\].position: must be inside the walls, -3.0 <= x <= 3.0"):
+    with pytest.raises(RequestError, match=r"disks\[0\].position: must be inside the walls, -3.0 <= x <= 3.0"):
         explicit(disk(x=2.9 + 1e-9))
 
 
@@ -243,7 +244,7 @@ def test_overlap_through_a_periodic_boundary():
     box = {"x": [0, 2], "y": [0, 2], "boundary": "periodic"}
     assert explicit(disk(0.0, 0.0), disk(1.8, 0.0), disk(0.0, 1.8), box=box).particles == 3
     for x, y in ((1.85, 0.0), (0.0, 1.85), (1.9, 1.9)):
-        with pytest.raises(SceneError, match=r"disk 0 .* and disk 1 .* overlap"):
+        with pytest.raises(RequestError, match=r"disk 0 .* and disk 1 .* overlap"):
             explicit(disk(0.0, 0.0), disk(x, y), box=box)
 
 
@@ -255,7 +256,7 @@ def test_more_disks_than_can_fit_are_refused(count, periodic):
     box = BOX | {"boundary": "periodic" if periodic else "reflecting"}
     most = most_disks(6, 6, 0.2, periodic)
     assert species(kind(most), box=box).particles == most
-    with pytest.raises(SceneError, match=f"{most + 1} disks .* cannot fit; must be at most {most}"):
+    with pytest.raises(RequestError, match=f"{most + 1} disks .* cannot fit; must be at most {most}"):
         species(kind(most + 1), box=box)
     assert most == count
 
@@ -263,7 +264,7 @@ def test_more_disks_than_can_fit_are_refused(count, periodic):
 def test_mixture_may_fill_the_holes_but_not_more_than_the_box():
     hexagonal = kind(1000, name="big")
     assert species(hexagonal, kind(2000, radius=0.01, name="small")).packing_fraction > 0.87
-    with pytest.raises(SceneError, match=r"the disks cover 1\.\d+ times the area of the box"):
+    with pytest.raises(RequestError, match=r"the disks cover 1\.\d+ times the area of the box"):
         species(hexagonal, kind(5000, radius=0.02, name="small"))
 
 
@@ -280,11 +281,11 @@ def test_masses_up_to_a_factor_of_1e200(masses):
         lambda: explicit(disk(mass=light), disk(x=1, mass=1.01 * heavy)),
         lambda: explicit(disk(mass=1.01 * heavy), disk(x=1, mass=light)),
     ):
-        with pytest.raises(SceneError) as refusal:
+        with pytest.raises(RequestError) as refusal:
             disks()
         found = f"masses {light!r} and {1.01 * heavy!r} are too far apart"
         assert str(refusal.value) == f"test.yaml: disks: {found}; must be within a factor of 1e+200"
-    with pytest.raises(SceneError, match=r"masses 1e-200 and 1e\+200 are too far apart"):
+    with pytest.raises(RequestError, match=r"masses 1e-200 and 1e\+200 are too far apart"):
         species(kind(1, mass=1e-200), kind(1, name="other", mass=1e200))
 
 
@@ -303,7 +304,7 @@ TINY = {"x": [0.0, 1.0], "y": [0.0, 1.0]}
     ],
 )
 def test_sizes_that_are_refused(refused, message):
-    with pytest.raises(SceneError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         refused()
     assert str(refusal.value).startswith(f"test.yaml: {message}")
 
@@ -318,7 +319,7 @@ def test_sizes_that_are_refused(refused, message):
 )
 def test_speeds_that_are_refused(velocities, mass, message):
     mapping = {"box": BOX, "disks": {"species": [kind(1, mass=mass)]}, "velocities": velocities, "duration": 1.0}
-    with pytest.raises(SceneError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         parse_scene(mapping, "test.yaml")
     assert str(refusal.value).startswith(f"test.yaml: {message}")
     parse_scene(mapping | {"velocities": {"temperature": 0}}, "test.yaml")

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import yaml
 
-from brownpipe.exact import setup, simulate
-from brownpipe.scene import SceneError, read_scene
+from brownpipe.engines.exact import layout
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.errors import RequestError
+from brownpipe.scene import read_scene
 
 FOLDER = Path(__file__).parent / "scenes"
 EXPECTED = yaml.load((FOLDER / "expected.yaml").read_text(), yaml.CSafeLoader)
@@ -21,10 +23,10 @@ def test_every_scene_has_an_outcome():
 @pytest.mark.parametrize("name", EXPECTED)
 def test_scene(name, lists_from, monkeypatch):
     """With neighbour lists (where they can be) and with cells alone, whatever the packing fraction."""
-    monkeypatch.setattr(setup, "LISTS_FROM", lists_from)
+    monkeypatch.setattr(layout, "LISTS_FROM", lists_from)
     expected, path = EXPECTED[name], FOLDER / f"{name}.yaml"
     if "refused" in expected:
-        with pytest.raises(SceneError) as refusal:
+        with pytest.raises(RequestError) as refusal:
             read_scene(path)
         assert str(refusal.value).startswith(str(path))
         assert expected["refused"] in str(refusal.value)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from brownpipe import packing
-from brownpipe.exact import simulate
-from brownpipe.scene import parse_scene
-from brownpipe.state import draw
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.initial_state import draw
+from brownpipe.scene import packing, parse_scene
 from test_exact import P, W, box, explicit, make, note_scene
 
 VELOCITY_17 = [-0.042623150097255494, 2.3328060725321036]

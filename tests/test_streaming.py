@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from brownpipe.analysis import AnalysisError, aggregate, runs
-from brownpipe.state import Ensemble, Track
+from brownpipe.analysis import aggregate, runs
+from brownpipe.engines.state import Ensemble, Track
+from brownpipe.errors import AnalysisError
 from brownpipe.storage import Trajectories, read_outline, read_trajectories, write_dataset, write_trajectories
 from ensembles import make_scene, walk
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brownpipe.engines import recorded
-from brownpipe.reading import SceneError
-from brownpipe.seeds import parse_seeds, stretches
-from brownpipe.study import Engine, Job, read_study
+from brownpipe.engines import Engine, recorded
+from brownpipe.errors import RequestError
+from brownpipe.scene.seeds import parse_seeds, stretches
+from brownpipe.study import Job, read_study
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -81,10 +81,10 @@ def test_engines_have_short_labels_and_say_all_on_the_command_line():
     engines = small(engines=ALL_ENGINES).engines
     labels = ["exact", "timestep-0.001", "timestep-0.001-single", "timestep-1e-05", "langevin-enskog"]
     assert [engine.label for engine in engines] == labels
-    assert engines[0].words == "exact"
-    assert engines[1].words == "timestep --time-step 0.001 --precision double --collisions at_contact"
-    assert engines[2].words == "timestep --time-step 0.001 --precision single --collisions at_contact"
-    assert engines[4].words == "langevin --friction enskog"
+    assert engines[0].options == "exact"
+    assert engines[1].options == "timestep --time-step 0.001 --precision double --collisions at_contact"
+    assert engines[2].options == "timestep --time-step 0.001 --precision single --collisions at_contact"
+    assert engines[4].options == "langevin --friction enskog"
 
 
 def test_time_steps_of_files_that_do_not_say_so_collided_late():
@@ -181,7 +181,7 @@ def test_more_seeds_leave_whole_batches_as_they_are():
     ],
 )
 def test_wrong_seeds_are_refused(text, allowed):
-    with pytest.raises(SceneError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         parse_seeds(text)
     assert str(refusal.value).startswith(f"seeds: {allowed}")
     assert len(str(refusal.value)) < 200
@@ -257,7 +257,7 @@ def test_wrong_seeds_are_refused(text, allowed):
     ],
 )
 def test_wrong_studies_are_refused(overrides, message):
-    with pytest.raises(SceneError) as refusal:
+    with pytest.raises(RequestError) as refusal:
         small(**overrides)
     line = str(refusal.value)
     assert line.startswith(f"{CONFIG / 'small.yaml'} with {', '.join(overrides)} replaced: ")
@@ -266,9 +266,9 @@ def test_wrong_studies_are_refused(overrides, message):
 
 
 def test_every_scene_is_read_with_every_particle_count():
-    with pytest.raises(SceneError, match=r"harrison2020.yaml: disks: 1999 disks of radius 0.1 \(bath\) cannot fit"):
+    with pytest.raises(RequestError, match=r"harrison2020.yaml: disks: 1999 disks of radius 0.1 \(bath\) cannot fit"):
         small(particles=[50, 2000])
-    with pytest.raises(SceneError, match=r"scenes/absent.yaml: cannot be read: No such file or directory"):
+    with pytest.raises(RequestError, match=r"scenes/absent.yaml: cannot be read: No such file or directory"):
         small(scenes=["scenes/harrison2020.yaml", "scenes/absent.yaml"])
 
 
@@ -276,12 +276,14 @@ def test_a_list_of_disks_in_a_study(tmp_path):
     shutil.copy(Path(__file__).parent / "scenes" / "pair_head_on.yaml", tmp_path)
     (tmp_path / "study.yaml").write_text("scenes: pair_head_on.yaml\nseeds: 1\n")
     assert [case.particles for case in read_study(tmp_path / "study.yaml", {"particles": 2}).cases] == [2]
-    with pytest.raises(SceneError, match="particles asked for: must be 2, the number of disks listed, not 3"):
+    with pytest.raises(RequestError, match="particles asked for: must be 2, the number of disks listed, not 3"):
         read_study(tmp_path / "study.yaml", {"particles": 3})
-    with pytest.raises(SceneError, match="seeds: must be one seed, as the disks of pair_head_on are listed one by one"):
+    with pytest.raises(
+        RequestError, match="seeds: must be one seed, as the disks of pair_head_on are listed one by one"
+    ):
         read_study(tmp_path / "study.yaml", {"seeds": 2})
 
 
 def test_windows_that_look_the_same():
-    with pytest.raises(SceneError, match="windows that differ in their first six digits"):
+    with pytest.raises(RequestError, match="windows that differ in their first six digits"):
         small(fit_windows=[[0.1, 1.0], [0.1000001, 1.0]])

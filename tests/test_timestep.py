@@ -13,12 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import exact, kernels, timestep
+from brownpipe import provenance
 from brownpipe.analysis.departure import departure_time
-from brownpipe.collisions import exchange, shares
-from brownpipe.scene import SceneError, parse_scene
-from brownpipe.state import draw
-from brownpipe.timestep.setup import COLLISIONS
+from brownpipe.engines import kernels
+from brownpipe.engines.collisions import exchange, shares
+from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.initial_state import draw
+from brownpipe.engines.timestep import simulation as timestep
+from brownpipe.engines.timestep.settings import COLLISIONS
+from brownpipe.errors import RequestError
+from brownpipe.scene import parse_scene
 
 W, P = "reflecting", "periodic"
 EPSILON = {"double": np.finfo(np.float64).eps, "single": np.finfo(np.float32).eps}
@@ -417,11 +421,12 @@ def test_the_compiler_changes_no_bit():
 def test_an_edit_of_this_engine_leaves_the_machine_code_of_the_exact_one(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     package = Path(shutil.copytree(kernels.PACKAGE, tmp_path / "brownpipe", ignore=shutil.ignore_patterns("*cache*")))
-    monkeypatch.setattr(kernels, "PACKAGE", package)
-    before = [kernels._cache_folder.__wrapped__(engine) for engine in ("exact", "timestep")]
-    with open(package / "timestep" / "steps.py", "a") as file:
+    modules = "engines.exact.events", "engines.timestep.steps"
+    monkeypatch.setattr(kernels, "sources", lambda module: provenance.sources(module, folder=package))
+    before = [kernels._cache_folder.__wrapped__(module) for module in modules]
+    with open(package / "engines" / "timestep" / "steps.py", "a") as file:
         file.write("# edited\n")
-    after = [kernels._cache_folder.__wrapped__(engine) for engine in ("exact", "timestep")]
+    after = [kernels._cache_folder.__wrapped__(module) for module in modules]
     assert after[0] == before[0] and after[1] != before[1]
 
 
@@ -445,7 +450,7 @@ def test_an_edit_of_this_engine_leaves_the_machine_code_of_the_exact_one(tmp_pat
     ],
 )
 def test_bad_settings_are_refused_in_one_line(time_step, more, message):
-    with pytest.raises(SceneError, match=message) as refused:
+    with pytest.raises(RequestError, match=message) as refused:
         timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=time_step, **more)
     assert "\n" not in str(refused.value)
 

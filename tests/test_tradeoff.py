@@ -11,10 +11,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
 from brownpipe import cli, storage, tradeoff
-from brownpipe.analysis import AnalysisError
+from brownpipe.errors import AnalysisError
 from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
-from brownpipe.tradeoff import bias, cost, front
+from brownpipe.tradeoff import bias, front, timing
 from brownpipe.tradeoff.front import Setting, Stretch
 from brownpipe.tradeoff.variables import VARIABLES
 from ensembles import make_runs, make_scene, write
@@ -294,12 +294,12 @@ class Clocked(NamedTuple):
 
 def test_a_price_leaves_out_compiling_what_a_call_takes_once_and_what_disturbs(monkeypatch):
     engine = Clocked([0.0], [])
-    monkeypatch.setattr(cost.time, "process_time", lambda: engine.clock[0])
-    assert cost.seconds_per_run(engine, None) == pytest.approx(3e-3)
+    monkeypatch.setattr(timing.time, "process_time", lambda: engine.clock[0])
+    assert timing.seconds_per_run(engine, None) == pytest.approx(3e-3)
     stretches = engine.calls[4::2]
-    assert len(stretches) == cost.STRETCHES
+    assert len(stretches) == timing.STRETCHES
     once = 1.0  # second, of each call; it is to be small beside a stretch
-    assert {len(seeds) for seeds in stretches} == {1 + math.ceil(max(cost.LEAST, cost.LONGER * once) / 3e-3)}
+    assert {len(seeds) for seeds in stretches} == {1 + math.ceil(max(timing.LEAST, timing.LONGER * once) / 3e-3)}
     seeds = [seed for call in engine.calls for seed in call]
     assert len(set(seeds)) == len(seeds) and min(seeds) > 10**9  # new runs each time, none of a study
 

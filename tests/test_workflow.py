@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 import pytest
 
-from brownpipe import cost
 from brownpipe.study import read_study
 
 ROOT = Path(__file__).parent.parent
@@ -126,7 +125,7 @@ def test_everything_declared_is_there_and_printed(finished):
     assert len(made) == 8
     said = [line for line in said if line not in made]
     study = read_study(folder / "study.yaml")
-    remarks = [cost.caution(engine, case) for case in study.cases for engine in study.engines]
+    remarks = [engine.definition.caution(case) for case in study.cases for engine in study.engines]
     assert sorted(said) == sorted(f"brownpipe: {one}" for one in remarks if one for _ in study.batches)
 
 
@@ -257,7 +256,12 @@ def test_a_change_runs_what_depends_on_it_and_nothing_else(study, file, old, new
 
 @pytest.mark.parametrize(
     ("source", "jobs"),
-    [("exact/events.py", ALL), ("analysis/resampling.py", ANALYSIS), ("figures/msd.py", FIGURES), ("cli.py", NOTHING)],
+    [
+        ("engines/exact/events.py", ALL),
+        ("analysis/resampling.py", ANALYSIS),
+        ("figures/msd.py", FIGURES),
+        ("cli.py", NOTHING),
+    ],
 )
 def test_a_changed_source_runs_its_step_again(study, tmp_path, source, jobs):
     package = Path(shutil.copytree(ROOT / "src", tmp_path / "src")) / "brownpipe"
@@ -306,13 +310,16 @@ def test_a_study_of_two_engines(of_two_engines):
     files = {str(file.relative_to(folder / "results/study/simulate")) for file in folder.rglob("*.h5")}
     assert files == {f"thermal/N10/{label}/{n}.h5" for label in ("exact", "langevin-enskog") for n in ("0-9", "10-19")}
     assert re.search(r"^thermal +10 +exact +20 ", printed, re.MULTILINE)
-    assert re.search(r"^thermal +10 +langevin friction=enskog +20 ", printed, re.MULTILINE)
+    assert re.search(r"^thermal +10 +langevin-enskog +20 ", printed, re.MULTILINE)
     log = (folder / "results/study/logs/simulate/thermal/N10/langevin-enskog/0-9.log").read_text()
     assert "langevin is rough here" in log
     assert planned(folder) == NOTHING
 
 
-@pytest.mark.parametrize(("source", "simulated"), [("langevin.py", 2), ("friction.py", 2), ("exact/events.py", 4)])
+@pytest.mark.parametrize(
+    ("source", "simulated"),
+    [("engines/langevin/step.py", 2), ("engines/friction.py", 2), ("engines/exact/events.py", 4)],
+)
 def test_a_changed_engine_runs_its_own_jobs_again(of_two_engines, tmp_path, source, simulated):
     package = Path(shutil.copytree(ROOT / "src", tmp_path / "src")) / "brownpipe"
     with open(package / source, "a") as file:

@@ -12,7 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-DONE, FAILED, WRONG = 0, 1, 2  # exit status: done, the run failed, the request was wrong
+from brownpipe.errors import FAILED, WRONG_REQUEST, BrownpipeError
+
+DONE = 0
 RECORDS = ("tracer", "all", "events", "none")
 FIGURES = ("msd", "displacement_distribution", "diffusion", "velocity_autocorrelation", "velocity_distribution")
 FIGURES += ("pair_distribution", "energy", "thermodynamics", "particle_counts", "health")
@@ -33,26 +35,14 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads on: say no more
         return FAILED
-    except Exception as error:
-        status = _status_of(error)
-        if status is None:
-            raise
-        return _say(str(error), status)
+    except BrownpipeError as error:
+        return _say(str(error), error.exit_status)
+    except (OSError, MemoryError) as error:
+        return _say(str(error), FAILED)
 
 
 def _terminate(*_) -> NoReturn:
     sys.exit(_say("terminated", 128 + signal.SIGTERM))
-
-
-def _status_of(error: Exception) -> int | None:
-    """Return what a failure means for the caller, None if it is a fault of the program. By name: nothing to import."""
-    wrong = {"SceneError", "AnalysisError", "FigureError", "WrongFileError"}
-    failed = {"RunError", "StorageError"}
-    if type(error).__name__ in wrong:
-        return WRONG
-    if type(error).__name__ in failed or isinstance(error, OSError | MemoryError):
-        return FAILED
-    return None
 
 
 def _say(message: str, status: int) -> int:
@@ -74,10 +64,9 @@ def simulate(arguments) -> int:
     (some 128 collisions of each disk) after so many seconds. The same command goes on from there if it was killed, to
     the same file, byte for byte.
     """
-    from brownpipe import cost
-    from brownpipe.engines import refuse_unfit
+    from brownpipe.engines import forecast
     from brownpipe.scene import read_scene
-    from brownpipe.seeds import parse_seeds
+    from brownpipe.scene.seeds import parse_seeds
     from brownpipe.study import refuse_repetition
 
     began = time.process_time()
@@ -85,13 +74,13 @@ def simulate(arguments) -> int:
     scene = read_scene(arguments.scene, arguments.particles)
     refuse_repetition([scene], seeds)
     measures = _measures(arguments, scene)
-    refuse_unfit(engine, scene, record)
-    cost.refuse_too_large(scene, len(seeds), record, **measures)
+    engine.refuse_unfit(scene, record)
+    forecast.refuse_too_large(scene, len(seeds), record, **measures)
     output = _writable(arguments.output or f"{scene.name}.h5", arguments.scene)
 
     from brownpipe.storage import remove_checkpoint, seed_text, write_trajectories
 
-    if remark := cost.caution(engine, scene):
+    if remark := engine.definition.caution(scene):
         _say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
     kept = _checkpoints(arguments, checkpoint, scene, seeds, record)
@@ -139,9 +128,9 @@ def movie(arguments) -> int:
 
     The file must have been recorded with `--record all`. The picture shows the end of the run.
     """
-    from brownpipe.check import in_bytes
     from brownpipe.figures.movie import movie as moving
     from brownpipe.figures.movie import samples_shown
+    from brownpipe.formatting import in_bytes
     from brownpipe.storage import read_trajectories, write_file
 
     output = _writable(arguments.output or f"{Path(arguments.file).stem}.gif", arguments.file)
@@ -176,8 +165,8 @@ def plan(arguments) -> int:
 
     By stored results of `brownpipe tradeoff` that hold the same scenes, or else by a pilot of some seconds.
     """
-    from brownpipe import plan as planning
-    from brownpipe.reading import SceneError
+    from brownpipe.errors import RequestError
+    from brownpipe.study import plan as planning
     from brownpipe.study import read_study
 
     study, budget = read_study(arguments.study), arguments.budget
@@ -185,7 +174,7 @@ def plan(arguments) -> int:
     if arguments.tolerance is not None:
         tolerance = planning.tolerance_of(arguments.tolerance)
     if tolerance is None and budget is None:
-        raise SceneError("--tolerance: missing; must be given, or --budget")
+        raise RequestError("--tolerance: missing; must be given, or --budget")
     output = None if arguments.write is None else _writable(arguments.write, arguments.study)
     cases = planning.cases_of(study, observable)
     print(planning.describe(cases, observable, tolerance, budget))
@@ -210,7 +199,7 @@ def inspect(arguments) -> int:
 
 def check(arguments) -> int:
     """Say whether a scene or a study is valid, what will be modelled, and what it will cost."""
-    from brownpipe.check import describe
+    from brownpipe.study.check import describe
 
     print(describe(arguments.file, arguments.particles))
     return DONE
@@ -219,7 +208,7 @@ def check(arguments) -> int:
 @contextmanager
 def _told_about_runs():
     """Say meanwhile what is compiled and, on a terminal, how many runs are done and how long the others will take."""
-    from brownpipe import batch, kernels
+    from brownpipe.engines import batch, kernels
 
     hooks = [(kernels.on_compile, lambda text: _say(text, DONE))]
     if sys.stderr.isatty():
@@ -237,7 +226,7 @@ def _told_about_runs():
 
 def _counter():
     """Return a function that shows how far a batch is, in a line that is written over, a few times a second."""
-    from brownpipe.check import in_time
+    from brownpipe.formatting import in_time
 
     first = shown = began = None
 
@@ -262,7 +251,7 @@ def _rewrite(text: str) -> None:
 
 def _made(output: str, ensemble, seconds: float) -> str:
     """What was simulated, how well and at what cost, in one line. The exact engine's overlaps are round-off."""
-    from brownpipe.check import in_time
+    from brownpipe.formatting import in_time
 
     overlap = ensemble.observables.get("worst_overlap")
     worst = "" if overlap is None or not overlap.size else f", worst overlap {overlap.max():.2g} contact distances"
@@ -275,14 +264,14 @@ def _number(count: int, name: str) -> str:
 
 def _engine(arguments):
     """The engine asked for, with its settings. Only the exact one can go on where a run was killed."""
-    from brownpipe.engines import ENGINES, asked_for
-    from brownpipe.reading import SceneError
+    from brownpipe.engines import DEFINITIONS, requested
+    from brownpipe.errors import RequestError
 
-    settings = {key: getattr(arguments, key) for one in ENGINES.values() for key in one}
-    engine = asked_for(arguments.engine, {key: value for key, value in settings.items() if value is not None})
-    if arguments.checkpoint_every is not None and engine.name != "exact":
+    settings = {key: getattr(arguments, key) for one in DEFINITIONS.values() for key in one.settings}
+    engine = requested(arguments.engine, {key: value for key, value in settings.items() if value is not None})
+    if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
         asked = f"--checkpoint-every {arguments.checkpoint_every:g}"
-        raise SceneError(f"{asked}: the {engine.name} engine keeps no checkpoints; must go with exact")
+        raise RequestError(f"{asked}: the {engine.name} engine keeps no checkpoints; must go with exact")
     return engine
 
 
@@ -290,7 +279,7 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
     """What `exact.simulate` needs to keep checkpoints and to go on from the one that is there; nothing if unasked."""
     if arguments.checkpoint_every is None:
         return ()
-    from brownpipe.exact.checkpoint import Watch
+    from brownpipe.engines.exact.checkpoint import Watch
     from brownpipe.provenance import made_with
     from brownpipe.storage import read_checkpoint, seed_text, write_checkpoint
 
@@ -312,24 +301,24 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
 
 def _measures(arguments, scene) -> dict:
     """What to measure in each run, and the averages to be made there."""
+    from brownpipe.errors import RequestError
     from brownpipe.observables import problem
-    from brownpipe.reading import SceneError
 
     names = tuple(arguments.observables.split(",")) if arguments.observables else ()
     found = problem(scene, names, arguments.average)
     if found is not None:
         key, why = found
-        raise SceneError(f"{arguments.scene}: --{key} {getattr(arguments, key)}: {why}")
+        raise RequestError(f"{arguments.scene}: --{key} {getattr(arguments, key)}: {why}")
     return {"observables": names, "average": arguments.average}
 
 
 def _record(text: str) -> frozenset[str]:
     """What to record: the words asked for and, except with `none`, the tracer."""
-    from brownpipe.reading import SceneError
+    from brownpipe.errors import RequestError
 
     words = frozenset(text.split(","))
     if not words <= set(RECORDS) or ("none" in words and len(words) > 1):
-        raise SceneError(f"--record {text}: must be one or several of {', '.join(RECORDS)}, with commas; none alone")
+        raise RequestError(f"--record {text}: must be one or several of {', '.join(RECORDS)}, with commas; none alone")
     return words if "none" in words else words | {"tracer"}
 
 
@@ -350,13 +339,13 @@ def _writable(path: str, *inputs: str) -> str:
 
 def _refuse_to_replace(path: str, inputs: tuple[str, ...]) -> None:
     """What is written takes the place of what was there, which must be neither an input nor, say, a device."""
-    from brownpipe.reading import SceneError
+    from brownpipe.errors import RequestError
 
     if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):
-        raise SceneError(f"{path}: is not an ordinary file; choose another name for the output")
+        raise RequestError(f"{path}: is not an ordinary file; choose another name for the output")
     for one in inputs:
         if os.path.exists(path) and os.path.exists(one) and os.path.samefile(path, one):
-            raise SceneError(f"{path}: is an input; choose another name for the output")
+            raise RequestError(f"{path}: is an input; choose another name for the output")
 
 
 # -- the words ------------------------------------------------------------------------------------------------------
@@ -366,7 +355,7 @@ class _Parser(argparse.ArgumentParser):
     """As argparse has it, but with messages of one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(WRONG, f"{self.prog}: {' '.join(message.split())} (see {self.prog} --help)\n")
+        self.exit(WRONG_REQUEST, f"{self.prog}: {' '.join(message.split())} (see {self.prog} --help)\n")
 
 
 class _Version(argparse.Action):

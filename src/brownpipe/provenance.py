@@ -1,51 +1,35 @@
-"""What results are made with: the source code and the package versions that decide them. Imports nothing heavy."""
+"""What results are made with: the source code and the package versions that decide them. Imports nothing heavy.
+
+Which source files decide a result is read from their imports: a module, and everything of brownpipe that it imports,
+directly or not, at the head of a file or inside a function.
+"""
 
 import hashlib
+import re
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
 PACKAGE = Path(__file__).parent
-# The modules and packages that decide the trajectories of the exact engine, and what is measured in its runs.
-SOURCES = (
-    "reading",
-    "packing",
-    "sampling",
-    "scene",
-    "placement",
-    "state",
-    "theory",
-    "collisions",
-    "kernels",
-    "inlining",
-    "records",
-    "observables",
-    "batch",
-    "exact",
-)
-ENGINES = {  # the others equilibrate by the exact one, or measure with it
-    "exact": SOURCES,
-    "timestep": (*SOURCES, "timestep"),
-    "langevin": (*SOURCES, "friction", "langevin"),
-}
+NAME = PACKAGE.name
+CATALOGUE = f"{NAME}.engines"  # leads to all engines, of which only the one that runs decides its results
+IMPORT = re.compile(rf"^[ \t]*(?:from ({NAME}[\w.]*) import (\([^)]*\)|[^\n#]*)|import ({NAME}[\w.]*))", re.MULTILINE)
 
 
 class Step(NamedTuple):
     """What decides the outcome of a step of the pipeline, besides what the step is given."""
 
-    sources: tuple[str, ...]  # modules and packages of brownpipe
+    modules: tuple[str, ...]  # of brownpipe, with all that they import
     packages: tuple[str, ...]
 
 
 STEPS = {
-    "simulate": Step(("storage",), ("numpy", "numba", "h5py")),  # and the engine
-    "aggregate": Step(
-        ("storage", "observables", "analysis", "theory", "friction"), ("numpy", "scipy", "xarray", "h5py")
-    ),
-    "tradeoff": Step(("storage", "analysis", "tradeoff"), ("numpy", "scipy", "xarray", "h5py")),
-    "tradeoff_figures": Step(("figures", "tradeoff", "analysis", "storage"), ("numpy", "matplotlib")),
-    "figures": Step(("figures", "analysis", "storage", "theory"), ("numpy", "matplotlib")),
+    "simulate": Step(("storage.trajectories",), ("numpy", "numba", "h5py")),  # and the engine
+    "aggregate": Step(("storage", "analysis"), ("numpy", "scipy", "xarray", "h5py")),
+    "tradeoff": Step(("storage", "tradeoff"), ("numpy", "scipy", "xarray", "h5py")),
+    "tradeoff_figures": Step(("figures.tradeoff",), ("numpy", "matplotlib")),
+    "figures": Step(("figures",), ("numpy", "matplotlib")),
 }
 
 
@@ -54,29 +38,62 @@ def made_with(step: str, engine: str | None = None) -> dict[str, str]:
 
     The source of the engine is part of the step that runs it.
     """
-    sources, packages = STEPS[step]
-    source = source_digest(PACKAGE, (*ENGINES.get(engine, ()), *sources))
-    return {"source": source} | {name: _version(name) for name in packages}
+    modules, packages = STEPS[step]
+    roots = modules if engine is None else (*modules, simulation_of(engine))
+    return {"source": source_digest(*roots)} | {name: _version(name) for name in packages}
 
 
-def source_digest(folder: Path = PACKAGE, sources: tuple[str, ...] = SOURCES) -> str:
-    """The sha256 over the source text of everything that decides trajectories; line ends do not count.
+def simulation_of(engine: str) -> str:
+    """The module that runs an engine, without the name of the package."""
+    return f"engines.{engine}.simulation"
 
-    Raises FileNotFoundError for a source that is neither a module nor a package.
+
+def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
+    """The sha256 over the source text of modules and of all that they import; line ends do not count.
+
+    Raises FileNotFoundError for a module that is not there.
     """
     total = hashlib.sha256()
-    for file in (file for name in sources for file in _files(folder, name)):
+    for file in sources(*modules, folder=folder):
         text = file.read_text(encoding="utf-8").encode()
         total.update(f"{file.relative_to(folder).as_posix()} {len(text)}\n".encode())
         total.update(text)
     return total.hexdigest()
 
 
-def _files(folder, name):
-    files = sorted((folder / name).rglob("*.py")) or [folder / f"{name}.py"]
-    if not files[0].is_file():
-        raise FileNotFoundError(f"{folder / name}: neither a module nor a package")
-    return files
+@cache
+def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
+    """The files of modules and of all that they import, sorted; the list of engines is not followed.
+
+    Raises FileNotFoundError for a module that is not there.
+    """
+    found, waiting = {}, [f"{NAME}.{one}" for one in modules]
+    while waiting:
+        module = waiting.pop()
+        if module in found or module == CATALOGUE:
+            continue
+        file = _file(folder, module)
+        if file is None:
+            raise FileNotFoundError(f"{folder}: has no module {module}")
+        found[module] = file
+        waiting += _imported(folder, file)
+    return tuple(sorted(found.values()))
+
+
+def _imported(folder: Path, file: Path) -> list[str]:
+    """The modules that a file imports, or whose names it imports."""
+    modules = []
+    for package, names, module in IMPORT.findall(file.read_text(encoding="utf-8")):
+        for name in re.findall(r"(\w+)(?: as \w+)?", names):
+            modules.append(f"{package}.{name}" if _file(folder, f"{package}.{name}") else package)
+        modules += [module] if module else []
+    return modules
+
+
+def _file(folder: Path, module: str) -> Path | None:
+    path = folder.joinpath(*module.split(".")[1:])
+    candidates = (path / "__init__.py", path.with_suffix(".py")) if path != folder else (path / "__init__.py",)
+    return next((one for one in candidates if one.is_file()), None)
 
 
 @cache

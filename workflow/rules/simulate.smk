@@ -9,7 +9,7 @@ rule simulate:
     params:
         scene=lookup(dpath="{scene}/{particles}/file", within=cases),
         physics=lookup(dpath="{scene}/{particles}/digest", within=cases),
-        engine=lookup(dpath="{engine}/words", within=engines),
+        engine=lookup(dpath="{engine}/options", within=engines),
         measuring=study.measuring,
         made_with=lookup(dpath="{engine}/made_with", within=engines),
     shell:

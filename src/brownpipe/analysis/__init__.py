@@ -10,7 +10,7 @@ from brownpipe.analysis.displacement import Line, fit_line, line_weights, square
 from brownpipe.analysis.distribution import ring_counts, ring_edges
 from brownpipe.analysis.goodness import ChiSquare, chi_square
 from brownpipe.analysis.resampling import Estimate, resample, wilson_interval
-from brownpipe.analysis.runs import AnalysisError
+from brownpipe.errors import AnalysisError
 
 __all__ = [
     "AnalysisError",

@@ -9,8 +9,9 @@ from brownpipe.analysis import conditions, displacement, distribution, pairs, th
 from brownpipe.analysis.displacement import SAME_TIME, labels
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.measure import NOTHING, Asked, Case, Columns, add_runs, estimated
-from brownpipe.analysis.runs import AnalysisError, blocks_of, chosen, groups_of
+from brownpipe.analysis.runs import blocks_of, chosen, groups_of
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, VARIABLES
+from brownpipe.errors import AnalysisError
 
 MODULES = (conditions, displacement, distribution, velocity, pairs, thermodynamics)
 MEASURES = tuple(module.MEASURE for module in MODULES)

@@ -2,13 +2,16 @@
 
 import numpy as np
 
-from brownpipe import theory
+from brownpipe import observables, theory
 from brownpipe.analysis.conditions import accessible
 from brownpipe.analysis.measure import Columns, Measure, scaled, with_interval
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.thermodynamics import mean_root, temperature
 from brownpipe.analysis.variables import EACH, Variable, estimate_of
-from brownpipe.friction import DENSEST
+from brownpipe.engines.friction import DENSEST
+from brownpipe.observables import is_stationary
+from brownpipe.observables.pairs import pairs_of as in_order
+from brownpipe.observables.species import kinds_of
 
 NEAR = 1.2  # contact distances up to which g(r) is extrapolated to contact
 ORDER = 2  # of the polynomial that multiplies the decay there
@@ -18,9 +21,6 @@ NORMAL = 1.96  # standard errors in half a 95 % interval
 
 def pairs_of(scene):
     """(a, b, number) of every pair of kinds, a <= b, and of how many pairs of disks there are."""
-    from brownpipe.observables.kinds import kinds_of
-    from brownpipe.observables.pairs import pairs_of as in_order
-
     kinds = kinds_of(scene)
     number = kinds.number
     pairs = [(a, b, number[a] * (number[a] - 1) / 2 if a == b else number[a] * number[b]) for a, b in in_order(kinds)]
@@ -137,8 +137,6 @@ def contact_from_rate(scene, collisions, kt, duration):
 
 def _by_rate(case, runs):
     """Columns of contact values from collisions; none if the runs are not in equilibrium from t = 0."""
-    from brownpipe.observables import is_stationary
-
     scene, seen = case.scene, runs.observables
     if not is_stationary(scene) or not scene.particles:
         return {}
@@ -150,8 +148,6 @@ def _by_rate(case, runs):
 
 
 def _edges(case):
-    from brownpipe import observables
-
     middle = observables.axes(case.scene, "pair_counts")["distance"]
     return np.arange(len(middle) + 1) * (2 * middle[0])
 
@@ -225,8 +221,6 @@ def _estimate(case, found):
 
 
 def _axes(case, found):
-    from brownpipe import observables
-
     if "pair_distribution" in found:
         return {dim: (dim, values) for dim, values in observables.axes(case.scene, "pair_counts").items()}
     kinds, pairs = pairs_of(case.scene)

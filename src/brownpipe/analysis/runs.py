@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.resampling import BLOCK
-from brownpipe.state import Track
+from brownpipe.engines import recorded
+from brownpipe.engines.state import Track
+from brownpipe.errors import AnalysisError
+from brownpipe.storage import read_outline, read_trajectories
 
 LOADED = 2  # files kept in memory: batches of consecutive seeds are then read once each
-
-
-class AnalysisError(ValueError):
-    """The trajectory files given do not make one study. One line."""
 
 
 class File(NamedTuple):
@@ -26,7 +25,8 @@ class File(NamedTuple):
     def key(self):
         """Scene, particle count and engine."""
         scene = self.outline.scene
-        return scene.name, scene.particles, label(self.outline.engine, self.outline.settings)
+        engine = recorded({"name": self.outline.engine, **self.outline.settings})
+        return scene.name, scene.particles, engine.label
 
 
 class Group(NamedTuple):
@@ -52,18 +52,11 @@ class Runs(NamedTuple):
     observables: dict  # name -> (n, ...)
 
 
-def label(engine, settings):
-    """One name for an engine and its settings: `exact`, `timestep time_step=0.001`."""
-    return " ".join([engine, *(f"{key}={settings[key]}" for key in sorted(settings))])
-
-
 def groups_of(paths):
     """The groups of the trajectory files `paths`, by scene, particle count and engine.
 
     Raises AnalysisError for files that do not belong together, and what `storage.read_outline` raises.
     """
-    from brownpipe.storage import read_outline
-
     files = [File(str(path), read_outline(path)) for path in paths]
     if not files:
         raise AnalysisError("no trajectory files: nothing to aggregate")
@@ -131,8 +124,6 @@ def blocks_of(group):
 
 def _load(path):
     """The part of a trajectory file that the measures need."""
-    from brownpipe.storage import read_trajectories
-
     ensemble = read_trajectories(path).ensemble
     return Runs(ensemble.seeds, ensemble.tracer, ensemble.observables)
 

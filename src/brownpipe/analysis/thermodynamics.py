@@ -5,10 +5,11 @@ Every run has its own temperature, from its own energy: rates and the virial of 
 
 import numpy as np
 
-from brownpipe import friction, theory
+from brownpipe import theory
 from brownpipe.analysis.measure import Columns, Measure, with_error, with_interval
 from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
-from brownpipe.friction import DENSEST
+from brownpipe.engines import friction
+from brownpipe.engines.friction import DENSEST
 
 COLLISIONS = ("pair_collisions", "wall_collisions", "tracer_collisions")
 RATES = ("collision_rate", "tracer_collision_rate")

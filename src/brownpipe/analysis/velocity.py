@@ -5,7 +5,7 @@ What is averaged here are the arrays that `brownpipe.observables` makes of every
 
 import numpy as np
 
-from brownpipe import theory
+from brownpipe import observables, theory
 from brownpipe.analysis.displacement import SAME_TIME, with_velocity
 from brownpipe.analysis.measure import Columns, Measure, with_interval
 from brownpipe.analysis.resampling import Estimate
@@ -119,8 +119,6 @@ def _sample(case, runs):
 
 
 def _width(case, counts):
-    from brownpipe import observables
-
     values = observables.axes(case.scene, counts)[observables.VARIABLES[counts].dims[-1]]
     return values[1] - values[0]
 
@@ -137,8 +135,6 @@ def _estimate(case, found):
 
 
 def _axes(case, found):
-    from brownpipe import observables
-
     made = [counts for name, counts in DENSITIES.items() if name in found]
     made += ["species_energy"] if "species_energy" in found else []
     along = {dim: values for name in made for dim, values in observables.axes(case.scene, name).items()}

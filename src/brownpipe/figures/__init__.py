@@ -6,6 +6,7 @@ parts of the dataset. Bars and bands are 95 % intervals over runs. The same data
 
 from pathlib import Path
 
+from brownpipe.errors import FigureError
 from brownpipe.figures import (
     diffusion,
     displacement_distribution,
@@ -19,10 +20,11 @@ from brownpipe.figures import (
     velocity_autocorrelation,
     velocity_distribution,
 )
-from brownpipe.figures.answer import summary, summary_table
-from brownpipe.figures.cases import FigureError, cases_of, check_count, has, one_count
+from brownpipe.figures.cases import cases_of, check_count, has, one_count
 from brownpipe.figures.style import drawing, image_bytes
+from brownpipe.figures.summary import summary, summary_table
 from brownpipe.figures.tables import to_csv
+from brownpipe.storage import write_file
 
 __all__ = ["FigureError", "render", "summary", "tradeoff"]
 MODULES = {
@@ -54,8 +56,6 @@ def render(dataset, folder, names=None, particles=None):
     Raises FigureError for a figure of `names` that there is nothing to show in: the displacement if no run with a
     tracer was kept, particle counts if there is only one, and so on.
     """
-    from brownpipe.storage import write_file
-
     shown = _cases_shown(dataset, particles)
     for name in names or ():
         if not shown[name]:

@@ -2,11 +2,9 @@
 
 import numpy as np
 
+from brownpipe.errors import FigureError
+
 NOTE_PARTICLES = 150  # of the 2020 note
-
-
-class FigureError(ValueError):
-    """The dataset lacks what a figure is to show. One line."""
 
 
 def cases_of(dataset):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe.figures.cases import FigureError
+from brownpipe.errors import FigureError
 from brownpipe.figures.snapshot import COLOURS, scenery_of, snapshot, whole_run
 from brownpipe.figures.style import drawing
 

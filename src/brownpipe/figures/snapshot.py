@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.figures.cases import FigureError
+from brownpipe.errors import FigureError
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
+from brownpipe.storage import seed_text
 
 LONGEST, SHORTEST = 5.6, 3.6  # of the panel: the longer side of the box, the least width [inch]
 SIDE, BELOW, ABOVE, LINE = 0.18, 0.4, 0.46, 0.19  # margins, and a line of the key [inch]
@@ -37,8 +38,6 @@ def whole_run(trajectories, path, seed=None):
 
     Raises FigureError if the file holds no whole runs, none of this seed, or no disks.
     """
-    from brownpipe.storage import seed_text
-
     whole = trajectories.ensemble.whole
     if not whole:
         raise FigureError(f"{path}: holds no whole runs; make it again: brownpipe simulate SCENE --record all")

@@ -2,12 +2,14 @@
 
 import re
 import textwrap
+from pathlib import Path
 
 import numpy as np
 
 from brownpipe.figures.cases import plus_minus
-from brownpipe.figures.style import DATA, DOTTED, FIT, FREE, INK, START, apart, grid, log_axis
-from brownpipe.figures.tables import Table
+from brownpipe.figures.style import DATA, DOTTED, FIT, FREE, INK, START, apart, drawing, grid, image_bytes, log_axis
+from brownpipe.figures.tables import Table, to_csv
+from brownpipe.storage import write_file
 from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
 
 FINEST = 2e-3  # total error down to which the lines are drawn at least
@@ -249,11 +251,6 @@ def _scenes(dataset):
 
 def render(dataset, folder):
     """Write tradeoff_SCENE.png, .svg for every scene, and tradeoff.csv, tradeoff.txt; return the paths."""
-    from pathlib import Path
-
-    from brownpipe.figures.style import drawing, image_bytes
-    from brownpipe.figures.tables import to_csv
-    from brownpipe.storage import write_file
 
     files = {}
     with drawing():

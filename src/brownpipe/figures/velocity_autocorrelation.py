@@ -3,19 +3,7 @@
 import numpy as np
 
 from brownpipe.figures.cases import has, over_time, plus_minus, title_of
-from brownpipe.figures.style import (
-    DASHED,
-    DATA,
-    DOTTED,
-    FIT,
-    INK,
-    START,
-    band,
-    columns,
-    heads,
-    log_axis,
-    time_axis,
-)
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, INK, START, band, columns, heads, log_axis, time_axis
 from brownpipe.figures.tables import long_table
 
 TRACER, BATH = "velocity_autocorrelation", "bath_velocity_autocorrelation"

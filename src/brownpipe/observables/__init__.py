@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.observables import displacement, origins, pairs, velocity
-from brownpipe.observables.kinds import bath_disks, equal_disks, kinds_of
-from brownpipe.observables.origins import is_stationary, why_not_stationary
-from brownpipe.reading import SceneError
+from brownpipe.errors import RequestError
+from brownpipe.observables import displacement, pairs, time_origins, velocity
+from brownpipe.observables.species import bath_disks, equal_disks, kinds_of
+from brownpipe.observables.time_origins import is_stationary, why_not_stationary
 from brownpipe.scene import Scene
 
 __all__ = [
@@ -160,10 +160,10 @@ def _axis(scene: Scene, dim: str) -> np.ndarray | list[str]:
 
 
 def refuse_unfit(scene: Scene, names: tuple[str, ...], average: str = "runs") -> None:
-    """Raise SceneError for observables that are unknown, or that the scene does not have."""
+    """Raise RequestError for observables that are unknown, or that the scene does not have."""
     found = problem(scene, names, average)
     if found is not None:
-        raise SceneError(f"{scene.name}: {': '.join(found)}")
+        raise RequestError(f"{scene.name}: {': '.join(found)}")
 
 
 def problem(scene: Scene, names: tuple[str, ...], average: str = "runs") -> tuple[str, str] | None:
@@ -204,5 +204,5 @@ def _unfit_average(scene: Scene, names: tuple[str, ...], average: str) -> str | 
     if average == "disks" and len(equal_disks(scene)) < 2:
         return "disks needs disks of the tracer's radius and mass, and there is no other"
     if average == "origins":
-        return origins.unfit(scene)
+        return time_origins.unfit(scene)
     return None

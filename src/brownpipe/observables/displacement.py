@@ -5,8 +5,8 @@ T sample times, M disks.
 
 import numpy as np
 
-from brownpipe.observables.kinds import followed
-from brownpipe.observables.origins import averaged
+from brownpipe.observables.species import followed
+from brownpipe.observables.time_origins import averaged
 from brownpipe.scene import Scene
 
 

@@ -5,8 +5,8 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.observables.kinds import Kinds, kinds_of
-from brownpipe.observables.origins import is_stationary
+from brownpipe.observables.species import Kinds, kinds_of
+from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
 BINS_PER_CONTACT = 40  # of the smallest contact distance

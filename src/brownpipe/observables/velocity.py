@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from brownpipe.observables.displacement import velocity_displacement
-from brownpipe.observables.kinds import bath_disks, followed, kinds_of
-from brownpipe.observables.origins import is_stationary, lags
+from brownpipe.observables.species import bath_disks, followed, kinds_of
+from brownpipe.observables.time_origins import is_stationary, lags
 from brownpipe.scene import Scene
 
 BIN = 0.1  # of velocities and speeds, in units of sqrt(kT/m)

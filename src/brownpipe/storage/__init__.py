@@ -27,10 +27,10 @@ with gzip 4, shuffle and fletcher32; the seal, a SHA-256 of all other bytes of t
 file depends on when, where or by whom it was written: two runs give the same bytes.
 """
 
-from brownpipe.provenance import source_digest
+from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.datasets import read_dataset, write_dataset
-from brownpipe.storage.files import StorageError, WrongFileError, write_file
+from brownpipe.storage.files import write_file
 from brownpipe.storage.inspection import describe, verify
 from brownpipe.storage.trajectories import (
     Outline,
@@ -53,7 +53,6 @@ __all__ = [
     "read_trajectories",
     "remove_checkpoint",
     "seed_text",
-    "source_digest",
     "verify",
     "write_checkpoint",
     "write_dataset",

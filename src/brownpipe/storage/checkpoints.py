@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe.scene import SceneError
-from brownpipe.storage.files import BLANK_SEAL, StorageError, read_sealed, seal, write_file
+from brownpipe.errors import RequestError, StorageError
+from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
 from brownpipe.storage.tree import Node, digest, from_bytes, to_bytes
 
 
@@ -25,7 +25,7 @@ def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarr
 def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | None:
     """The arrays in a checkpoint, None if there is no file.
 
-    Raises StorageError if it is damaged, and SceneError, naming what differs, if something else made it.
+    Raises StorageError if it is damaged, and RequestError, naming what differs, if something else made it.
     """
     if not Path(path).exists():
         return None
@@ -37,7 +37,7 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
     differing = [name for name in made_by if other.get(name) != made_by[name]]
     if differing:
         cure = "repeat that command, delete this file to begin anew, or choose another --output"
-        raise SceneError(f"{path}: is of a run with {_difference(differing[0], other, made_by)}; {cure}")
+        raise RequestError(f"{path}: is of a run with {_difference(differing[0], other, made_by)}; {cure}")
     return {
         name.removeprefix("checkpoint/"): node.value
         for name, node in nodes.items()

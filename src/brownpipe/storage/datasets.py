@@ -2,7 +2,8 @@
 
 import io
 
-from brownpipe.storage.files import BLANK_SEAL, StorageError, WrongFileError, read_sealed, seal, write_file
+from brownpipe.errors import StorageError, WrongFileError
+from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
 
 FILTERS = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
 

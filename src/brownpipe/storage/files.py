@@ -6,18 +6,12 @@ import os
 import re
 from pathlib import Path
 
+from brownpipe.errors import StorageError, WrongFileError
+
 HDF5 = b"\x89HDF\r\n\x1a\n"
 PREFIX = "brownpipe-sha256:"
 BLANK_SEAL = PREFIX + 64 * "0"
 SEAL = re.compile(PREFIX.encode() + b"[0-9a-f]{64}")
-
-
-class StorageError(Exception):
-    """A file cannot be written, or what it holds cannot be trusted; one line that names the file and the cure."""
-
-
-class WrongFileError(StorageError):
-    """There is no such file, or it is of another kind; nothing is known to be damaged."""
 
 
 def write_file(path: str | Path, contents: bytes) -> None:

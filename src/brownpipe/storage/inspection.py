@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.observables import VARIABLES
-from brownpipe.provenance import ENGINES, source_digest
+from brownpipe.provenance import simulation_of, source_digest
 from brownpipe.storage import measured
 from brownpipe.storage.datasets import read_dataset
-from brownpipe.storage.files import StorageError, WrongFileError
 from brownpipe.storage.trajectories import Trajectories, read_header, read_trajectories, seed_text
 
 
@@ -96,7 +96,7 @@ def _statistics(observables):
 
 def _origin(header):
     names = ("brownpipe", "numpy", "numba", "h5py")
-    now = source_digest(sources=ENGINES.get(header["engine"], ()))
+    now = source_digest(simulation_of(header["engine"]))
     source = "as in this brownpipe" if header["source_digest"] == now else "not that of this brownpipe"
     return [
         "written by   " + ", ".join(f"{name} {header[f'{name}_version']}" for name in names),

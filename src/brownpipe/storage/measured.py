@@ -3,9 +3,9 @@
 import h5py
 import numpy as np
 
+from brownpipe.engines.state import Ensemble
 from brownpipe.observables import AXES, VARIABLES, asked_for, axes
 from brownpipe.scene import Scene
-from brownpipe.state import Ensemble
 from brownpipe.storage.tree import Node
 
 

@@ -10,12 +10,13 @@ import h5py
 import numpy as np
 
 from brownpipe.engines import Engine
+from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import AXES, VARIABLES
-from brownpipe.provenance import ENGINES, source_digest, versions
-from brownpipe.scene import Scene, SceneError, parse_scene
-from brownpipe.state import Ensemble, Events, Track
+from brownpipe.provenance import simulation_of, source_digest, versions
+from brownpipe.scene import Scene, parse_scene
 from brownpipe.storage import measured
-from brownpipe.storage.files import BLANK_SEAL, StorageError, WrongFileError, read_sealed, seal, write_file
+from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
 from brownpipe.storage.tree import Link, Node, digest, from_bytes, some_from_bytes, to_bytes
 
 FORMAT = 1
@@ -243,7 +244,7 @@ def _parameters(trajectories):
         "seeds": seed_text(ensemble.seeds),
         "average": ensemble.average,
         "rerun": _command(scene, Engine(engine, tuple(settings.items())), ensemble),
-        "source_digest": source_digest(sources=ENGINES[engine]),
+        "source_digest": source_digest(simulation_of(engine)),
     }
     return {
         "parameters": Node(None, names | versions()),
@@ -260,7 +261,7 @@ def _command(scene, engine, ensemble):
     record = f" --record {','.join(words or nothing)}" if words or nothing else ""
     seeds = f" --seeds {seed_text(ensemble.seeds)}"
     observables = measured.options(ensemble)
-    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.words}{record}{observables}`"
+    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.options}{record}{observables}`"
 
 
 # Reading
@@ -288,7 +289,7 @@ def _scene(nodes):
     parameters = nodes["parameters"].attributes
     try:
         return parse_scene(json.loads(nodes["parameters/scene"].value), f"{parameters['scene_name']}.yaml")
-    except SceneError as error:
+    except RequestError as error:
         raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
 
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis import AnalysisError
 from brownpipe.analysis.departure import SHARE, departure_time
 from brownpipe.analysis.displacement import per_run_lines
-from brownpipe.tradeoff import bias, cost
+from brownpipe.errors import AnalysisError
+from brownpipe.tradeoff import bias, timing
 from brownpipe.tradeoff.front import Setting, Stretch, pareto_front, runs_for, settings_of, total_error
 from brownpipe.tradeoff.runs import Runs, read_runs, runs_of
 from brownpipe.tradeoff.variables import ATTRIBUTES, VARIABLES
@@ -47,7 +47,7 @@ def measure(paths, instead_of=None, window=None, seconds_per_run=None):
 
     `instead_of` names scenes that may be run instead of another, {scene: [others]}; exact runs of these are settings of
     that scene. D is that of the `window` (start, end), or from a tenth of each scene's duration to its end.
-    CPU times are measured in turn with the exact engine's (`cost.ratio_to`), or are `seconds_per_run(engine, scene)`.
+    CPU times are measured in turn with the exact engine's (`timing.ratio_to`), or are `seconds_per_run(engine, scene)`.
     Raises AnalysisError for a scene without exact runs, for stand-ins without runs or with other sample times, and what
     `read_runs` raises.
     """
@@ -58,7 +58,7 @@ def measure(paths, instead_of=None, window=None, seconds_per_run=None):
         name = _scene_label(exact, several)
         between = window or (exact.times[-1] / 10, exact.times[-1])
         cases = _cases(exact, groups, (instead_of or {}).get(exact.scene.name, ()))
-        unit, settings = (seconds_per_run or cost.seconds_per_run)(exact.engine, exact.scene), {}
+        unit, settings = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene), {}
         for case in cases:
             taken = _ratio(case, exact, unit, seconds_per_run)
             settings[case.label] = compare(case.runs, exact, between, unit * taken.ratio, case.paired) | {
@@ -78,10 +78,10 @@ def _ratio(case, exact, unit, seconds_per_run):
     """CPU time of a run of a case over that of an exact run, `unit` seconds."""
     runs = case.runs
     if runs is exact:
-        return cost.Ratio(1.0, 1.0, 1.0)
+        return timing.Ratio(1.0, 1.0, 1.0)
     if seconds_per_run is not None:
-        return cost.Ratio(*[seconds_per_run(runs.engine, runs.scene) / unit] * 3)
-    return cost.ratio_to((exact.engine, exact.scene), runs.engine, runs.scene)
+        return timing.Ratio(*[seconds_per_run(runs.engine, runs.scene) / unit] * 3)
+    return timing.ratio_to((exact.engine, exact.scene), runs.engine, runs.scene)
 
 
 def _first_of(groups, name):

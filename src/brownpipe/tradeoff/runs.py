@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis import AnalysisError
 from brownpipe.engines import Engine, recorded
+from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
+from brownpipe.storage import read_trajectories
 from brownpipe.storage.trajectories import Trajectories
 
 OUTCOMES = ("energy_drift", "worst_overlap", "failed")
@@ -35,8 +36,6 @@ def read_runs(paths) -> list[Runs]:
 
     Raises AnalysisError if a seed comes twice, if files of one name have different scenes or sources, or lack a tracer.
     """
-    from brownpipe.storage import read_trajectories
-
     parts = {}
     for path in map(str, paths):
         read = read_trajectories(path)
@@ -48,7 +47,7 @@ def read_runs(paths) -> list[Runs]:
 
 
 def runs_of(scene, engine, ensemble) -> Runs:
-    """The runs of an ensemble (brownpipe.state.Ensemble), seeds in ascending order."""
+    """The runs of an ensemble (engines.state.Ensemble), seeds in ascending order."""
     return _joined([("", Trajectories(scene, engine.name, dict(engine.settings), ensemble))])
 
 

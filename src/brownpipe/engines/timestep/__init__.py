@@ -1,0 +1,52 @@
+"""The time-stepping engine: all disks move straight for a fixed time; those that met on the way then collide."""
+
+from collections.abc import Sequence
+
+from brownpipe.engines import forecast
+from brownpipe.engines.definition import Definition, Setting
+from brownpipe.engines.timestep.settings import COLLISIONS, PRECISIONS, largest_step, refuse_bad_step
+from brownpipe.errors import RequestError
+from brownpipe.scene import reading
+from brownpipe.scene.scene import Scene
+
+SECONDS_PER_DISK_STEP = 8e-10  # CPU seconds of a disk in a time step
+TRIAL_STEPS = (0.5, 0.15, 0.05)  # of the largest time step allowed
+
+
+def _model(scenes: Sequence[Scene], settings: dict) -> str:
+    return "all disks, in time steps"
+
+
+def _refuse_unfit(scene: Scene, settings: dict, record: frozenset) -> None:
+    refuse_bad_step(scene, **settings)
+    if "events" in record:
+        raise RequestError(
+            "--record events: the timestep engine knows no instants of collisions; must be tracer or all"
+        )
+
+
+def _forecast(scene: Scene, settings: dict, record, observables, average: str) -> forecast.Cost:
+    """As of the exact engine, whose collisions cost as much, and the steps."""
+    exact = forecast.of_run(scene, record, observables, average)
+    steps = scene.duration / settings["time_step"]
+    return exact._replace(seconds=exact.seconds + SECONDS_PER_DISK_STEP * scene.particles * steps)
+
+
+def _candidates(scene: Scene) -> list[dict]:
+    return [{"time_step": float(f"{largest_step(scene) * share:.1g}")} for share in TRIAL_STEPS]
+
+
+TIMESTEP = Definition(
+    name="timestep",
+    simulation="brownpipe.engines.timestep.simulation",
+    settings={
+        "time_step": Setting(lambda entry: reading.number(entry, above=0)),
+        "precision": Setting(lambda entry: reading.choice(entry, tuple(PRECISIONS)), "double"),
+        "collisions": Setting(lambda entry: reading.choice(entry, COLLISIONS), "at_contact"),
+    },
+    model=_model,
+    refuse_unfit=_refuse_unfit,
+    caution=forecast.few_collisions,
+    forecast=_forecast,
+    candidates=_candidates,
+)

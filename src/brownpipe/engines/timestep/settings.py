@@ -1,0 +1,52 @@
+"""Which time steps, precisions and collisions a scene can be run with."""
+
+import math
+
+import numpy as np
+
+from brownpipe.engines.units import thermal_speed
+from brownpipe.errors import RequestError
+from brownpipe.scene import Scene
+
+PRECISIONS = {"double": np.float64, "single": np.float32}
+COLLISIONS = ("at_contact", "late")
+MOST_STEPS = 1e10
+FINEST = 64  # in units of round-off of the largest coordinate: disks that move less in a step stand still, or nearly so
+
+
+def refuse_bad_step(scene: Scene, time_step: float, precision: str, collisions: str) -> None:
+    """Raise RequestError, one line, for settings that a scene cannot be run with."""
+    if collisions not in COLLISIONS:
+        raise RequestError(f"collisions: must be one of {', '.join(COLLISIONS)}, found {collisions!r}")
+    if precision not in PRECISIONS:
+        raise RequestError(f"precision: must be one of {', '.join(PRECISIONS)}, found {precision!r}")
+    most, least = largest_step(scene), smallest_step(scene, precision)
+    if not (isinstance(time_step, int | float) and math.isfinite(time_step) and time_step > 0):
+        raise RequestError(
+            f"{scene.name}: time_step: must be a finite number above 0 and at most {most:.4g}, found {time_step!r}"
+        )
+    if time_step > most:
+        raise RequestError(
+            f"{scene.name}: time_step: must be at most {most:.4g}, in which a disk at thermal speed covers its radius, "
+            f"found {time_step!r}"
+        )
+    if time_step < least:
+        raise RequestError(
+            f"{scene.name}: time_step: must be at least {least:.4g} in {precision} precision, for at most "
+            f"{MOST_STEPS:g} steps in which disks move by more than round-off, found {time_step!r}"
+        )
+
+
+def largest_step(scene: Scene) -> float:
+    """Return the shortest time in which a disk at its thermal speed, sqrt(2 kT/m), covers its own radius."""
+    speed = thermal_speed(scene)
+    if speed == 0.0 or scene.particles == 0:
+        return math.inf
+    return float(np.min(scene.radius * np.sqrt(scene.mass / scene.mass.min()))) / speed
+
+
+def smallest_step(scene: Scene, precision: str) -> float:
+    """Return the time step below which there are too many steps, or disks at thermal speed hardly move in one."""
+    speed, size = thermal_speed(scene), max(scene.box.width, scene.box.height)
+    moving = FINEST * float(np.finfo(PRECISIONS[precision]).eps) * size / speed if speed > 0 else 0.0
+    return max(scene.duration / MOST_STEPS, moving)

@@ -1,0 +1,7 @@
+"""What is simulated: the scene, its file, and the seeds of its runs."""
+
+from brownpipe.scene.sample_times import Samples
+from brownpipe.scene.scene import Box, Disk, Scene, Species, Velocities
+from brownpipe.scene.scene_file import parse_scene, read_scene
+
+__all__ = ["Box", "Disk", "Samples", "Scene", "Species", "Velocities", "parse_scene", "read_scene"]

@@ -1,0 +1,239 @@
+"""Strict reading of YAML 1.2 (core schema), and checked access to what was read.
+
+Every refusal is one line that names the file, the key, the value and what is allowed. What YAML offers beyond plain
+mappings, lists and scalars (anchors, aliases, tags, merge keys, several documents) is refused, and so is what two
+programs may read differently (duplicate keys, numbers with leading zeros).
+"""
+
+import difflib
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+
+import yaml
+
+from brownpipe.errors import RequestError
+
+_DEEPEST = 10  # levels of nesting; a scene needs 4
+_LONGEST_NUMBER = 64  # characters
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|0o[0-7]+|0x[0-9a-fA-F]+")
+_WORDS = dict.fromkeys(("", "~", "null", "Null", "NULL"))
+_WORDS |= {word: word[0] in "tT" for word in ("true", "True", "TRUE", "false", "False", "FALSE")}
+_WORDS |= {sign + word: float(sign + "inf") for sign in ("", "+", "-") for word in (".inf", ".Inf", ".INF")}
+_WORDS |= dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan)
+
+
+# -- the file -------------------------------------------------------------------------------------------------------
+
+
+def read_yaml(path: str | Path, most_bytes: int) -> object:
+    """Return what the YAML file holds as dicts (with str keys), lists, str, int, float, bool and None.
+
+    Raises RequestError for a file that cannot be read, is larger than most_bytes, or is not strict YAML.
+    """
+    text = _text(path, most_bytes)
+    loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+    try:
+        return _document(str(path), yaml.parse(text, Loader=loader))
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
+        line = f"line {mark.line + 1}: " if mark else ""
+        raise RequestError(f"{path}: {line}not valid YAML: {problem}") from None
+
+
+def _text(path: str | Path, most_bytes: int) -> str:
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(most_bytes + 1)
+    except OSError as error:
+        raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:  # a file name that no system allows
+        raise RequestError(f"{str(path)!r}: cannot be read: {error}") from None
+    if len(data) > most_bytes:
+        raise RequestError(f"{path}: larger than {most_bytes / 2**20:g} MiB, the most that is read")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise RequestError(f"{path}: not text: byte {error.start} is not UTF-8") from None
+
+
+def _document(file: str, events: Iterator[yaml.Event]) -> object:
+    next(events)  # the start of the stream
+    if isinstance(next(events), yaml.StreamEndEvent):
+        raise RequestError(f"{file}: empty; must be a mapping of keys to values")
+    value = _value(file, events, next(events), 1)
+    next(events)  # the end of the document
+    if not isinstance(next(events), yaml.StreamEndEvent):
+        raise RequestError(f"{file}: more than one YAML document; must be one")
+    return value
+
+
+def _value(file: str, events: Iterator[yaml.Event], event: yaml.Event, depth: int) -> object:
+    """Return the value that starts with `event`, taking from `events` what belongs to it."""
+    if event.anchor is not None:
+        _refuse_line(file, event, "anchors (&name) and aliases (*name) are not allowed; write the value out")
+    if event.tag is not None:
+        _refuse_line(file, event, f"the tag {event.tag} is not allowed; write a plain value")
+    if depth > _DEEPEST:
+        _refuse_line(file, event, f"nested more than {_DEEPEST} levels deep")
+    if isinstance(event, yaml.ScalarEvent):
+        return _scalar(file, event) if event.implicit[0] else event.value
+    if isinstance(event, yaml.SequenceStartEvent):
+        values = []
+        while not isinstance(event := next(events), yaml.SequenceEndEvent):
+            values.append(_value(file, events, event, depth + 1))
+        return values
+    mapping = {}
+    while not isinstance(event := next(events), yaml.MappingEndEvent):
+        key = _key(file, event, mapping)
+        mapping[key] = _value(file, events, next(events), depth + 1)
+    return mapping
+
+
+def _key(file: str, event: yaml.Event, mapping: dict) -> str:
+    if not isinstance(event, yaml.ScalarEvent) or event.anchor is not None or event.tag is not None:
+        _refuse_line(file, event, "a key must be a plain word")
+    if event.value in mapping:
+        _refuse_line(file, event, f"duplicate key {_shown(event.value)}; must be given once")
+    return event.value
+
+
+def _scalar(file: str, event: yaml.ScalarEvent) -> object:
+    """Resolve a plain scalar by the core schema: null, bool, int, float, else str."""
+    text = event.value
+    if text in _WORDS:
+        return _WORDS[text]
+    if not _NUMBER.fullmatch(text):
+        return text
+    if re.match(r"[-+]?0[0-9]", text):
+        _refuse_line(file, event, f"{text[:_LONGEST_NUMBER]}: a number must not start with a superfluous zero")
+    if len(text) > _LONGEST_NUMBER:
+        _refuse_line(file, event, f"a number of {len(text)} characters; must be at most {_LONGEST_NUMBER}")
+    if text[:2] in ("0o", "0x"):
+        return int(text, 0)
+    if text.lstrip("+-").isdigit():
+        return int(text)
+    if math.isinf(float(text)):
+        _refuse_line(file, event, f"{text}: must be a finite number, below 1.8e308")
+    return float(text)
+
+
+def _refuse_line(file: str, event: yaml.Event, problem: str) -> NoReturn:
+    raise RequestError(f"{file}: line {event.start_mark.line + 1}: {problem}")
+
+
+# -- its values -----------------------------------------------------------------------------------------------------
+
+
+class Entry(NamedTuple):
+    """A value together with the place where it stands, so that every message can name it."""
+
+    value: object
+    file: str
+    path: tuple[str | int, ...] = ()  # ("disks", 3, "radius") is disks[3].radius
+
+    @property
+    def key(self) -> str:
+        """The dotted key, disks[3].radius."""
+        return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.path).lstrip(".")
+
+
+def refuse(entry: Entry, problem: str) -> NoReturn:
+    """Raise RequestError: file, key, problem."""
+    raise RequestError(": ".join(part for part in (entry.file, entry.key, problem) if part))
+
+
+def must_be(entry: Entry, allowed: str) -> NoReturn:
+    """Raise RequestError: file, key, what is allowed, the value."""
+    refuse(entry, f"must be {allowed}, not {_shown(entry.value)}")
+
+
+def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] | None = None) -> dict[str, Entry]:
+    """Return the entries of a mapping by key, optional ones with their defaults; refuse unknown and missing keys."""
+    allowed = (*required, *(optional or {}))
+    if not isinstance(entry.value, dict):
+        must_be(entry, f"a mapping with the keys {', '.join(allowed)}")
+    for key in entry.value:
+        if key not in allowed:
+            refuse(entry, f"unknown key {_shown(key)}; {_did_you_mean(key, allowed)}allowed: {', '.join(allowed)}")
+    for key in required:
+        if key not in entry.value:
+            refuse(Entry(None, entry.file, (*entry.path, key)), "missing; must be given")
+    values = (optional or {}) | entry.value
+    return {key: Entry(value, entry.file, (*entry.path, key)) for key, value in values.items()}
+
+
+def items(entry: Entry, length: int | None = None, what: str = "a list") -> list[Entry]:
+    """Return the entries of a list, of `length` if that is given."""
+    if not isinstance(entry.value, list | tuple) or length not in (None, len(entry.value)):
+        must_be(entry, what)
+    return [Entry(value, entry.file, (*entry.path, index)) for index, value in enumerate(entry.value)]
+
+
+def number(entry: Entry, above: float | None = None, least: float | None = None) -> float:
+    """Return a finite float, > above and >= least where these are given. (-0.0 becomes 0.0.)"""
+    value = entry.value
+    bound = f" > {above:g}" if above is not None else f" >= {least:g}" if least is not None else ""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        must_be(entry, f"a finite number{bound}")
+    try:
+        value = float(value) + 0.0
+    except OverflowError:
+        value = math.inf
+    fits = math.isfinite(value) and (above is None or value > above) and (least is None or value >= least)
+    return value if fits else must_be(entry, f"a finite number{bound}")
+
+
+def integer(entry: Entry, least: int, most: int, otherwise: str = "") -> int:
+    """Return an int between least and most, both included. `otherwise`: what else the message is to allow."""
+    value = entry.value
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        must_be(entry, f"an integer from {least} to {most}{otherwise}")
+    return value
+
+
+def flag(entry: Entry) -> bool:
+    """Return true or false."""
+    return entry.value if isinstance(entry.value, bool) else must_be(entry, "true or false")
+
+
+def choice(entry: Entry, options: tuple[str, ...]) -> str:
+    """Return one of the options."""
+    if not isinstance(entry.value, str) or entry.value not in options:
+        hint = _did_you_mean(entry.value, options)
+        refuse(entry, f"{_shown(entry.value)} is unknown; {hint}must be {' or '.join(options)}")
+    return entry.value
+
+
+def name(entry: Entry) -> str:
+    """Return a name that can become part of a path."""
+    if not isinstance(entry.value, str) or not _NAME.fullmatch(entry.value):
+        must_be(entry, "a name: letters, digits, '.', '_', '-', the first a letter or digit, at most 64")
+    return entry.value
+
+
+def pair(entry: Entry) -> tuple[float, float]:
+    """Return two finite numbers."""
+    x, y = items(entry, 2, "two numbers [x, y]")
+    return number(x), number(y)
+
+
+def _did_you_mean(word: object, options: tuple[str, ...]) -> str:
+    near = difflib.get_close_matches(str(word)[:80], options, n=1)
+    return f"did you mean {near[0]}? " if near else ""
+
+
+def _shown(value: object) -> str:
+    """Return the value as a message shows it: as in YAML, short, on one line."""
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list | tuple) and len(value) > 4:
+        return f"a list of {len(value)}"
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    text = repr(list(value) if isinstance(value, tuple) else value)
+    return text if len(text) <= 80 else text[:77] + "..."

@@ -1,0 +1,156 @@
+"""The order of the rooms: what may import what, read from every import statement at every depth."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from brownpipe import provenance
+from brownpipe.engines import DEFINITIONS
+
+ROOMS = (  # each may import those before it
+    "errors",
+    "formatting",
+    "provenance",
+    "theory",
+    "scene",
+    "observables",
+    "engines",
+    "storage",
+    "analysis",
+    "tradeoff",
+    "figures",
+    "study",
+    "cli",
+    "__main__",
+)
+FILES = sorted(provenance.PACKAGE.rglob("*.py"))
+HEAVY = {"numba", "h5py", "scipy", "xarray", "matplotlib", "yaml", "PIL"}  # may be imported where they are needed
+ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.langevin.step", "engines.insertion")
+
+
+def imports_of(file):
+    """(module, imported name or None, whether inside a function) of every import statement of a file."""
+    tree = ast.parse(file.read_text())
+    inside = {
+        id(one)
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        for one in ast.walk(function)
+    }
+    for one in ast.walk(tree):
+        if isinstance(one, ast.Import):
+            yield from ((alias.name, None, id(one) in inside) for alias in one.names)
+        elif isinstance(one, ast.ImportFrom):
+            assert one.level == 0, f"{file}: a relative import, which the digests of sources do not follow"
+            yield from ((one.module, alias.name, id(one) in inside) for alias in one.names)
+
+
+def name_of(file):
+    parts = file.relative_to(provenance.PACKAGE).with_suffix("").parts
+    return ".".join(("brownpipe", *(parts[:-1] if parts[-1] == "__init__" else parts)))
+
+
+MODULES = {name_of(file): file for file in FILES}
+
+
+def own_imports(file, hidden=False):
+    """The modules of brownpipe that a file imports; with `hidden`, only those inside functions."""
+    for module, name, inside in imports_of(file):
+        if module.split(".")[0] == "brownpipe" and (inside or not hidden):
+            yield f"{module}.{name}" if f"{module}.{name}" in MODULES else module
+
+
+def room_of(module):
+    return [*module.split("."), "__init__"][1]
+
+
+def test_no_import_climbs():
+    climbing = [
+        f"{name} imports {other}"
+        for name, file in MODULES.items()
+        for other in own_imports(file)
+        if name != "brownpipe" and ROOMS.index(room_of(other)) > ROOMS.index(room_of(name))
+    ]
+    assert climbing == []
+
+
+def test_no_import_cycle():
+    after = {name: set(own_imports(file)) for name, file in MODULES.items()}
+    while after:
+        free = {name for name, needed in after.items() if not needed & after.keys()}
+        assert free, f"a cycle among {sorted(after)}"
+        after = {name: needed for name, needed in after.items() if name not in free}
+
+
+def test_imports_inside_functions_are_of_heavy_packages_or_at_the_border():
+    """The command line imports what a verb needs when it is called; everything else imports brownpipe at its head."""
+    hidden = [
+        f"{name}: {module}"
+        for name, file in MODULES.items()
+        if name != "brownpipe.cli"
+        for module, _, inside in imports_of(file)
+        if inside and module.split(".")[0] not in HEAVY
+    ]
+    assert hidden == []
+
+
+@pytest.mark.parametrize("module", ENTRY_POINTS)
+def test_kernels_know_arrays_alone(module):
+    """No scene, no file, no table: what is compiled into an entry point is kernels and the records they work on."""
+    known = {file.relative_to(provenance.PACKAGE).as_posix() for file in provenance.sources(module)}
+    assert all(name.startswith("engines/") or name == "provenance.py" for name in known), known
+
+
+@pytest.mark.parametrize("engine", DEFINITIONS)
+def test_sources_of_an_engine_are_all_that_it_imports(engine):
+    """Against Python itself: every module of brownpipe that is there once the engine is imported, but the list of
+    engines and what only it needs."""
+    module = provenance.simulation_of(engine)
+    assert DEFINITIONS[engine].simulation == f"brownpipe.{module}"
+    code = f"import brownpipe.{module}, sys; print(*(m.__file__ for m in sys.modules.values() if hasattr(m, '__file__')"
+    code += " and m.__name__.startswith('brownpipe')), sep='\\n')"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    loaded = {Path(line) for line in shown.split()}
+    known = set(provenance.sources(module))
+    assert known <= loaded
+    by_list = {*provenance.sources("engines.exact", "engines.timestep", "engines.langevin"), *_inits(loaded)}
+    assert loaded - known <= by_list
+
+
+def _inits(files):
+    return {file for file in files if file.name == "__init__.py"}
+
+
+def test_a_new_module_that_the_engine_imports_changes_its_digest(tmp_path):
+    for name, text in {
+        "__init__": "",
+        "engines/__init__": "",
+        "engines/one": "from brownpipe.engines import (\n    two,\n    three as drei,\n)\n",
+        "engines/two": "A = 1\n",
+        "engines/three": "def f():\n    from brownpipe.four import g\n",
+        "four": "import brownpipe.five\n",
+        "five": "",
+        "six": "",
+    }.items():
+        (tmp_path / f"{name}.py").parent.mkdir(exist_ok=True)
+        (tmp_path / f"{name}.py").write_bytes(text.encode())
+
+    def digest():
+        provenance.sources.cache_clear()
+        return provenance.source_digest("engines.one", folder=tmp_path)
+
+    before = digest()
+    (tmp_path / "engines/two.py").write_bytes(b"A = 1\r\n")
+    (tmp_path / "six.py").write_bytes(b"B = 1\n")
+    assert digest() == before, "line ends, or a module that nobody imports"
+    (tmp_path / "five.py").write_bytes(b"C = 1\n")
+    changed = digest()
+    assert changed != before
+    (tmp_path / "engines/two.py").write_bytes(b"A = 1\nimport brownpipe.six\n")
+    assert digest() not in (before, changed)
+    with pytest.raises(FileNotFoundError, match="seven"):
+        provenance.source_digest("seven", folder=tmp_path)
+    provenance.sources.cache_clear()
