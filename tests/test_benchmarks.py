@@ -1,13 +1,15 @@
-"""Every benchmark runs to its end: a quick pass of each."""
+"""Every benchmark runs to its end: a quick pass of each. Hashes of runs change with the numbers and nothing else."""
 
 import runpy
 import sys
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parent.parent
-BENCHMARKS = sorted((ROOT / "benchmarks").glob("bench_*.py"))
+BENCHMARKS = sorted((ROOT / "benchmarks").glob("*.py"))
 pytestmark = pytest.mark.slow
 
 
@@ -30,3 +32,61 @@ def test_a_quick_pass_reports_and_leaves_the_tables_of_docs_alone(path, monkeypa
     runpy.run_path(str(path), run_name="__main__")
     assert any(character.isdigit() for character in capfd.readouterr().out)
     assert docs() == before
+
+
+@pytest.fixture(scope="module")
+def hash_runs():
+    """The names of benchmarks/hash_runs.py."""
+    return runpy.run_path(str(ROOT / "benchmarks" / "hash_runs.py"))
+
+
+def hashes(hash_runs, path, **datasets):
+    """Hashes of a file with these datasets in a group, and with what is not hashed."""
+    with h5py.File(path, "w") as file:
+        for name, value in datasets.items():
+            file[f"particles/{name}"] = value
+            file[f"particles/{name}"].attrs["made"] = str(path)
+        file["particles/link"] = file[f"particles/{name}"]
+        file["parameters/scene"] = str(path)
+    return hash_runs["hashes_of"](path, hash_runs["HASHED"])
+
+
+def test_hashes_are_of_values_types_and_shapes_alone(hash_runs, tmp_path):
+    values = np.array([[0.0, 1.0], [2.0, np.nan]])
+    first = hashes(hash_runs, tmp_path / "first.h5", id=values, position=values)
+    assert first == hashes(hash_runs, tmp_path / "second.h5", id=values, position=values)
+    assert first.keys() == {"particles/id", "particles/position", "particles/link"}
+    others = [np.nextafter(values, 3.0), values.astype(np.float32), values.ravel(), np.where(values == 0, -0.0, values)]
+    others += [np.array(["0", "1"], h5py.string_dtype()), np.array(["0", "2"], h5py.string_dtype())]
+    found = [hashes(hash_runs, tmp_path / "other.h5", id=values, position=other) for other in others]
+    assert len({one["particles/position"] for one in (first, *found)}) == 1 + len(others)
+    assert all(one["particles/position"] == one["particles/link"] for one in found)
+    assert {one["particles/id"] for one in found} == {first["particles/id"]}
+
+
+def test_a_comparison_names_each_dataset_that_differs(hash_runs):
+    before = {"a, exact": {"exit status": 0, "x": "1", "y": "2", "z": "3"}, "b, exact": {"exit status": 2}}
+    now = {"a, exact": {"exit status": 1, "x": "1", "w": "2", "z": "4"}, "c, exact": {"exit status": 2}}
+    assert not list(hash_runs["differences"](before, before))
+    assert list(hash_runs["differences"](before, now)) == [
+        "a, exact: exit status: differs",
+        "a, exact: w: new, with the contents of y",
+        "a, exact: y: missing",
+        "a, exact: z: differs",
+        "b, exact: missing",
+        "c, exact: new",
+    ]
+
+
+def test_a_comparison_that_finds_differences_ends_with_status_1(hash_runs, tmp_path, monkeypatch, capsys):
+    path, now = tmp_path / "before.json", {"a, exact": {"exit status": 0, "x": "1"}}
+    monkeypatch.setitem(hash_runs["main"].__globals__, "run", lambda cases: now)
+    monkeypatch.setattr(sys, "argv", ["hash_runs.py", "--write", str(path)])
+    hash_runs["main"]()
+    monkeypatch.setattr(sys, "argv", ["hash_runs.py", "--compare", str(path)])
+    hash_runs["main"]()
+    now["a, exact"]["x"] = "2"
+    with pytest.raises(SystemExit) as stop:
+        hash_runs["main"]()
+    assert stop.value.code == 1
+    assert "a, exact: x: differs\n1 differences" in capsys.readouterr().out
