@@ -27,7 +27,16 @@ ROOMS = (  # each may import those before it
     "__main__",
 )
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
-HEAVY = {"numba", "h5py", "scipy", "xarray", "matplotlib", "yaml", "PIL"}  # may be imported where they are needed
+HEAVY = {
+    "importlib",
+    "numba",
+    "h5py",
+    "scipy",
+    "xarray",
+    "matplotlib",
+    "yaml",
+    "PIL",
+}  # may be imported where they are needed
 ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.langevin.step", "engines.insertion")
 
 

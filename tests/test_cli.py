@@ -15,7 +15,7 @@ import pytest
 
 from brownpipe import cli
 from brownpipe.cli import DONE, FAILED, main
-from brownpipe.engines import batch, kernels
+from brownpipe.engines import batch, inlining, kernels
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import WRONG_REQUEST, RunError
 from brownpipe.storage import read_dataset, read_trajectories
@@ -455,6 +455,27 @@ def test_nobody_reads_on():
     ],
 )
 def test_nothing_is_imported_that_is_not_needed(code, absent):
+    assert absent & imported_by(code) == set()
+
+
+def imported_by(code):
     code += "; import sys; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert absent & set(done.stdout.split()) == set()
+    return set(done.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.skipif(not inlining.is_tested(), reason="this version of Numba imports scipy.linalg by itself")
+@pytest.mark.parametrize("engine", [[], STEP, [*LANGEVIN, "enskog"]])
+def test_simulate_does_without_linear_algebra(engine):
+    argv = ["simulate", SCENE, "--particles", "10", *engine]
+    found = imported_by(f"from brownpipe.cli import main; assert main({argv}) == 0")
+    assert "numba.np.arraymath" in found
+    assert "scipy.linalg" not in found
+
+
+@pytest.mark.parametrize("argv", [["inspect", "RUNS"], ["aggregate", "RUNS", "--output", "a.nc"]])
+def test_files_are_read_without_numba(runs, argv):
+    argv = [str(runs) if word == "RUNS" else word for word in argv]
+    found = imported_by(f"from brownpipe.cli import main; assert main({argv}) == 0")
+    assert "h5py" in found
+    assert "numba" not in found

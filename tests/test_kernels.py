@@ -274,6 +274,58 @@ def test_with_a_numba_that_was_not_tested_kernels_are_compiled_as_usual_to_the_s
     assert results[0][1] == results[1][1] and len(results[0][1]) > 1000
 
 
+LINEAR_ALGEBRA = """
+import sys
+import numba
+import numpy as np
+
+@numba.njit
+def algebra(a, b):
+    return np.dot(a, b), np.linalg.cholesky(a)
+
+def own():
+    product, root = algebra(np.array([[4.0, 2.0], [2.0, 5.0]]), np.array([5.0, 7.0]))
+    assert product.tolist() == [34.0, 45.0] and root.tolist() == [[2.0, 0.0], [1.0, 2.0]]
+
+def brownpipe():
+    from brownpipe.engines import inlining
+    if sys.argv[2] == "untested":
+        inlining.TESTED = ((0, 0), (0, 0))
+    from brownpipe.scene import read_scene
+    from brownpipe.engines.initial_state import draw
+    draw(read_scene(sys.argv[3]), 7)
+
+for use in sys.argv[1].split(","):
+    globals()[use]()
+    print(use, "scipy.linalg" in sys.modules)
+from numba.np import arraymath, linalg
+print(arraymath._HAVE_BLAS, arraymath.ensure_blas is linalg.ensure_blas, linalg.ensure_blas.__name__)
+"""
+
+
+@pytest.mark.parametrize(
+    ("uses", "version", "imported"),
+    [
+        ("brownpipe,own,brownpipe", "tested", (False, True, True)),
+        ("own,brownpipe,own", "tested", (True, True, True)),
+        ("brownpipe", "untested", (True,)),
+    ],
+)
+def test_blas_is_imported_for_the_first_function_that_calls_it(uses, version, imported):
+    """And is there for other people's compiled functions, before and after kernels of this package were called."""
+    if version == "tested" and not inlining.is_tested():
+        pytest.skip("this version of Numba is left as it is")
+    printed = subprocess.run(
+        [sys.executable, "-c", LINEAR_ALGEBRA, uses, version, str(NOTE)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    ).stdout.splitlines()
+    assert printed[:-1] == [f"{use} {known}" for use, known in zip(uses.split(","), imported, strict=True)]
+    assert printed[-1] == "True True ensure_blas"
+
+
 @by_reference
 class Inner(NamedTuple):
     number: int

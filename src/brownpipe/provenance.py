@@ -7,7 +7,6 @@ directly or not, at the head of a file or inside a function.
 import hashlib
 import re
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -103,6 +102,8 @@ def versions() -> dict[str, str]:
 
 
 def _version(name):
+    from importlib.metadata import PackageNotFoundError, version  # takes 15 ms
+
     try:
         return version(name)
     except PackageNotFoundError:

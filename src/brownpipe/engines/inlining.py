@@ -14,6 +14,11 @@ TESTED = ((0, 63), (0, 68))  # first and last version of Numba whose private cla
 OURS = "_ZN9brownpipe"  # how the names of this package's functions begin in LLVM; wrappers for Python and C are others
 
 
+def is_tested() -> bool:
+    """Whether the private parts of this version of Numba are known."""
+    return TESTED[0] <= numba.version_info[:2] <= TESTED[1]
+
+
 def is_inlined(module) -> bool:
     """Whether an LLVM module defines nothing but functions of this package that only compiled functions can call."""
     return all(function.name.startswith(OURS) for function in module.functions if not function.is_declaration)
@@ -21,7 +26,7 @@ def is_inlined(module) -> bool:
 
 def install() -> None:
     """Let Numba compile this package's functions without a wrapper for inlining alone, and all others as usual."""
-    if not TESTED[0] <= numba.version_info[:2] <= TESTED[1]:
+    if not is_tested():
         return
     from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 

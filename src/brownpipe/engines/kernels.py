@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import stat
+import sys
 import tempfile
 import threading
 import time
@@ -17,7 +18,7 @@ import numba
 from llvmlite import ir
 from numba import types
 from numba.core import event
-from numba.core.cpu import CPUTargetOptions
+from numba.core.cpu import CPUContext, CPUTargetOptions
 from numba.extending import intrinsic, register_jitable
 
 from brownpipe.engines import inlining
@@ -34,6 +35,40 @@ UNUSED = 86_400.0  # seconds
 OPTIONS = {"error_model": "numpy", "forceinline": True}
 if hasattr(CPUTargetOptions, "_nrt"):
     OPTIONS["_nrt"] = False
+
+
+def _defer_blas() -> None:
+    """Let Numba import scipy.linalg for the first function that needs BLAS, not for its own array functions.
+
+    `numba.np.arraymath` calls `ensure_blas` once, when it is imported, to learn whether SciPy has a BLAS. This costs
+    0.1 to 0.2 s of CPU in every process, and no kernel here calls BLAS. During that import `ensure_blas` only checks
+    the width of BLAS's integers, in versions of Numba that have this check. A function with np.dot calls the original
+    when it is compiled; its machine code imports SciPy's BLAS when it is executed.
+    """
+    usual = getattr(CPUContext, "load_additional_registries", None)
+    if usual is None or not inlining.is_tested() or "scipy" not in sys.modules:  # imported by Numba if installed
+        return
+
+    def load(context):
+        CPUContext.load_additional_registries = usual
+        from numba.np import linalg
+
+        ensure_blas = getattr(linalg, "ensure_blas", None)
+        if ensure_blas is None:
+            usual(context)
+            return
+        linalg.ensure_blas = getattr(linalg, "_check_lapack_int_width", lambda: None)
+        try:
+            usual(context)
+        finally:
+            linalg.ensure_blas = ensure_blas
+            if arraymath := sys.modules.get("numba.np.arraymath"):
+                arraymath.ensure_blas = ensure_blas
+
+    CPUContext.load_additional_registries = load
+
+
+_defer_blas()
 
 
 @cache
