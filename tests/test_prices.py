@@ -3,14 +3,14 @@
 import csv
 import re
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
 import yaml
 
+import forked
 from brownpipe import storage
-from test_workflow import SCENE, SNAKEMAKE, environment
+from test_workflow import PROGRAM, SCENE, SNAKEMAKE, environment
 
 STUDY = """\
 scenes: [scenes/full.yaml, scenes/half.yaml]
@@ -26,11 +26,10 @@ pytestmark = pytest.mark.slow
 
 def snakemake(folder, *words, study="prices"):
     """What snakemake printed."""
-    command = [*SNAKEMAKE, *words, "--directory", str(folder), "--configfile", str(folder / f"{study}.yaml")]
-    done = subprocess.run(
-        command, cwd=folder, env=environment(), capture_output=True, text=True, timeout=300, check=True
-    )
-    return done.stdout + done.stderr
+    words = [*SNAKEMAKE[len(PROGRAM) :], *words, "--directory", folder, "--configfile", folder / f"{study}.yaml"]
+    done = forked.snakemake(*words, cwd=folder, env=environment())
+    assert done.returncode == 0, done.printed
+    return done.printed
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """What the README and the guide tell people to type works as it stands there, and what they point at is there."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import forked
 from brownpipe.cli import DONE, main
 from test_architecture import ROOMS
 
@@ -65,19 +67,9 @@ def test_make_knows_its_targets(words):
 def test_snakemake_knows_what_to_do(words, folder):
     """Planned, not run: a study from end to end is in test_workflow.py."""
     words = [word.replace("my_study.yaml", "config/small.yaml") for word in words]
-    command = [
-        sys.executable,
-        "-m",
-        "snakemake",
-        "--snakefile",
-        ROOT / "Snakefile",
-        *words,
-        "--dry-run",
-        "--quiet",
-        "all",
-    ]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    words = ["--snakefile", ROOT / "Snakefile", *words, "--dry-run", "--quiet", "all"]
+    done = forked.snakemake(*words, cwd=folder, env=os.environ)
+    assert done.returncode == 0, done.printed
 
 
 @pytest.mark.slow

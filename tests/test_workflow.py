@@ -13,10 +13,12 @@ import h5py
 import numpy as np
 import pytest
 
+import forked
 from brownpipe.study import read_study
 
 ROOT = Path(__file__).parent.parent
-SNAKEMAKE = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--workflow-profile"]
+PROGRAM = [sys.executable, "-m", "snakemake"]
+SNAKEMAKE = [*PROGRAM, "--snakefile", str(ROOT / "Snakefile"), "--workflow-profile"]
 SNAKEMAKE += [str(ROOT / "profiles" / "default")]
 SCENE = """\
 # a hot tracer
@@ -61,17 +63,25 @@ def environment(**more):
 
 def snakemake(folder, *arguments, fails=False, **more):
     """What snakemake printed."""
+    words = command(folder, *arguments)[len(PROGRAM) :]
+    done = forked.snakemake(*words, cwd=folder.parent, env=environment(**more))
+    assert (done.returncode != 0) == fails, done.printed
+    return done.printed
+
+
+def snakemake_in(folder, surroundings, *arguments):
+    """What snakemake printed in a process that began with these variables in its environment."""
     done = subprocess.run(
         command(folder, *arguments),
         cwd=folder.parent,
-        env=environment(**more),
+        env=environment(**surroundings),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         timeout=300,
         check=False,
     )
-    assert (done.returncode != 0) == fails, done.stdout
+    assert done.returncode == 0, done.stdout
     return done.stdout
 
 
@@ -94,7 +104,7 @@ def finished(tmp_path_factory):
     """A folder in which the study was run to its end, and what was printed meanwhile."""
     folder = write_study(tmp_path_factory.mktemp("one") / "study")
     surroundings = {"TZ": "UTC", "LC_ALL": "C", "PYTHONHASHSEED": "0"}
-    return folder, snakemake(folder, "--cores", "1", **surroundings)
+    return folder, snakemake_in(folder, surroundings, "--cores", "1")
 
 
 @pytest.fixture
@@ -188,7 +198,7 @@ def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_langua
     done = len(list(folder.rglob("*.h5")))
     assert 0 < done < 8
     assert planned(folder)["simulate"] <= 8 - done + 1
-    snakemake(folder, "--cores", "2", **elsewhere)
+    snakemake_in(folder, elsewhere, "--cores", "2")
     one, two = (contents(each, *PHYSICS, *PICTURES) for each in (finished[0], folder))
     assert one.keys() == two.keys()
     assert [path for path in one if one[path] != two[path]] == []
