@@ -50,6 +50,24 @@ def folder(dataset, tmp_path_factory):
     return folder
 
 
+def lay_out(figure):
+    """Place all artists and run through drawing them, without a picture. Their boxes are known then."""
+    FigureCanvasAgg(figure)
+    figure.draw_without_rendering()
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Figures are laid out, and their files are empty: for tests of names and tables."""
+
+    def empty(figure, kind):
+        if kind == "png":  # the other one has the same layout
+            lay_out(figure)
+        return b""
+
+    monkeypatch.setattr(figures, "image_bytes", empty)
+
+
 def rows(path):
     with open(path, newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
@@ -85,7 +103,7 @@ def test_style_is_put_back(dataset, tmp_path):
 
 
 @pytest.mark.slow
-def test_one_particle_count_has_nothing_to_compare(plain, tmp_path):
+def test_one_particle_count_has_nothing_to_compare(plain, tmp_path, no_pictures):
     names = {path.stem for path in figures.render(plain.sel(particles=[10]), tmp_path)}
     assert names == {*OF_TRAJECTORIES, "summary"}
 
@@ -121,7 +139,7 @@ def test_each_scene_shows_a_count_of_its_own(dataset):
 
 
 @pytest.mark.slow
-def test_figures_not_drawn_again_do_not_stay(dataset, tmp_path):
+def test_figures_not_drawn_again_do_not_stay(dataset, tmp_path, no_pictures):
     (tmp_path / "msd.txt").write_text("of the user")
     figures.render(dataset, tmp_path, ["msd"])
     figures.render(dataset, tmp_path, ["health"])
@@ -142,7 +160,7 @@ def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatc
 
 
 @pytest.mark.slow
-def test_figures_asked_for(dataset, tmp_path):
+def test_figures_asked_for(dataset, tmp_path, no_pictures):
     names = {path.stem for path in figures.render(dataset, tmp_path, ["health", "msd"])}
     assert names == {"health", "msd", "summary"}
     with pytest.raises(figures.FigureError, match="particle_counts: there is nothing to show"):
@@ -162,7 +180,7 @@ def test_words_cover_no_data_and_no_words(dataset, name):
     named = dataset.assign_coords(scene=["hot", "a-scene_with.a-name-of-42-characters-at-N20"])
     with style.drawing():
         drawn = figures.MODULES[name].draw(cases.one_count(cases.cases_of(at_times(named, (0.5, 1.0)))))
-        FigureCanvasAgg(drawn).draw()
+        lay_out(drawn)
     panels = [axes.get_window_extent() for axes in drawn.axes]
     words = [title(axes) for axes in drawn.axes if title(axes)]
     words += [axes.get_legend() for axes in drawn.axes if axes.get_legend() and title(axes)]
@@ -178,7 +196,7 @@ def drawn(name, data):
     """The figure and its panels."""
     with style.drawing():
         figure = figures.MODULES[name].draw(figures._cases_shown(data, None)[name])
-        FigureCanvasAgg(figure).draw()
+        lay_out(figure)
     return figure, [axes for axes in figure.axes if axes.get_visible()]
 
 
@@ -213,7 +231,7 @@ def test_titles_of_a_row_stand_at_one_height(dataset):
     assert len({title(axes).get_window_extent().y1 for axes in panels}) == 1
 
 
-def test_green_and_kubo_need_a_temperature(dataset, tmp_path):
+def test_green_and_kubo_need_a_temperature(dataset, tmp_path, no_pictures):
     data = only_hot(dataset, "enskog_diffusion")
     shown = [{line.get_label() for line in axes.lines} for axes in drawn("diffusion", data)[1]]
     assert [any("Green" in label for label in labels) for labels in shown] == [True, False]
@@ -395,7 +413,7 @@ def test_ballistic_flight_has_a_key(as_it_is):
 
 
 @pytest.mark.slow
-def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(dataset, tmp_path):
+def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(dataset, tmp_path, no_pictures):
     """Where the first window, or every one, begins with an MSD of more than half the ballistic one."""
 
     def claimed(data):
@@ -554,7 +572,7 @@ def test_contact_is_where_the_dataset_says(dataset, folder):
 
 
 @pytest.mark.slow
-def test_several_displacement_times(dataset, tmp_path):
+def test_several_displacement_times(dataset, tmp_path, no_pictures):
     several = at_times(dataset, (0.5, 1.0))
     figures.render(several, tmp_path, ["displacement_distribution"])
     table = rows(tmp_path / "displacement_distribution.csv")
