@@ -22,7 +22,8 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin
-from brownpipe.engines.exact.recording import recorder
+from brownpipe.engines.exact.recording import new_recorder
+from brownpipe.engines.exact.run import prepare_scene
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.units import motion_of
 from brownpipe.errors import RequestError
@@ -98,9 +99,9 @@ def scene_of(case):
 
 def started(scene, effort, change=None, record=()):
     """A melted run: workspace and recorder. `change` takes a workspace and returns it with more to do."""
-    engine = exact.prepared(scene)
+    engine = prepare_scene(scene)
     w = engine.workspace if change is None else change(engine.workspace)
-    room = recorder(engine.frame, w, FOR_EVER, record)
+    room = new_recorder(engine.frame, w, FOR_EVER, record)
     begin(w, motion_of(draw(scene, 0), engine.frame))
     go_on(w, room, max(effort.melting, 4 * scene.particles))
     return w, room
@@ -163,8 +164,8 @@ def cost_of_features(n, phi, effort):
 def milliseconds_per_run(effort):
     """Median CPU time of a run of the note's scene: the engine alone, and with drawing, sampling and reporting."""
     scene, runs = read_scene(NOTE), effort.runs
-    engine, states = exact.prepared(scene), [draw(scene, seed) for seed in range(runs)]
-    w, room = engine.workspace, recorder(engine.frame, engine.workspace, scene.times, ())
+    engine, states = prepare_scene(scene), [draw(scene, seed) for seed in range(runs)]
+    w, room = engine.workspace, new_recorder(engine.frame, engine.workspace, scene.times, ())
     alone, whole, pairs = [], [], 0
     for _ in range(effort.stretches):
         begun = time.process_time()

@@ -20,6 +20,7 @@ import numpy as np
 from bench_exact import ROOT, Case, scene_of
 
 from brownpipe.analysis.departure import SHARE, departure_time
+from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.timestep import simulation as timestep
@@ -65,8 +66,8 @@ def runs_of_the_note(effort):
     """Time per run, bias and departure against the time step, in the note's scene."""
     scene, seeds = read_scene(ROOT / "config/scenes/harrison2020.yaml"), effort.seeds
     states, there = [draw(scene, seed) for seed in range(effort.states)], exact.simulate(scene, range(seeds))
-    reference = exact.prepared(scene)
-    alone = seconds(lambda: [exact.run(reference, state, scene.times) for state in states], effort.repeats)
+    reference = exact_run.prepare_scene(scene)
+    alone = seconds(lambda: [exact_run.run(reference, state, scene.times) for state in states], effort.repeats)
     alone *= 1e3 / len(states)
     pairs = there.observables["pair_collisions"]
     yield f"exact: {alone:.3f} ms a run, {pairs.mean():.1f} pair collisions\n"
@@ -114,11 +115,11 @@ def boxes(effort):
 
 def box(scene, effort):
     """The lines of one box, whose long run lasts as long as the scene."""
-    engine, n, long = exact.prepared(scene), scene.particles, scene.times[-1:]
-    melted = exact.run(engine, draw(scene, 0), np.array([effort.melting]), {"all"}).whole
+    engine, n, long = exact_run.prepare_scene(scene), scene.particles, scene.times[-1:]
+    melted = exact_run.run(engine, draw(scene, 0), np.array([effort.melting]), {"all"}).whole
     state = draw(scene, 0)._replace(position=melted.position[-1], velocity=melted.velocity[-1])
-    alone = milliseconds_of_time(lambda times: exact.run(engine, state, times), long, effort)
-    pairs = exact.run(engine, state, long).observables["pair_collisions"]
+    alone = milliseconds_of_time(lambda times: exact_run.run(engine, state, times), long, effort)
+    pairs = exact_run.run(engine, state, long).observables["pair_collisions"]
     for dt, collisions in product(effort.box_steps, COLLISIONS):
         engines = [stepping(scene, dt, one, collisions) for one in PRECISIONS]
         runs = [None if one is None else partial(timestep.run, one, state) for one in engines]

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from brownpipe.engines import placement
+from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.scene import parse_scene
@@ -83,7 +84,7 @@ def scene(aspect, boundary, kinds, placement="random"):
 
 def run_exact():
     """Run every scene by the exact engine, with all that can be recorded."""
-    _check(exact, "prepare", "recorder")
+    _check(exact_run, "prepare", "new_recorder")
     for one in scenes():
         run = exact.simulate(one, [1], {"all", "events"})
         assert not run.observables["failed"][0], one.name

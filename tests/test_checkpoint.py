@@ -15,9 +15,9 @@ import pytest
 
 from brownpipe import provenance
 from brownpipe.cli import DONE, FAILED, main
-from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.exact import run
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.checkpoint import NEVER, Watch
+from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
@@ -90,6 +90,11 @@ def due_every(stops):
     return lambda: next(numbers) % stops == 0
 
 
+def from_checkpoint(arrays):
+    """Continue from these arrays, without further checkpoints."""
+    return NO_CHECKPOINTS._replace(stored=arrays)
+
+
 def stopped_once(scene, record, kept, stops):
     """Run until the first checkpoint and no further; return that, or the ensemble if there was none."""
 
@@ -99,14 +104,14 @@ def stopped_once(scene, record, kept, stops):
 
     found = []
     try:
-        return None, simulate(scene, SEEDS, record, Watch(due_every(stops), keep), kept)
+        return None, simulate(scene, SEEDS, record, Checkpoints(due_every(stops), keep, kept))
     except KilledError:
         return found[0], None
 
 
-def soil(engine):
+def soil(w):
     """Fill a workspace with nonsense, as earlier runs might have left it; what a scene decides stays."""
-    w, random = engine.workspace, np.random.default_rng(1)
+    random = np.random.default_rng(1)
     disk = w.disk.reshape(-1, ws.ROW)
     disk[:, : ws.RADIUS] = random.random(disk[:, : ws.RADIUS].shape)
     if w.lists is not None:
@@ -117,7 +122,7 @@ def soil(engine):
         array[:] = random.random(array.shape)
     if w.image is not None:
         w.image[:] = 7
-    return engine
+    return w
 
 
 # -- the same to the byte -------------------------------------------------------------------------------------------
@@ -128,16 +133,16 @@ def test_from_every_block_to_the_same_bytes(name, tmp_path, monkeypatch):
     scene, record = CASES[name]
     expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
     kept = []
-    watch = Watch(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
-    assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, watch)) == expected
+    checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
+    assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, checkpoints)) == expected
     assert sum("run.clock" in arrays for arrays in kept) >= 2 * len(SEEDS)  # at block ends
     assert [int(arrays["done"]) for arrays in kept if "run.clock" not in arrays] == [1, 2]  # and between runs
     if scene.equilibrate:
         assert {bool(arrays.get("run.equilibrating")) for arrays in kept} == {True, False}
-    prepared = exact.prepared
-    monkeypatch.setattr(exact, "prepared", lambda *given: soil(prepared(*given)))
+    prepare = run.prepare
+    monkeypatch.setattr(run, "prepare", lambda *given: soil(prepare(*given)))
     for arrays in kept:
-        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, NEVER, arrays)) == expected
+        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
 
 
 @pytest.mark.parametrize("stops", [1, 2, 3])
@@ -160,29 +165,31 @@ def test_what_is_measured_in_the_runs(record, average, tmp_path):
     scene, measured = around_tracer(P, 100.0, **more), {"observables": tuple(OBSERVABLES), "average": average}
     expected = file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, **measured))
     kept = []
-    watch = Watch(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
-    assert file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, watch, **measured)) == expected
+    checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
+    assert file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, checkpoints, **measured)) == expected
     assert {int(arrays["done"]) for arrays in kept} == {0, 1, 2}
     for arrays in kept:
-        assert file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, NEVER, arrays, **measured)) == expected
+        assert (
+            file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, from_checkpoint(arrays), **measured)) == expected
+        )
 
 
 @pytest.mark.slow
 def test_calls_that_pause_between_checkpoints(tmp_path, monkeypatch):
     scene, record = CASES["periodic-mixture"]
     expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
-    monkeypatch.setattr(exact, "EVENTS_PER_CALL", 777)
+    monkeypatch.setattr(run, "EVENTS_PER_CALL", 777)
     for stops in (1, 5):
         kept = []
-        watch = Watch(due_every(stops), lambda arrays, kept=kept: kept.append(filed(tmp_path, arrays)))
-        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, watch)) == expected
+        checkpoints = Checkpoints(due_every(stops), lambda arrays, kept=kept: kept.append(filed(tmp_path, arrays)))
+        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, checkpoints)) == expected
         for arrays in kept[1::5]:
-            assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, NEVER, arrays)) == expected
+            assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
 
 
 def full_in_block(number, most=10**9):
     """An `advance` for which the usual room of a cell is too small in that block, in so many runs."""
-    advance, left = exact.advance, iter(range(most))
+    advance, left = run.advance, iter(range(most))
 
     def seems_full(w, room, events):
         stop, usual = w.clock[ws.STOP], w.lists is not None
@@ -202,22 +209,22 @@ def test_a_cell_that_proves_too_small(tmp_path, monkeypatch):
     """Then a run begins again, whatever it did so far, and without neighbour lists; and so it must if it goes on."""
     scene, record = CASES["crowded"]
     usual = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
-    monkeypatch.setattr(exact, "advance", full_in_block(2))
+    monkeypatch.setattr(run, "advance", full_in_block(2))
     expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
     assert expected != usual
     kept = []
-    watch = Watch(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
-    assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, watch)) == expected
+    checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
+    assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, checkpoints)) == expected
     slots = [(int(arrays["run.slots"]), int(arrays["run.clock"][ws.BLOCK])) for arrays in kept if "run.slots" in arrays]
     assert slots[0][0] < slots[1][0] and slots[1][1] == 1  # begun again
     for arrays in kept:
-        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, NEVER, arrays)) == expected
+        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
 
 
 def test_more_room_for_one_run_leaves_the_others_alone(monkeypatch):
     scene, record = CASES["crowded"]
     usual = simulate(scene, SEEDS, record)
-    monkeypatch.setattr(exact, "advance", full_in_block(2, most=1))
+    monkeypatch.setattr(run, "advance", full_in_block(2, most=1))
     other = simulate(scene, SEEDS, record)
     same = [np.array_equal(usual.events[seed].time, other.events[seed].time) for seed in SEEDS]
     assert same == [False, True, True]

@@ -13,6 +13,7 @@ import pytest
 import naive
 from brownpipe.engines import units
 from brownpipe.engines.exact import layout
+from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
@@ -368,13 +369,13 @@ def test_a_run_does_not_depend_on_what_else_is_asked_for(name):
 @pytest.fixture
 def starts(monkeypatch):
     """How often runs have begun, a number in a list."""
-    seen, begin = [0], exact.begin
+    seen, begin = [0], exact_run.begin
 
     def counted(*arguments):
         seen[0] += 1
         begin(*arguments)
 
-    monkeypatch.setattr(exact, "begin", counted)
+    monkeypatch.setattr(exact_run, "begin", counted)
     return seen
 
 

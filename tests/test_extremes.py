@@ -16,9 +16,10 @@ import pytest
 
 from brownpipe.engines.exact import recording
 from brownpipe.engines.exact.layout import begin
-from brownpipe.engines.exact.simulation import prepared, simulate
+from brownpipe.engines.exact.run import prepare_scene
+from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.exact.workspace import BLOCK, CROSSINGS
-from brownpipe.engines.initial_state import at_rest_on_the_whole, draw
+from brownpipe.engines.initial_state import draw, without_total_momentum
 from brownpipe.engines.state import State
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.timestep.workspace import STEP
@@ -83,7 +84,7 @@ def test_behind_contact_with_a_wall_by_round_off():
         return state._replace(position=(state.position - 2) * turn, velocity=state.velocity * turn)
 
     def columns(edge):
-        return prepared(explicit(box(4, 4, W), disks(edge, 1), 1.0)).workspace.grid.columns
+        return prepare_scene(explicit(box(4, 4, W), disks(edge, 1), 1.0)).workspace.grid.columns
 
     edges = {n: 4 / n * round(n / 4) for n in range(5, 16)}
     found = [edge for n, edge in edges.items() if edge < 1.15 and columns(edge) == n]
@@ -367,7 +368,7 @@ def with_broken(engine, index, value):
     """`failed` of a run whose first disk ended with such a number, all else sound."""
     scene = FEW["periodic"]
     if engine == "exact":
-        one = prepared(scene)
+        one = prepare_scene(scene)
         w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
         begin(w, first)
         w.disk[index] = value
@@ -393,7 +394,7 @@ def test_a_run_that_starts_nowhere_fails(engine, value):
     state = draw(scene, 3)
     state.velocity[0, 0] = value
     if engine == "exact":
-        one = prepared(scene)
+        one = prepare_scene(scene)
         first = motion_of(state, one.frame)
         begin(one.workspace, first)
         found = recording.observables(scene, one.frame, one.workspace, first[:, 2:])
@@ -408,7 +409,7 @@ def test_a_run_that_starts_nowhere_fails(engine, value):
 def test_images_that_no_int32_can_count_fail_the_run():
     """2^31 boxes, of what one disk could cross if it had all the energy; after half of these all is well."""
     scene = FEW["periodic"]
-    one, step = prepared(scene), timestep.prepared(scene, timestep.largest_step(scene) / 64)
+    one, step = prepare_scene(scene), timestep.prepared(scene, timestep.largest_step(scene) / 64)
     first = motion_of(draw(scene, 3), one.frame)
     mass = scene.mass[one.frame.order] / one.frame.mass
     fastest = math.sqrt(np.sum(mass * np.sum(first[:, 2:] ** 2, axis=1)) / mass.min())
@@ -452,8 +453,8 @@ def test_no_momentum_of_the_heaviest_masses():
     """Their sum is infinite, their mean velocity is not."""
     velocity = np.random.default_rng(1).standard_normal((2000, 2))
     unit, heavy = (
-        at_rest_on_the_whole(velocity, np.ones(2000)),
-        at_rest_on_the_whole(velocity, np.full(2000, 2.0**1020)),
+        without_total_momentum(velocity, np.ones(2000)),
+        without_total_momentum(velocity, np.full(2000, 2.0**1020)),
     )
     assert np.array_equal(unit, heavy)
 

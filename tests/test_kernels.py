@@ -177,10 +177,10 @@ def test_ctrl_c_while_llvm_calls_back_is_heeded_afterwards():
 
 INTERRUPTED = """
 from brownpipe.engines import kernels
-from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.exact import run as exact
 from brownpipe.scene import read_scene
 kernels.on_compile.append(lambda line: print(line, flush=True))
-exact.prepared(read_scene(SCENE))
+exact.prepare_scene(read_scene(SCENE))
 print("compiled")
 """
 
@@ -209,7 +209,7 @@ import sys
 from collections import Counter
 from numba.core import event
 from brownpipe.engines import kernels
-from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.exact import run as exact
 from brownpipe.scene import read_scene
 
 class Listener(event.Listener):
@@ -223,7 +223,7 @@ class Listener(event.Listener):
 times = Counter()
 kernels.on_compile.append(print)
 with event.install_listener("numba:compile", Listener()):
-    exact.prepared(read_scene(sys.argv[1]))
+    exact.prepare_scene(read_scene(sys.argv[1]))
 print(len(times), "kernels;", "more than once:", sorted(name for name in times if times[name] > 1))
 """
 

@@ -12,7 +12,7 @@ from brownpipe import observables, storage, theory
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.cli import DONE, main
 from brownpipe.engines import forecast
-from brownpipe.engines.batch import Run
+from brownpipe.engines.batch import RunResult
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.state import Track
 from brownpipe.errors import WRONG_REQUEST, RequestError
@@ -55,7 +55,7 @@ def made_up(scene, seed=1):
     velocity = rng.normal(size=shape) * np.sqrt(1.5 / scene.mass)[:, None]
     image = rng.integers(-3, 4, shape).astype(np.int32) if scene.box.periodic else None
     whole = Track(position, velocity, image)
-    return Run(Track(*(None if one is None else one[:, :1] for one in whole)), whole, None, {})
+    return RunResult(Track(*(None if one is None else one[:, :1] for one in whole)), whole, None, {})
 
 
 # -- against plain loops --------------------------------------------------------------------------------------------
@@ -261,7 +261,7 @@ def test_pairs_of_an_ideal_gas():
     scene = make(kinds=[{"name": "gas", "count": 400, "radius": 0.02, "mass": 1.0}], tracer=None, duration=4.0)
     rng = np.random.default_rng(5)
     position = scene.box.origin + rng.random((len(scene.times), 400, 2)) * [5.0, 4.0]
-    run = Run(None, Track(position, position, None), None, {})
+    run = RunResult(None, Track(position, position, None), None, {})
     counts = observe(scene, run, ("pair_distribution",))["pair_counts"][0]
     middles = observables.axes(scene, "pair_counts")["distance"]
     rings = 2 * np.pi * middles * (middles[1] - middles[0])

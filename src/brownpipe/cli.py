@@ -276,27 +276,27 @@ def _engine(arguments):
 
 
 def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
-    """What `exact.simulate` needs to keep checkpoints and to go on from the one that is there; nothing if unasked."""
+    """Return (Checkpoints,) for `exact.simulate`: written to a file, continued from it if it is there; () unasked."""
     if arguments.checkpoint_every is None:
         return ()
-    from brownpipe.engines.exact.checkpoint import Watch
+    from brownpipe.engines.exact.checkpoint import Checkpoints
     from brownpipe.provenance import made_with
     from brownpipe.storage import read_checkpoint, seed_text, write_checkpoint
 
-    asked = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
-    asked |= {"observables": arguments.observables or "none", "average": arguments.average}
-    made_by = asked | {"engine": arguments.engine, "scene": scene.digest} | made_with("simulate", "exact")
-    written = time.monotonic()
+    options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
+    options |= {"observables": arguments.observables or "none", "average": arguments.average}
+    made_by = options | {"engine": arguments.engine, "scene": scene.digest} | made_with("simulate", "exact")
+    last_written = time.monotonic()
 
-    def keep(arrays):
-        nonlocal written
+    def due() -> bool:
+        return time.monotonic() - last_written >= arguments.checkpoint_every
+
+    def store(arrays) -> None:
+        nonlocal last_written
         write_checkpoint(path, made_by, arrays)
-        written = time.monotonic()
+        last_written = time.monotonic()
 
-    def due():
-        return time.monotonic() - written >= arguments.checkpoint_every
-
-    return Watch(due, keep), read_checkpoint(path, made_by)
+    return (Checkpoints(due, store, read_checkpoint(path, made_by)),)
 
 
 def _measures(arguments, scene) -> dict:

@@ -1,99 +1,112 @@
-"""A batch of runs: an ensemble that any engine fills, run by run."""
+"""A batch of runs: the ensemble that an engine fills run by run, and what is kept and measured of each run."""
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe import observables
 from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.errors import RequestError, RunError
 from brownpipe.scene import Scene
 
 SMALLEST_SQUARE = float(np.finfo(float).smallest_normal)
-on_entry = []  # functions called with the number of runs done and of all runs, whenever a run has been entered
+on_entry = []  # functions of (finished runs, all runs), called whenever a run is added to a batch
 
 
-class Run(NamedTuple):
-    """What an engine hands back of one run."""
+class RunResult(NamedTuple):
+    """What an engine returns of one run."""
 
     tracer: Track  # M = 1
-    whole: Track | None  # M = N
-    events: Events | None
-    observables: dict[str, float | int]
+    whole: Track | None  # M = N, if recorded
+    events: Events | None  # if recorded
+    observables: dict[str, float | int]  # reported by the engine itself, like counts of collisions
 
 
-class Request(NamedTuple):
-    """What is to be kept of every run, and what is to be measured in it."""
+class Batch(NamedTuple):
+    """An ensemble, and what of every run is recorded and measured in it."""
 
     scene: Scene
+    ensemble: Ensemble
     record: frozenset[str]  # "tracer", "all", "events"
-    observables: tuple[str, ...]  # names out of observables.OBSERVABLES
-    average: str  # one of observables.AVERAGES
+    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order
 
     @property
-    def needed(self) -> frozenset[str]:
-        """What the engine has to record of a run: every disk, too, if something is measured that needs them."""
-        every = observables.needs_every_disk(self.scene, self.observables, self.average)
-        return self.record | {"all"} if every else self.record
+    def needed_record(self) -> frozenset[str]:
+        """What the engine must record of a run: `record`, and every disk if an observable needs it."""
+        every_disk = observables.needs_every_disk(self.scene, self.observables, self.ensemble.average)
+        return self.record | {"all"} if every_disk else self.record
 
 
-def request(scene: Scene, record, names=(), average: str = "runs") -> Request:
-    """Return a request. Raises RequestError for observables that the scene does not have."""
+def new_batch(scene: Scene, seeds, record, names=(), average: str = "runs") -> Batch:
+    """Return a batch with one column for each seed and no run yet; `names` are observables to be measured.
+
+    Raises RequestError for observables that the scene does not have.
+    """
     observables.refuse_unfit(scene, tuple(names), average)
     ordered = tuple(name for name in observables.OBSERVABLES if name in names)
-    return Request(scene, frozenset(record), ordered, average)
-
-
-def room_for(asked: Request, seeds) -> Ensemble:
-    """Return an ensemble to be filled."""
-    scene, seeds, tracer = asked.scene, np.asarray(seeds, dtype=np.int64), None
-    if scene.particles and "tracer" in asked.record:
+    seeds = np.asarray(seeds, dtype=np.int64)
+    tracer = None
+    if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
         image = np.empty(shape, np.int32) if scene.box.periodic else None
         tracer = Track(np.empty(shape), None, image)
-    return Ensemble(seeds, scene.times, tracer, {}, {}, {}, asked.average)
+    ensemble = Ensemble(seeds, scene.times, tracer, {}, {}, {}, average)
+    return Batch(scene, ensemble, frozenset(record), ordered)
 
 
-def enter(batch: Ensemble, column: int, one: Run, asked: Request) -> None:
-    """Measure a run that is finished, and keep of it what was asked for."""
-    seed, track = int(batch.seeds[column]), batch.tracer
-    if track is not None:
-        track.position[:, column] = one.tracer.position[:, 0]
-        if track.image is not None:
-            track.image[:, column] = one.tracer.image[:, 0]
-    for name, value in _measured(one, asked).items():
+def add_run(batch: Batch, column: int, result: RunResult) -> None:
+    """Measure a finished run, and copy what is recorded of it into its column of the ensemble."""
+    ensemble = batch.ensemble
+    seed, tracer = int(ensemble.seeds[column]), ensemble.tracer
+    if tracer is not None:
+        tracer.position[:, column] = result.tracer.position[:, 0]
+        if tracer.image is not None:
+            tracer.image[:, column] = result.tracer.image[:, 0]
+    for name, value in _measured(batch, result).items():
         value = np.asarray(value)
-        if name not in batch.observables:
-            batch.observables[name] = np.empty((len(batch.seeds), *value.shape), value.dtype)
-        batch.observables[name][column] = value
-    if one.whole is not None and "all" in asked.record:
-        batch.whole[seed] = one.whole
-    if one.events is not None:
-        batch.events[seed] = one.events
-    for tell in on_entry:
-        tell(column + 1, len(batch.seeds))
+        if name not in ensemble.observables:
+            ensemble.observables[name] = np.empty((len(ensemble.seeds), *value.shape), value.dtype)
+        ensemble.observables[name][column] = value
+    if result.whole is not None and "all" in batch.record:
+        ensemble.whole[seed] = result.whole
+    if result.events is not None:
+        ensemble.events[seed] = result.events
+    for listener in on_entry:
+        listener(column + 1, len(ensemble.seeds))
 
 
-def _measured(one: Run, asked: Request) -> dict[str, np.ndarray | float | int]:
-    """Return what the engine reports of a run, and what follows from its tracks."""
-    found = dict(one.observables)
-    if asked.scene.particles and one.tracer.velocity is not None:
-        x, y = one.tracer.velocity[0, 0].tolist()  # Python's numbers: beyond 1e154 the square is inf, without a warning
+@contextmanager
+def errors_name_run(scene: Scene, seed: int) -> Iterator[None]:
+    """Put the scene's name, N and the seed before the message of a RunError or RequestError."""
+    try:
+        yield
+    except (RunError, RequestError) as error:
+        raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
+
+
+def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float | int]:
+    """Return what the engine reports of a run, and what is measured from its trajectories."""
+    values = dict(result.observables)
+    if batch.scene.particles and result.tracer.velocity is not None:
+        x, y = result.tracer.velocity[0, 0].tolist()  # as Python's floats, whose squares overflow without a warning
         square = x * x + y * y
-        found["initial_square_speed"] = square if square >= SMALLEST_SQUARE or x == y == 0.0 else math.nan
-    found |= observables.observe(asked.scene, one, asked.observables, asked.average)
-    if not _is_finite(one):
-        found["failed"] = np.uint8(1)
-    return {name: _without_infinity(value) for name, value in found.items()}
+        values["initial_square_speed"] = square if square >= SMALLEST_SQUARE or x == y == 0.0 else math.nan
+    values |= observables.observe(batch.scene, result, batch.observables, batch.ensemble.average)
+    if not _is_finite(result):
+        values["failed"] = np.uint8(1)
+    return {name: _without_infinity(value) for name, value in values.items()}
 
 
 def _without_infinity(value):
-    """Return an observable with NaN where it is beyond the floating-point numbers in the scene's units."""
+    """Return an observable with NaN where it overflows in the scene's units."""
     return np.where(np.isinf(value), np.nan, value)[()] if np.isinf(value).any() else value
 
 
-def _is_finite(one: Run) -> bool:
-    """Whether all positions and velocities of a run are numbers."""
-    tracks = [track for track in (one.tracer, one.whole) if track is not None]
-    arrays = [each for track in tracks for each in (track.position, track.velocity) if each is not None]
-    return all(bool(np.isfinite(each).all()) for each in arrays)
+def _is_finite(result: RunResult) -> bool:
+    """Whether all recorded positions and velocities of a run are finite numbers."""
+    tracks = [track for track in (result.tracer, result.whole) if track is not None]
+    arrays = [array for track in tracks for array in (track.position, track.velocity) if array is not None]
+    return all(bool(np.isfinite(array).all()) for array in arrays)

@@ -38,7 +38,7 @@ def draw_tracer(scene: Scene, mass: np.ndarray, seed: int, stream: np.random.Gen
     still = scene.velocities.zero_momentum
     velocity = _velocities(scene, mass if still else mass[:1], _stream(ROOT_SEED, scene, seed))
     if still and scene.equilibrate > 0:
-        velocity = at_rest_on_the_whole(velocity, mass)
+        velocity = without_total_momentum(velocity, mass)
     first = next(one for one in scene.species if one.count)
     if first.position is not None:
         return first.position, velocity[0]
@@ -65,11 +65,11 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
     else:
         velocity = np.sqrt(given.temperature / mass)[:, None] * normal
     if given.zero_momentum and len(mass) and scene.equilibrate == 0:
-        return at_rest_on_the_whole(velocity, mass)
+        return without_total_momentum(velocity, mass)
     return velocity
 
 
-def at_rest_on_the_whole(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def without_total_momentum(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Return velocities (N, 2) with zero total momentum, relative to the centre of mass."""
     share = np.ldexp(mass, -math.frexp(mass.max(initial=0.0))[1])  # exact; of 1e300 each the sum of masses is infinite
     return velocity - [math.fsum(share * component) / math.fsum(share) for component in velocity.T]

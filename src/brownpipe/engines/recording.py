@@ -1,6 +1,10 @@
-"""What the engines of all disks hand back of a run, in the scene's units and order."""
+"""What the engines of all disks return of a run: trajectories, conservation of energy and momentum, the report.
+
+Engines compute in units and in an order of the disks of their own (`units.Frame`); results are in the scene's.
+"""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,54 +16,109 @@ MOST_IMAGES = 2.0**31  # periodic images that an int32 can count
 SMALLEST = np.finfo(float).smallest_normal
 
 
-def tracer_track(scene: Scene, frame: Frame, r) -> Track:
-    """Return where the tracer was, M = 1."""
-    return _track(scene, frame, r.position, r.velocity, r.image)
+class Conservation(NamedTuple):
+    """Energy and momentum at the end of a run against its beginning, in the engine's units."""
+
+    twice_energy: float  # sum m v^2 at the beginning
+    energy_drift: float  # relative change of the energy
+    momentum_residual: float  # largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J given by the walls
+    fastest: float  # speed of the lightest disk if it had all the energy
 
 
-def whole_track(scene: Scene, frame: Frame, r) -> Track | None:
-    """Return where all disks were, M = N, if that was recorded."""
-    if len(frame.back) == 0 or r.whole_position.shape[1] == 0:
+def tracer_track(scene: Scene, frame: Frame, recorder) -> Track:
+    """Return the trajectory of the tracer, M = 1."""
+    return _track(scene, frame, recorder.position, recorder.velocity, recorder.image)
+
+
+def whole_track(scene: Scene, frame: Frame, recorder) -> Track | None:
+    """Return the trajectories of all disks, M = N, in the scene's order; None if they were not recorded."""
+    if len(frame.back) == 0 or recorder.whole_position.shape[1] == 0:
         return None
-    order = frame.back
-    return _track(scene, frame, r.whole_position[:, order], r.whole_velocity[:, order], r.whole_image[:, order])
+    samples = (recorder.whole_position, recorder.whole_velocity, recorder.whole_image)
+    return _track(scene, frame, *(values[:, frame.back] for values in samples))
 
 
-def _track(scene: Scene, frame: Frame, position, velocity, image) -> Track:
+def _track(scene: Scene, frame: Frame, position: np.ndarray, velocity: np.ndarray, image: np.ndarray) -> Track:
     position = position * frame.length + frame.origin
     return Track(position, velocity * (frame.length / frame.time), image if scene.box.periodic else None)
 
 
-def represented(value, *units):
-    """Return value * product(units), NaN where that is beyond the floating-point numbers (0 stays 0).
+def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, wall_impulses: np.ndarray) -> Conservation:
+    """Compare velocities (N, 2) at the beginning and at the end of a run of disks of the given masses (N,).
 
-    Factors and products on the way may be beyond them. Rounded as the product itself.
+    `wall_impulses` (4,) are the total impulses >= 0 given by the walls left, right, bottom and top.
+    """
+    before, after = (float(np.sum(mass * np.sum(v * v, axis=1))) for v in (first, last))
+    left, right, bottom, top = wall_impulses
+    missing = np.sum(mass[:, None] * (last - first), axis=0) - (left - right, bottom - top)
+    scale = float(np.sum(mass * np.sqrt(np.sum(first * first, axis=1)))) + left + right + bottom + top
+    return Conservation(
+        twice_energy=before,
+        energy_drift=(after - before) / before if before > 0 else 0.0,
+        momentum_residual=float(np.abs(missing).max() / scale) if scale > 0 else 0.0,
+        fastest=math.sqrt(before / mass.min()) if before > 0 else 0.0,
+    )
+
+
+def report(
+    scene: Scene,
+    frame: Frame,
+    conserved: Conservation,
+    collisions: np.ndarray,
+    impulses: np.ndarray,
+    worst_overlap: float,
+    sound: bool,
+    further: dict[str, int] | None = None,
+) -> dict[str, float | int]:
+    """Return the observables that every engine of all disks reports of a run, in the scene's units.
+
+    `kinetic_energy` is the total energy at t = 0. `collisions` (3,) are the numbers of collisions of pairs, with walls,
+    and of the tracer; `impulses` (5,) the virial and the total impulses given by the four walls, in the engine's units;
+    `worst_overlap` is in contact distances. Files list the observables in the order of the report.
+    """
+    speed = frame.length / frame.time
+    pairs, walls, tracer = collisions.tolist()
+    values = {
+        "pair_collisions": pairs,
+        "wall_collisions": walls,
+        "tracer_collisions": tracer,
+        "energy_drift": conserved.energy_drift,
+        "worst_overlap": worst_overlap,
+        "momentum_residual": conserved.momentum_residual,
+        "failed": np.uint8(not sound),
+        "kinetic_energy": float(represented(0.5 * conserved.twice_energy, frame.mass, speed, speed)),
+        "virial": float(represented(float(impulses[0]), frame.mass, speed, frame.length)),
+        **(further or {}),
+    }
+    if not scene.box.periodic:
+        values["wall_impulse"] = float(represented(float(impulses[1:].sum()), frame.mass, speed))
+    return values
+
+
+def represented(value, *units: float):
+    """Return value * product(units), rounded once; NaN where the result overflows or underflows (0 stays 0).
+
+    Intermediate products may be beyond the range of floating-point numbers.
     """
     mantissa, exponent = np.frexp(value)
     for unit in units:
         part, power = math.frexp(unit)
         mantissa, exponent = mantissa * part, exponent + power
     with np.errstate(over="ignore", under="ignore"):
-        found = np.ldexp(mantissa, exponent)
-    lost = ~np.isfinite(found) | ((np.abs(found) < SMALLEST) & (np.asarray(value) != 0.0))
-    return np.where(lost, np.nan, found)[()]
-
-
-def energies(frame: Frame, before: float, virial: float) -> dict[str, float]:
-    """Return kinetic energy and virial in the scene's units; `before` is sum m v^2, both in the engine's."""
-    speed = frame.length / frame.time
-    return {
-        "kinetic_energy": float(represented(0.5 * before, frame.mass, speed, speed)),
-        "virial": float(represented(virial, frame.mass, speed, frame.length)),
-    }
+        product = np.ldexp(mantissa, exponent)
+    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST) & (np.asarray(value) != 0.0))
+    return np.where(lost, np.nan, product)[()]
 
 
 def images_fit(scene: Scene, frame: Frame, crossings: int, path: float) -> bool:
-    """Whether int32 can count the images that a disk may have crossed, in so many crossings and on so long a path."""
+    """Whether an int32 can count the periodic images that a disk crosses in at most so many crossings and on a path.
+
+    `path` is the longest path of a disk, in the engine's units.
+    """
     side = min(scene.box.width, scene.box.height) / frame.length
     return not scene.box.periodic or bool(crossings < MOST_IMAGES or path < MOST_IMAGES * side)
 
 
 def all_finite(*arrays) -> bool:
     """Whether no number is inf or NaN."""
-    return all(bool(np.all(np.isfinite(each))) for each in arrays)
+    return all(bool(np.all(np.isfinite(array))) for array in arrays)

@@ -1,121 +1,103 @@
-"""How far a batch of runs is: the runs that are finished and one at the end of a block, as arrays that can be kept.
+"""Checkpoints of a batch of runs: the finished runs, and the unfinished one at the end of a block, as named arrays."""
 
-At the end of a block all disks are at the same time, and the next block begins from their positions and velocities
-alone (`events.begin_block`): cells, calendar and links are made anew. A run that goes on from what is kept here
-therefore takes the same course, to the last bit, as one that was never interrupted.
-"""
-
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.recording import joined
+from brownpipe.engines.exact.run import SAMPLES, RunState, never
 from brownpipe.engines.state import Ensemble, Events, Track
 
-SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", "whole_image")  # of a Recorder
+
+class Checkpoints(NamedTuple):
+    """When to store a batch, how, and what to continue from."""
+
+    due: Callable[[], bool]  # whether to store at the next end of a block
+    store: Callable[[dict[str, np.ndarray]], None]  # takes the arrays of `pack`
+    stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
 
 
-class Midway(NamedTuple):
-    """One run at the end of a block, in the engine's units and order."""
-
-    equilibrating: bool  # on its way to t = 0
-    slots: int  # of a cell: in more room than usual a run keeps no neighbour lists, and rounds otherwise
-    first: np.ndarray  # (N, 4) positions and velocities that it began with
-    motion: np.ndarray  # (N, 4) those it has now
-    image: np.ndarray | None  # (2 N,) int32, periodic boxes
-    clock: np.ndarray
-    count: np.ndarray
-    tally: np.ndarray
-    samples: dict[str, np.ndarray]  # the rows of a Recorder that are taken
-    events: Events | None  # so far, if logged; in the scene's units and order
+NO_CHECKPOINTS = Checkpoints(never, lambda _: None)
 
 
-class Watch(NamedTuple):
-    """When to stop at the end of a block, and what to do with what is then known."""
+def complete(
+    ensemble: Ensemble,
+    make_run: Callable[[int, RunState | None, Callable[[], bool]], Iterable[RunState]],
+    checkpoints: Checkpoints,
+) -> None:
+    """Make all runs of an ensemble, after those in the stored checkpoint, and store checkpoints when they are due.
 
-    due: Callable[[], bool]
-    keep: Callable[[object], None]  # takes what is to be kept: a Midway of a run, the arrays of `pack` of a batch
-
-
-NEVER = Watch(lambda: False, lambda _: None)
-
-
-def midway_of(w: ws.Workspace, r: ws.Recorder, first: np.ndarray, logs: list[Events]) -> Midway:
-    """Return a run at the end of a block. The arrays are not copied: use them before the run goes on."""
-    samples = {name: getattr(r, name)[: w.clock[ws.SAMPLE]] for name in SAMPLES}
-    motion = w.disk.reshape(-1, ws.ROW)[:, ws.MOTION]
-    return Midway(False, w.grid.slots, first, motion, w.image, w.clock, w.count, w.tally, samples, joined(logs))
-
-
-def restore(kept: Midway, w: ws.Workspace, r: ws.Recorder) -> list[Events]:
-    """Set a workspace and a recorder to the end of a block, and return the log so far.
-
-    What the next block makes anew is left as it is.
+    `make_run(column, stored, due)` fills one column of the ensemble. It continues from the stored state of this run, if
+    there is one, and yields the run's state at the end of a block when a checkpoint is due.
     """
-    disk = w.disk.reshape(-1, ws.ROW)
-    disk[:, ws.MOTION], disk[:, ws.TIME] = kept.motion, 0.0
-    w.clock[:], w.count[:], w.tally[:] = kept.clock, kept.count, kept.tally
-    if w.image is not None:
-        w.image[:] = kept.image
-    for name, rows in kept.samples.items():
-        getattr(r, name)[: len(rows)] = rows
-    return [] if kept.events is None else [kept.events]
+    finished, stored = (0, None) if checkpoints.stored is None else unpack(checkpoints.stored, ensemble)
+    runs = len(ensemble.seeds)
+    for column in range(finished, runs):
+        for state in make_run(column, stored, checkpoints.due):
+            checkpoints.store(pack(ensemble, column, state))
+        stored = None
+        if column + 1 < runs and checkpoints.due():
+            checkpoints.store(pack(ensemble, column + 1, None))
 
 
-def pack(batch: Ensemble, done: int, kept: Midway | None) -> dict[str, np.ndarray]:
-    """Return named arrays with the first `done` runs of a batch, and one run in mid-flight. They are not copied."""
-    arrays = {"done": np.array(done)}
-    if batch.tracer is not None:
-        arrays |= _named("tracer", Track(*(_columns(value, done) for value in batch.tracer)))
-    if done:
-        kinds = [(name, value.dtype, value.shape[1:]) for name, value in batch.observables.items()]
-        arrays["observables"] = np.empty(done, kinds)  # one table, as the order of its columns counts, too
-        for name, value in batch.observables.items():
-            arrays["observables"][name] = value[:done]
-    for group, runs in (("whole", batch.whole), ("events", batch.events)):
-        for seed, one in runs.items():
-            arrays |= _named(f"{group}.{seed}", one)
-    if kept is not None:
-        arrays |= _named("run", kept._replace(samples=None, events=None))
-        arrays |= {f"run.samples.{name}": value for name, value in kept.samples.items()}
-        arrays |= {} if kept.events is None else _named("run.events", kept.events)
+def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str, np.ndarray]:
+    """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies."""
+    arrays = {"done": np.array(finished)}
+    if ensemble.tracer is not None:
+        arrays |= _named("tracer", Track(*(_first_columns(values, finished) for values in ensemble.tracer)))
+    if finished:
+        fields = [(name, values.dtype, values.shape[1:]) for name, values in ensemble.observables.items()]
+        arrays["observables"] = np.empty(finished, fields)  # one table, which keeps the order of the observables
+        for name, values in ensemble.observables.items():
+            arrays["observables"][name] = values[:finished]
+    for group, records in (("whole", ensemble.whole), ("events", ensemble.events)):
+        for seed, record in records.items():
+            arrays |= _named(f"{group}.{seed}", record)
+    if state is not None:
+        arrays |= _named("run", state._replace(samples=None, events=None))
+        arrays |= {f"run.samples.{name}": rows for name, rows in state.samples.items()}
+        arrays |= {} if state.events is None else _named("run.events", state.events)
     return arrays
 
 
-def unpack(arrays: dict[str, np.ndarray], batch: Ensemble) -> tuple[int, Midway | None]:
-    """Enter the runs that are finished into a batch; return how many there are, and the one in mid-flight."""
-    done = int(arrays["done"])
-    for whole, part in zip(batch.tracer or (), _record(Track, arrays, "tracer"), strict=batch.tracer is not None):
-        if whole is not None:
-            whole[:, :done] = part
-    for name in arrays["observables"].dtype.names if done else ():
+def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunState | None]:
+    """Copy the finished runs into an ensemble; return their number, and the state of the unfinished run, if any."""
+    finished = int(arrays["done"])
+    if ensemble.tracer is not None:
+        for values, stored in zip(ensemble.tracer, _record(Track, arrays, "tracer"), strict=True):
+            if values is not None:
+                values[:, :finished] = stored
+    for name in arrays["observables"].dtype.names if finished else ():
         column = arrays["observables"][name]
-        batch.observables[name] = np.empty((len(batch.seeds), *column.shape[1:]), column.dtype)
-        batch.observables[name][:done] = column
-    for seed in batch.seeds[:done].tolist():
+        ensemble.observables[name] = np.empty((len(ensemble.seeds), *column.shape[1:]), column.dtype)
+        ensemble.observables[name][:finished] = column
+    for seed in ensemble.seeds[:finished].tolist():
         if f"whole.{seed}.position" in arrays:
-            batch.whole[seed] = _record(Track, arrays, f"whole.{seed}")
+            ensemble.whole[seed] = _record(Track, arrays, f"whole.{seed}")
         if f"events.{seed}.time" in arrays:
-            batch.events[seed] = _record(Events, arrays, f"events.{seed}")
-    return done, _midway(arrays) if "run.clock" in arrays else None
+            ensemble.events[seed] = _record(Events, arrays, f"events.{seed}")
+    return finished, _run_state(arrays) if "run.clock" in arrays else None
 
 
-def _midway(arrays) -> Midway:
-    kept = _record(Midway, arrays, "run")
-    samples = {name: arrays[f"run.samples.{name}"] for name in SAMPLES}
-    events = _record(Events, arrays, "run.events") if "run.events.time" in arrays else None
-    return kept._replace(equilibrating=bool(kept.equilibrating), slots=int(kept.slots), samples=samples, events=events)
+def _run_state(arrays: dict[str, np.ndarray]) -> RunState:
+    state = _record(RunState, arrays, "run")
+    return state._replace(
+        equilibrating=bool(state.equilibrating),
+        slots=int(state.slots),
+        samples={name: arrays[f"run.samples.{name}"] for name in SAMPLES},
+        events=_record(Events, arrays, "run.events") if "run.events.time" in arrays else None,
+    )
 
 
-def _columns(value: np.ndarray | None, done: int) -> np.ndarray | None:
-    return None if value is None else value[:, :done]
+def _first_columns(values: np.ndarray | None, columns: int) -> np.ndarray | None:
+    return None if values is None else values[:, :columns]
 
 
-def _named(group: str, record) -> dict[str, np.ndarray]:
+def _named(group: str, record: NamedTuple) -> dict[str, np.ndarray]:
+    """Return the fields of a record that are not None as arrays, by names that begin with `group`."""
     return {f"{group}.{name}": np.asarray(value) for name, value in record._asdict().items() if value is not None}
 
 
-def _record(kind, arrays, group):
+def _record(kind: type, arrays: dict[str, np.ndarray], group: str):
+    """Return the record that `_named` took apart."""
     return kind(*(arrays.get(f"{group}.{name}") for name in kind._fields))

@@ -16,7 +16,7 @@ law; nothing else does.
 
 import numpy as np
 
-from brownpipe.engines.batch import Run, enter, request, room_for
+from brownpipe.engines.batch import RunResult, add_run, new_batch
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
@@ -48,15 +48,15 @@ def simulate(
     if not gamma * float(steps.max()) < np.inf:
         raise RequestError(f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308")
     weights = step_weights(steps, gamma, bath_of(scene).temperature / followed(scene).mass)
-    asked = request(scene, record, *of_tracer(observables, average))
-    mass, batch = scene.mass, room_for(asked, seeds)
+    batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
+    mass = scene.mass
     with one_compiler():
         follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4)))
-    for column, seed in enumerate(batch.seeds.tolist()):
+    for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         path = _path(scene, mass, seed, weights)
         found = {"friction_rate": gamma, "failed": np.uint8(not is_known(scene, path))}
-        enter(batch, column, Run(folded(scene, path), None, None, found), asked)
-    return batch
+        add_run(batch, column, RunResult(folded(scene, path), None, None, found))
+    return batch.ensemble
 
 
 def rate_of(scene: Scene, friction: str) -> float:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from brownpipe.engines.recording import all_finite, energies, images_fit, represented
+from brownpipe.engines.recording import all_finite, conservation, images_fit, report
 from brownpipe.engines.state import HEALTH_BOUND
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.workspace import Recorder, Workspace
@@ -35,34 +35,20 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
     )
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what is no number fails the run
+@np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
 def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> dict[str, float | int]:
-    """Return what is reported of a run that began with velocities `first` (N, 2), in the engine's units and order."""
+    """Return the report of a run that began with velocities `first` (N, 2), in the engine's units and order."""
     last = np.empty((len(w.disk), 2))
     last[w.disk, 0], last[w.disk, 1] = w.vx, w.vy
-    before, after = (float(np.sum(w.mass * np.sum(v * v, axis=1))) for v in (first, last))
-    drift = (after - before) / before if before > 0 else 0.0
-    sound = abs(drift) <= ENERGY_BOUND[w.x.dtype.type] and _inside(w)
-    residual = _momentum_residual(w, first, last)
-    sound &= all_finite(before, last, residual, w.tally[ws.VIRIAL :])
-    fastest = math.sqrt(before / w.mass.min()) if before > 0 else 0.0  # if one disk had all the energy
-    sound &= images_fit(scene, frame, int(w.clock[ws.STEP]), fastest * w.clock[ws.STEP] * w.step)
-    found = {
-        "pair_collisions": int(w.count[ws.PAIRS]),
-        "wall_collisions": int(w.count[ws.WALLS]),
-        "tracer_collisions": int(w.count[ws.TRACER_PAIRS]),
-        "energy_drift": drift,
-        "worst_overlap": 1.0 - math.sqrt(w.tally[ws.NEAREST]),
-        "momentum_residual": residual,
-        "failed": np.uint8(not sound),
-        **energies(frame, before, float(w.tally[ws.VIRIAL])),
-    }
-    if w.late:
-        found["missed_collisions"] = int(w.count[ws.MISSED])
-    if not scene.box.periodic:
-        given = float(w.tally[ws.WALL_IMPULSE :].sum())
-        found["wall_impulse"] = float(represented(given, frame.mass, frame.length / frame.time))
-    return found
+    conserved = conservation(w.mass, first, last, w.tally[ws.WALL_IMPULSE :])
+    sound = abs(conserved.energy_drift) <= ENERGY_BOUND[w.x.dtype.type] and _inside(w)
+    sound &= all_finite(conserved.twice_energy, last, conserved.momentum_residual, w.tally[ws.VIRIAL :])
+    steps = w.clock[ws.STEP]
+    sound &= images_fit(scene, frame, int(steps), conserved.fastest * steps * w.step)
+    collisions = w.count[[ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
+    overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
+    missed = {"missed_collisions": int(w.count[ws.MISSED])} if w.late else {}
+    return report(scene, frame, conserved, collisions, w.tally[ws.VIRIAL :], overlap, sound, missed)
 
 
 def _inside(w: Workspace) -> bool:
@@ -74,11 +60,3 @@ def _inside(w: Workspace) -> bool:
     high = np.array([[w.box.x + w.box.width], [w.box.y + w.box.height]]) - w.radius
     beyond = REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
     return bool(np.all((place >= low - beyond) & (place <= high + beyond)))
-
-
-def _momentum_residual(w: Workspace, first, last) -> float:
-    """Return by how much momentum is not what the walls gave, relative to all momentum there was and was given."""
-    left, right, bottom, top = w.tally[ws.WALL_IMPULSE :]
-    missing = np.sum(w.mass[:, None] * (last - first), axis=0) - (left - right, bottom - top)
-    scale = float(np.sum(w.mass * np.sqrt(np.sum(first * first, axis=1)))) + left + right + bottom + top
-    return float(np.abs(missing).max() / scale) if scale > 0 else 0.0

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.batch import Run, enter, request, room_for
-from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.batch import RunResult, add_run, errors_name_run, new_batch
+from brownpipe.engines.exact.equilibration import states
 from brownpipe.engines.kernels import one_compiler
 from brownpipe.engines.recording import tracer_track, whole_track
 from brownpipe.engines.state import Ensemble, State
@@ -21,7 +21,7 @@ from brownpipe.engines.timestep.recording import observables, recorder
 from brownpipe.engines.timestep.settings import largest_step, refuse_bad_step, smallest_step
 from brownpipe.engines.timestep.steps import advance
 from brownpipe.engines.units import Frame, frame_of, motion_of
-from brownpipe.errors import RequestError, RunError
+from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
 __all__ = ["Engine", "largest_step", "prepared", "run", "simulate", "smallest_step"]
@@ -62,15 +62,13 @@ def simulate(
     """
     if "events" in record:
         raise RequestError("record: must be tracer, all or none, as collisions happen between time steps; found events")
-    asked = request(scene, record, observables, average)
-    batch, begun = room_for(asked, seeds), exact.states(scene)
+    batch = new_batch(scene, seeds, record, observables, average)
+    initial_state = states(scene)
     engine = prepared(scene, time_step, precision, collisions)
-    for column, seed in enumerate(batch.seeds.tolist()):
-        try:
-            enter(batch, column, run(engine, begun(seed), scene.times, asked.needed), asked)
-        except (RunError, RequestError) as error:
-            raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
-    return batch
+    for column, seed in enumerate(batch.ensemble.seeds.tolist()):
+        with errors_name_run(scene, seed):
+            add_run(batch, column, run(engine, initial_state(seed), scene.times, batch.needed_record))
+    return batch.ensemble
 
 
 def prepared(scene: Scene, time_step: float, precision: str = "double", collisions: str = "at_contact") -> Engine:
@@ -83,7 +81,7 @@ def prepared(scene: Scene, time_step: float, precision: str = "double", collisio
     return Engine(scene, frame, time_step, precision, collisions, w)
 
 
-def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> Run:
+def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> RunResult:
     """Run from a state and sample at the given times."""
     scene, frame, time_step, w = engine.scene, engine.frame, engine.time_step, engine.workspace
     room = recorder(scene, frame, time_step, times, record)
@@ -94,7 +92,7 @@ def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> 
         if outcome == ws.NO_ROOM:
             w = _with_more_room(engine, w)
     found = observables(scene, frame, w, first)
-    return Run(tracer_track(scene, frame, room), whole_track(scene, frame, room), None, found)
+    return RunResult(tracer_track(scene, frame, room), whole_track(scene, frame, room), None, found)
 
 
 def _with_more_room(engine: Engine, w: ws.Workspace) -> ws.Workspace:

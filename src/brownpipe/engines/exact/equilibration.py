@@ -1,0 +1,58 @@
+"""The state of all disks at t = 0: drawn from the seed, then equilibrated by the exact engine if the scene says so.
+
+Every engine that moves all disks starts from these states.
+"""
+
+from collections.abc import Callable, Generator
+
+import numpy as np
+
+from brownpipe.engines.exact.run import PreparedScene, RunState, beginning, evolve, never, prepare_scene, uninterrupted
+from brownpipe.engines.initial_state import draw, without_total_momentum
+from brownpipe.engines.state import State
+from brownpipe.errors import RunError
+from brownpipe.scene import Scene
+
+
+def states(scene: Scene) -> Callable[[int], State]:
+    """Return the function from a seed to the state at t = 0, with its kernels compiled.
+
+    It raises RunError if the equilibration fails, RequestError if the disks cannot be placed.
+    """
+    equilibrator = prepare_equilibration(scene)
+    if equilibrator is None:
+        return lambda seed: draw(scene, seed)
+    return lambda seed: uninterrupted(equilibrate(equilibrator, draw(scene, seed)))
+
+
+def prepare_equilibration(scene: Scene) -> PreparedScene | None:
+    """Return what equilibrates the states of a scene; None if it has no time to equilibrate."""
+    return prepare_scene(scene, scene.tracer_while_equilibrating == "pinned") if scene.equilibrate > 0 else None
+
+
+def equilibrate(
+    prepared: PreparedScene, state: State, due: Callable[[], bool] = never, stored: RunState | None = None
+) -> Generator[RunState, None, State]:
+    """Run a drawn state for the scene's time to equilibrate, or continue a stored run; return the state at t = 0.
+
+    A pinned tracer keeps its place and regains its velocity at t = 0. Yield states of the run as `run.evolve` does.
+    Raises RunError if the run fails its health check.
+    """
+    scene = prepared.scene
+    start = beginning(prepared, _with_tracer_at_rest(state) if prepared.pinned else state)
+    start = start._replace(equilibrating=True) if stored is None else stored
+    result = yield from evolve(prepared, start, np.array([scene.equilibrate]), {"all"}, due)
+    if result.observables["failed"]:
+        raise RunError("the time to equilibrate failed its health check")
+    position, velocity = result.whole.position[-1], result.whole.velocity[-1]
+    if prepared.pinned:
+        position[0] = state.position[0]
+        velocity[0] = state.velocity[0]
+    if scene.velocities.zero_momentum:
+        velocity = without_total_momentum(velocity, state.mass)
+    return state._replace(position=position, velocity=velocity)
+
+
+def _with_tracer_at_rest(state: State) -> State:
+    moving = np.arange(len(state.mass)) > 0
+    return state._replace(velocity=state.velocity * moving[:, None])

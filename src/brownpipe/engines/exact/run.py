@@ -1,0 +1,189 @@
+"""One run of the exact engine as resumable data: where it stands at the end of a block of time.
+
+At the end of a block all disks are at the same time, and the next block starts from their positions and velocities
+alone (`events.begin_block`): cell list, event queue and neighbour lists are built anew. A run that continues from a
+RunState is therefore bit-identical to one that was never interrupted.
+"""
+
+from collections.abc import Callable, Generator
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from brownpipe.engines.batch import RunResult
+from brownpipe.engines.exact import workspace as ws
+from brownpipe.engines.exact.events import advance
+from brownpipe.engines.exact.layout import begin, prepare
+from brownpipe.engines.exact.recording import joined, logged, new_recorder, observables
+from brownpipe.engines.insertion import warm_up
+from brownpipe.engines.kernels import one_compiler
+from brownpipe.engines.recording import tracer_track, whole_track
+from brownpipe.engines.state import Events, State
+from brownpipe.engines.units import Frame, frame_of, motion_of
+from brownpipe.errors import RunError
+from brownpipe.scene import Scene
+
+EVENTS_PER_CALL = 2_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
+SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
+SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", "whole_image")  # of a Recorder
+Outcome = TypeVar("Outcome")
+
+
+class PreparedScene(NamedTuple):
+    """A scene, the engine's units for it, and a workspace that its runs use one after the other."""
+
+    scene: Scene
+    frame: Frame
+    workspace: ws.Workspace
+    pinned: bool  # whether the tracer has infinite mass
+
+
+class RunState(NamedTuple):
+    """A run at its beginning or at the end of a block, in the engine's units and order.
+
+    The fields have the same names in checkpoint files (`checkpoint.pack`).
+    """
+
+    equilibrating: bool  # before t = 0
+    slots: int  # capacity of a cell; above the default one a run has no neighbour lists, which changes its rounding
+    first: np.ndarray  # (N, 4) float64, positions and velocities at the beginning
+    motion: np.ndarray  # (N, 4) float64, positions and velocities now
+    image: np.ndarray | None = None  # (2 N,) int32, periodic boxes only
+    clock: np.ndarray | None = None  # int64, as in the workspace, like the next two; None at the beginning
+    count: np.ndarray | None = None  # int64
+    tally: np.ndarray | None = None  # float64
+    samples: dict[str, np.ndarray] | None = None  # the rows of a Recorder that are filled, by the names in SAMPLES
+    events: Events | None = None  # the log so far, in the scene's units and order
+
+
+def never() -> bool:
+    """Return False: no checkpoint is ever due."""
+    return False
+
+
+def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
+    """Return a scene with its workspace and with its kernels compiled; a `pinned` tracer has infinite mass."""
+    frame = frame_of(scene)
+    w = prepare(scene, frame, pinned)
+    with one_compiler(w):
+        advance(w, new_recorder(frame, w, scene.times[:0], ()), 0)
+        warm_up()
+    return PreparedScene(scene, frame, w, pinned)
+
+
+def beginning(prepared: PreparedScene, state: State) -> RunState:
+    """Return a run that begins from the given state of all disks."""
+    motion = motion_of(state, prepared.frame)
+    return RunState(equilibrating=False, slots=prepared.workspace.grid.slots, first=motion, motion=motion)
+
+
+def run(prepared: PreparedScene, state: State, times: np.ndarray, record=frozenset()) -> RunResult:
+    """Run from a state without checkpoints, and sample at the given times (T,) [time].
+
+    Raises RunError if the run makes no progress.
+    """
+    return uninterrupted(evolve(prepared, beginning(prepared, state), times, record))
+
+
+def evolve(
+    prepared: PreparedScene,
+    start: RunState,
+    times: np.ndarray,
+    record=frozenset(),
+    due: Callable[[], bool] = never,
+) -> Generator[RunState, None, RunResult]:
+    """Continue a run, sample it at the given times (T,) [time] and return its result.
+
+    Whenever a checkpoint is due, yield the run's state at the end of the block. Its arrays are views of the
+    workspace: use them before the run goes on. A run in which a cell or a neighbour list overflows restarts with twice
+    the capacity. The next run has the default capacity again, as it must not depend on the runs before it.
+    Raises RunError if the run makes no progress.
+    """
+    scene, frame, w, pinned = prepared
+    while True:
+        if start.slots != w.grid.slots:
+            w = prepare(scene, frame, pinned, start.slots)
+        recorder = new_recorder(frame, w, times, record)
+        logs = _restore(start, w, recorder)
+        if (yield from _to_last_sample(frame, w, recorder, start, logs, due)):
+            break
+        start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
+    report = observables(scene, frame, w, start.first[:, 2:])
+    return RunResult(tracer_track(scene, frame, recorder), whole_track(scene, frame, recorder), joined(logs), report)
+
+
+def uninterrupted(stages: Generator[RunState, None, Outcome]) -> Outcome:
+    """Return what a generator of states returns at its end."""
+    while True:
+        try:
+            next(stages)
+        except StopIteration as end:
+            return end.value
+
+
+def _to_last_sample(
+    frame: Frame, w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: list[Events], due: Callable[[], bool]
+) -> Generator[RunState, None, bool]:
+    """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
+    while True:
+        w.clock[ws.STOP] = due()
+        before = _block_and_time(w)
+        outcome = advance(w, recorder, EVENTS_PER_CALL)
+        if outcome in (ws.PAUSED, ws.LOG_FULL):
+            events = EVENTS_PER_CALL if outcome == ws.PAUSED else len(recorder.log_time)
+            _refuse_standstill(w, frame, before, events)
+        if len(recorder.log_time):
+            logs.append(logged(recorder, w, frame))
+            w.clock[ws.LOGGED] = 0
+        if outcome in (ws.DONE, ws.CELL_FULL):
+            return outcome == ws.DONE
+        if outcome == ws.BLOCK_OVER:
+            yield _state_of(w, recorder, start, logs)
+
+
+def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: list[Events]) -> RunState:
+    """Return a run at the end of a block, as views of the arrays of its workspace and recorder."""
+    return start._replace(
+        motion=w.disk.reshape(-1, ws.ROW)[:, ws.MOTION],
+        image=w.image,
+        clock=w.clock,
+        count=w.count,
+        tally=w.tally,
+        samples={name: getattr(recorder, name)[: w.clock[ws.SAMPLE]] for name in SAMPLES},
+        events=joined(logs),
+    )
+
+
+def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Events]:
+    """Set a workspace and a recorder to a run's state; return the log so far, in parts.
+
+    Cells, event queue and neighbour lists are left alone, as the next block builds them anew.
+    """
+    begin(w, state.motion)
+    if state.clock is None:
+        return []
+    w.clock[:] = state.clock
+    w.count[:] = state.count
+    w.tally[:] = state.tally
+    if w.image is not None:
+        w.image[:] = state.image
+    for name, rows in state.samples.items():
+        getattr(recorder, name)[: len(rows)] = rows
+    return [] if state.events is None else [state.events]
+
+
+def _block_and_time(w: ws.Workspace) -> tuple[int, float]:
+    """Return the number of the current block and the time within it [engine's units]."""
+    return int(w.clock[ws.BLOCK]), float(w.tally[ws.NOW])
+
+
+def _refuse_standstill(w: ws.Workspace, frame: Frame, before: tuple[int, float], events: int) -> None:
+    """Raise RunError if at least `events` events since `before` took less time than round-off resolves."""
+    block, time = _block_and_time(w)
+    elapsed = (block - before[0]) * w.calendar.block + (time - before[1])
+    if elapsed * len(frame.order) < SHORTEST_PATH * events:
+        now = (block * w.calendar.block + time) * frame.time
+        raise RunError(
+            f"no progress at t = {now:.9g}: {events} events took {elapsed * frame.time:.3g}; "
+            "the disks touch all round, and must have room to move"
+        )
