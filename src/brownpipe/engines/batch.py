@@ -1,7 +1,7 @@
 """A batch of runs: the ensemble that an engine fills run by run, and what is kept and measured of each run."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -40,7 +40,9 @@ class Batch(NamedTuple):
         return self.record | {"all"} if every_disk else self.record
 
 
-def new_batch(scene: Scene, seeds, record, names=(), average: str = "runs") -> Batch:
+def new_batch(
+    scene: Scene, seeds: Sequence[int], record: Collection[str], names: Collection[str] = (), average: str = "runs"
+) -> Batch:
     """Return a batch with one column for each seed and no run yet; `names` are observables to be measured.
 
     Raises RequestError for observables that the scene does not have.

@@ -1,4 +1,4 @@
-"""Where the disks of a scene begin: random sequential insertion, or a lattice for the dense."""
+"""Initial positions of the disks: random sequential insertion, or a triangular lattice for dense scenes."""
 
 import math
 
@@ -11,12 +11,13 @@ from brownpipe.scene import Scene
 
 
 def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.ndarray:
-    """Return the (N, 2) centres of the disks of a scene of species.
+    """Return the centres (N, 2) [length] of the disks of a scene of species, of the given radii (N,).
 
-    The tracer stands where the scene puts it. `random`: every other centre is uniform over the places where the disk
-    lies in the box and overlaps none before it (random sequential insertion, which ends near phi = 0.5). Larger disks
-    come first, as they would find no place among the small ones; equal ones in the order of the scene.
-    `lattice`: a triangular lattice that fills the box, its sites shared out at random.
+    A tracer for which the scene gives a position has it. The other disks are placed by the scene's `placement`:
+    `random`: random sequential insertion (B. Widom, J. Chem. Phys. 44, 3888 (1966)): each centre is uniform over the
+    positions where the disk lies in the box and overlaps no disk inserted before. Larger disks are inserted first, as
+    they find no gap among many small ones, and equal disks in the scene's order. The packing fraction can reach 0.5.
+    `lattice`: random sites of a triangular lattice that fills the box.
     Raises RequestError if the disks do not fit.
     """
     fixed = scene.species[0].position if scene.species else None
@@ -25,18 +26,20 @@ def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.n
     return _insert(scene, radius, fixed, stream)
 
 
-def _accessible(scene: Scene, margin) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower corner and the size of the region that centres may be in, a margin away from walls."""
+def _accessible(scene: Scene, margin: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower corner (2,) and the size (2,) of the region at least `margin` away from walls."""
     margin = 0.0 if scene.box.periodic else margin
     low, high = np.array((scene.box.x, scene.box.y)).T
     return low + margin, high - low - 2 * margin
 
 
 def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator) -> np.ndarray:
-    n, turn = len(radius), np.argsort(-radius, kind="stable")
+    """Return centres (N, 2) by random sequential insertion; disk 0 is at `fixed` if this is not None."""
+    n = len(radius)
+    sequence = np.argsort(-radius, kind="stable")
     if fixed is not None:
-        turn = np.concatenate([[0], turn[turn > 0]])
-    position, radius = np.zeros((n, 2)), radius[turn]
+        sequence = np.concatenate([[0], sequence[sequence > 0]])
+    position, radius = np.zeros((n, 2)), radius[sequence]
     if n == 0:
         return position
     low, size = np.array((scene.box.x[0], scene.box.y[0])), np.array((scene.box.width, scene.box.height))
@@ -45,7 +48,7 @@ def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator
     grid = np.full((shape[0], shape[1]), -1, dtype=np.int64)
     following = np.full(n, -1, dtype=np.int64)
     big = np.flatnonzero(radius > common)
-    progress = np.zeros(2, dtype=np.int64)  # disks placed, tries for the next
+    progress = np.zeros(2, dtype=np.int64)  # disks placed, failed tries for the next one
     if fixed is not None:
         position[0] = np.array(fixed) - low
         register(grid, following, position, size, 0)
@@ -59,10 +62,14 @@ def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator
             f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "
             f"(packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
         )
-    return (position + low)[np.argsort(turn)]
+    return (position + low)[np.argsort(sequence)]
 
 
 def _on_lattice(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator) -> np.ndarray:
+    """Return centres (N, 2) on random sites of a lattice; disk 0 is at `fixed`, if this is not None, off the lattice.
+
+    Around a fixed disk sites are lost: the lattice is refined until enough are left.
+    """
     free = radius if fixed is None else radius[1:]
     if len(free) == 0:
         return np.array(fixed or (), dtype=float).reshape(-1, 2)
@@ -76,37 +83,47 @@ def _on_lattice(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Gener
                 f"{float(free.max())!r} (packing fraction {scene.packing_fraction:.4g}); must be fewer or smaller disks"
             )
         if fixed is not None:
-            apart = np.abs(sites - fixed)
+            separation = np.abs(sites - fixed)
             if scene.box.periodic:
-                apart = np.minimum(apart, size - apart)
-            sites = sites[np.hypot(*apart.T) >= radius[0] + free.max()]
+                separation = np.minimum(separation, size - separation)
+            sites = sites[np.hypot(*separation.T) >= radius[0] + free.max()]
         wanted += len(free) - min(len(sites), len(free))
     position = sites[stream.permutation(len(sites))[: len(free)]]
     return position if fixed is None else np.concatenate([[fixed], position])
 
 
 def _spacings(size: np.ndarray, periodic: bool, rows: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
-    """Return columns, their spacing, that of the rows, and the distance of nearest sites, for numbers of rows."""
+    """Return the number of columns, the spacings of columns and of rows, and the distance of nearest neighbours.
+
+    `rows` are numbers of rows of a lattice of at least n sites; the results are arrays of the same shape.
+    """
     columns = -(-n // rows)
-    wide = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
-    high = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
-    return columns, wide, high, np.minimum(np.minimum(wide, 2 * high), np.hypot(wide / 2, high))
+    column_spacing = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
+    row_spacing = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
+    nearest = np.minimum(np.minimum(column_spacing, 2 * row_spacing), np.hypot(column_spacing / 2, row_spacing))
+    return columns, column_spacing, row_spacing, nearest
 
 
 def _best_rows(size: np.ndarray, periodic: bool, n: int) -> np.ndarray:
-    """Return the number of rows, even in a periodic box, of the widest triangular lattice with at least n sites."""
+    """Return the number of rows for which a lattice of at least n sites has its nearest neighbours furthest apart.
+
+    In a periodic box this number is even, as every other row is shifted.
+    """
     rows = np.arange(1 + periodic, n + 2 + periodic, 1 + periodic)
     return rows[np.argmax(_spacings(size, periodic, rows, n)[3])]
 
 
 def _nearest(size: np.ndarray, periodic: bool, n: int) -> float:
-    """Return the distance of nearest sites of `_lattice`."""
+    """Return the distance of nearest neighbours of `_lattice`."""
     return float(_spacings(size, periodic, _best_rows(size, periodic, n), n)[3])
 
 
 def _lattice(size: np.ndarray, periodic: bool, n: int) -> np.ndarray:
-    """Return the sites (at least n, 2) of the widest triangular lattice in a rectangle, row by row."""
+    """Return the sites (at least n, 2) of the triangular lattice that `_best_rows` chooses for a rectangle, row by row.
+
+    It is stretched along x or y to fill the rectangle, so that its triangles need not be equilateral.
+    """
     rows = _best_rows(size, periodic, n)
-    columns, wide, high, _ = _spacings(size, periodic, rows, n)
+    columns, column_spacing, row_spacing, _ = _spacings(size, periodic, rows, n)
     row, column = np.divmod(np.arange(rows * columns), columns)
-    return np.stack([(column + 0.5 * (row % 2)) * wide, row * high], axis=1)
+    return np.stack([(column + 0.5 * (row % 2)) * column_spacing, row * row_spacing], axis=1)

@@ -1,10 +1,13 @@
-"""Where the disks are: the initial state of a run, and the records that engines hand back."""
+"""The records that all engines share: the state of all disks, trajectories, collisions, and the ensemble of a batch.
+
+All are in the scene's units and in the scene's order of the disks; the tracer is disk 0.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
-HEALTH_BOUND = 1e-9  # energy drift, overlap and momentum residual beyond which a run has failed; round-off is far below
+HEALTH_BOUND = 1e-9  # a run with a larger energy drift, overlap or momentum residual has failed; round-off is far below
 
 
 class State(NamedTuple):
@@ -13,33 +16,33 @@ class State(NamedTuple):
     position: np.ndarray  # (N, 2) centres [length]
     velocity: np.ndarray  # (N, 2) [length/time]
     radius: np.ndarray  # (N,) [length]
-    mass: np.ndarray  # (N,)
+    mass: np.ndarray  # (N,) [mass]
 
 
 class Track(NamedTuple):
-    """Where M disks were at T sample times."""
+    """The trajectories of M disks, sampled at T times."""
 
     position: np.ndarray  # (T, M, 2) centres, inside the box [length]
-    velocity: np.ndarray | None = None  # (T, M, 2)
+    velocity: np.ndarray | None = None  # (T, M, 2) [length/time]
     image: np.ndarray | None = None  # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
 
 
 class Events(NamedTuple):
-    """Every collision of one run, in order."""
+    """The E collisions of one run, in order of time."""
 
-    time: np.ndarray  # (E,)
+    time: np.ndarray  # (E,) [time]
     a: np.ndarray  # (E,) int32, the disk
     b: np.ndarray  # (E,) int32, the other disk, or a wall: -1 left, -2 right, -3 bottom, -4 top
-    impulse: np.ndarray  # (E, 2), given to a [mass length/time]
+    impulse: np.ndarray  # (E, 2) given to disk a [mass length/time]
 
 
 class Ensemble(NamedTuple):
     """What an engine returns for a batch of S seeds."""
 
     seeds: np.ndarray  # (S,) int64
-    times: np.ndarray  # (T,) sample times
-    tracer: Track | None  # disk 0 of every run, M = S
+    times: np.ndarray  # (T,) sample times [time]
+    tracer: Track | None  # disk 0 of every run, M = S, if recorded
     observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
-    whole: dict[int, Track]  # seed -> all disks of that run, M = N, where asked for
-    events: dict[int, Events]  # seed -> its collisions, where asked for
-    average: str = "runs"  # what displacements and autocorrelations among the observables are averages over
+    whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
+    events: dict[int, Events]  # seed -> collisions, if recorded
+    average: str = "runs"  # what displacements and autocorrelations are averaged over, of observables.AVERAGES

@@ -1,4 +1,8 @@
-"""The units in which the engines compute: sizes, speeds and masses near 1, and the disks in the order of the engine."""
+"""The units in which the engines of all disks compute, and the order in which they store the disks.
+
+Sizes, speeds and masses are near 1 in these units, so that their squares do not over- or underflow. The units of length
+and time are powers of two, so that conversion by them is exact.
+"""
 
 import math
 from typing import NamedTuple
@@ -9,19 +13,19 @@ from brownpipe.engines.state import State
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-LARGEST_RATIO = 1e12  # of masses, up to which the light disks are given time for speeds they may reach
-SHORTEST_UNIT = 1e-305  # of time: it, its inverse and products with speeds are floating-point numbers
+LARGEST_RATIO = 1e12  # of a mass to the smallest: heavier disks count in `thermal_speed` as if they had this mass
+SHORTEST_UNIT = 1e-305  # of time: the unit, its inverse and its products with speeds are normal floating-point numbers
 
 
 class Frame(NamedTuple):
-    """The engine's coordinates: internal = (scene's - origin) / unit. Units are powers of two, so exact."""
+    """The engine's units and order of disks: engine's coordinate = (scene's coordinate - origin) / length."""
 
-    origin: np.ndarray  # (2,) zero if the box holds the zero of the scene's coordinates, else its centre
-    length: float
-    time: float
-    mass: float
-    order: np.ndarray  # (N,) the scene's number of each of the engine's disks; much bigger ones come first
-    back: np.ndarray  # (N,) the inverse
+    origin: np.ndarray  # (2,) [length]; per axis 0 if the box contains coordinate 0, else the centre of the box
+    length: float  # engine's unit of length [length], a power of two
+    time: float  # engine's unit of time [time], a power of two
+    mass: float  # engine's unit of mass; if all masses are equal it is this mass
+    order: np.ndarray  # (N,) int64, number in the scene of each of the engine's disks; much bigger disks come first
+    back: np.ndarray  # (N,) int64, the inverse: number in the engine of each of the scene's disks
 
 
 def power_of_two(value: float) -> float:
@@ -30,13 +34,16 @@ def power_of_two(value: float) -> float:
 
 
 def frame_of(scene: Scene) -> Frame:
-    """Choose units in which sizes, speeds and masses are near 1."""
+    """Choose the engine's units for a scene: sizes, speeds and masses are near 1 in them.
+
+    Raises RequestError if the disks are so fast or slow that no unit of time is a normal floating-point number.
+    """
     box, radius, mass = scene.box, scene.radius, scene.mass
     origin = np.array([0.0 if low <= 0.0 <= high else low + (high - low) / 2 for low, high in (box.x, box.y)])
     common = common_radius(radius) if len(radius) else box.width
     length, speed = power_of_two(2 * common), thermal_speed(scene)
-    at_rest = max(length, power_of_two(scene.duration * 2.0**-960))  # a unit in which the duration is a number
-    time = length / power_of_two(speed) if speed > 0 else at_rest
+    time_at_rest = max(length, power_of_two(scene.duration * 2.0**-960))  # in this unit the duration does not overflow
+    time = length / power_of_two(speed) if speed > 0 else time_at_rest
     if not SHORTEST_UNIT <= time <= 1 / SHORTEST_UNIT:
         raise RequestError(
             f"{scene.name}: velocities: the thermal speed {speed:.3g} must be from {length * SHORTEST_UNIT:.3g} to "
@@ -50,7 +57,10 @@ def frame_of(scene: Scene) -> Frame:
 
 
 def thermal_speed(scene: Scene) -> float:
-    """Return sqrt(2 kT/m) of the lightest disks if all shared the energy that the scene gives them; 0 at rest."""
+    """Return the thermal speed sqrt(2 kT/m) of the lightest disks [length/time]; 0 if all disks are at rest.
+
+    kT is that of equipartition among all disks, of the velocities that the scene gives them.
+    """
     if scene.particles == 0:
         return 0.0
     if scene.velocities is None:
@@ -58,26 +68,26 @@ def thermal_speed(scene: Scene) -> float:
         largest = power_of_two(np.abs(velocity).max())
         squares = np.sum((velocity / largest) ** 2, axis=1)
     else:
-        given = scene.velocities
-        largest = given.standard_deviation if given.temperature is None else math.sqrt(given.temperature)
-        squares = 2.0 if given.temperature is None else 2.0 / scene.mass
+        temperature = scene.velocities.temperature
+        largest = scene.velocities.standard_deviation if temperature is None else math.sqrt(temperature)
+        squares = 2.0 if temperature is None else 2.0 / scene.mass
     ratio = np.minimum(scene.mass / scene.mass.min(), LARGEST_RATIO)
     return largest * math.sqrt(np.mean(ratio * squares))
 
 
 def motion_of(state: State, frame: Frame) -> np.ndarray:
-    """Return positions and velocities (N, 4) in the engine's units and order."""
+    """Return positions and velocities (N, 4) float64 in the engine's units and order."""
     position = (state.position[frame.order] - frame.origin) / frame.length
     return np.hstack([position, state.velocity[frame.order] / (frame.length / frame.time)])
 
 
 def common_radius(radius: np.ndarray) -> float:
-    """Return the radius that cells are sized by: the largest, leaving out the few that are much larger than the rest.
+    """Return the radius that sets the size of the cells: the largest of (N,) radii, N > 0, without a few big disks.
 
-    Few is at most sqrt(N), much larger is more than half as large again as the largest that stays.
+    Big disks are at most sqrt(N) in number, and their radii exceed 1.5 times the largest of the rest.
     """
     ordered = np.sort(radius)
-    for few in range(math.isqrt(len(ordered)), 0, -1):
-        if len(ordered) > few and ordered[-few] > 1.5 * ordered[-few - 1]:
-            return float(ordered[-few - 1])
+    for big in range(math.isqrt(len(ordered)), 0, -1):
+        if len(ordered) > big and ordered[-big] > 1.5 * ordered[-big - 1]:
+            return float(ordered[-big - 1])
     return float(ordered[-1])

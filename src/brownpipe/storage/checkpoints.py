@@ -1,4 +1,4 @@
-"""Checkpoints: what an engine needs to go on, in a file beside the output that is there only until that is complete."""
+"""Checkpoint files: the stored state of a batch of runs, beside its output until that is complete."""
 
 import glob
 import json
@@ -12,9 +12,10 @@ from brownpipe.storage.tree import Node, digest, from_bytes, to_bytes
 
 
 def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarray]) -> None:
-    """Write named arrays and what made them, a flat mapping of names to texts and numbers; all or nothing.
+    """Replace a checkpoint file by one with these named arrays.
 
-    Raises StorageError if the file cannot be written; the one before it is then still there.
+    `made_by` says which command and source made them: a flat mapping of names to texts and numbers.
+    Raises StorageError if the file cannot be written; the earlier file is then still intact.
     """
     nodes = {"checkpoint": Node(None, {})} | {f"checkpoint/{name}": Node(value, {}) for name, value in arrays.items()}
     nodes["made_by"] = Node(json.dumps(made_by), {})
@@ -23,9 +24,9 @@ def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarr
 
 
 def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | None:
-    """The arrays in a checkpoint, None if there is no file.
+    """Return the named arrays of a checkpoint file; None if there is no file.
 
-    Raises StorageError if it is damaged, and RequestError, naming what differs, if something else made it.
+    Raises StorageError if it is damaged, RequestError if its `made_by` differs; the message names the first difference.
     """
     if not Path(path).exists():
         return None
@@ -33,11 +34,11 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
         nodes = _contents(path)
     except StorageError as error:
         raise StorageError(f"{path}: {error}; delete it to begin anew") from error
-    other = json.loads(nodes["made_by"].value)
-    differing = [name for name in made_by if other.get(name) != made_by[name]]
+    stored = json.loads(nodes["made_by"].value)
+    differing = [name for name in made_by if stored.get(name) != made_by[name]]
     if differing:
         cure = "repeat that command, delete this file to begin anew, or choose another --output"
-        raise RequestError(f"{path}: is of a run with {_difference(differing[0], other, made_by)}; {cure}")
+        raise RequestError(f"{path}: is of a run with {_difference(differing[0], stored, made_by)}; {cure}")
     return {
         name.removeprefix("checkpoint/"): node.value
         for name, node in nodes.items()
@@ -46,13 +47,14 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
 
 
 def remove_checkpoint(path: str | Path) -> None:
-    """Remove a checkpoint, and what a process that was killed while it wrote one has left."""
+    """Remove a checkpoint file, and partial files of processes that were killed while they wrote one."""
     path = Path(path)
     for file in (path, *path.parent.glob(f"{glob.escape(path.name)}.*.part")):
         file.unlink(missing_ok=True)
 
 
-def _contents(path):
+def _contents(path: str | Path) -> dict[str, Node]:
+    """Return the verified contents of a checkpoint file. Raises StorageError if they are damaged."""
     nodes = from_bytes(read_sealed(path))
     if "checkpoint" not in nodes:
         raise StorageError("is a file of brownpipe, but not a checkpoint")
@@ -61,7 +63,7 @@ def _contents(path):
     return nodes
 
 
-def _difference(name, other, made_by):
-    """What is not the same, in words; digests and long lists are only named."""
-    values = [str(each.get(name)) for each in (other, made_by)]
+def _difference(name: str, stored: dict, made_by: dict) -> str:
+    """Return the words for an entry that differs; of digests and long lists the name alone."""
+    values = [str(mapping.get(name)) for mapping in (stored, made_by)]
     return f"another {name}" if max(map(len, values)) > 40 else f"{name} {values[0]}, not {values[1]}"

@@ -1,6 +1,7 @@
 """The exact engine: event-driven molecular dynamics of hard disks.
 
-A run is drawn (`initial_state`), equilibrated and run (`simulation`) from collision to collision (`events`).
+`simulation` makes a batch of runs: each is drawn, equilibrated (`equilibration`), run (`run`) and measured. Its kernels
+advance the disks from collision to collision (`events`) on the arrays of a `workspace`.
 """
 
 from collections.abc import Sequence
@@ -11,18 +12,21 @@ from brownpipe.scene.scene import Scene
 
 
 def _model(scenes: Sequence[Scene], settings: dict) -> str:
+    """Return what the engine models, for `brownpipe check`."""
     return "from collision to collision"
 
 
 def _refuse_unfit(scene: Scene, settings: dict, record: frozenset) -> None:
-    """Every scene can be run."""
+    """Refuse nothing: every valid scene can be run and recorded."""
 
 
 def _forecast(scene: Scene, settings: dict, record, observables, average: str) -> forecast.Cost:
+    """Return the expected cost of one run."""
     return forecast.of_run(scene, record, observables, average)
 
 
 def _candidates(scene: Scene) -> list[dict]:
+    """Return the settings that `brownpipe plan` compares: the engine has none."""
     return [{}]
 
 

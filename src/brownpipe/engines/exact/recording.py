@@ -1,6 +1,7 @@
 """What a run of the exact engine returns: samples, the log of collisions and its report."""
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -15,7 +16,7 @@ EVENTS_PER_LOG = 65_536  # collisions that a recorder holds; a full log is moved
 MOST_BLOCKS = 2.0**62  # an int64 counts the blocks of a run
 
 
-def new_recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record) -> ws.Recorder:
+def new_recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
     """Return an empty recorder for samples at the times (T,) [scene's units]; `record` as of `simulate`.
 
     Raises RequestError if the last time is more blocks away than can be counted.

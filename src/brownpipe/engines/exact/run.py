@@ -5,7 +5,7 @@ alone (`events.begin_block`): cell list, event queue and neighbour lists are bui
 RunState is therefore bit-identical to one that was never interrupted.
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Collection, Generator
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -77,7 +77,7 @@ def beginning(prepared: PreparedScene, state: State) -> RunState:
     return RunState(equilibrating=False, slots=prepared.workspace.grid.slots, first=motion, motion=motion)
 
 
-def run(prepared: PreparedScene, state: State, times: np.ndarray, record=frozenset()) -> RunResult:
+def run(prepared: PreparedScene, state: State, times: np.ndarray, record: Collection[str] = ()) -> RunResult:
     """Run from a state without checkpoints, and sample at the given times (T,) [time].
 
     Raises RunError if the run makes no progress.
@@ -89,7 +89,7 @@ def evolve(
     prepared: PreparedScene,
     start: RunState,
     times: np.ndarray,
-    record=frozenset(),
+    record: Collection[str] = (),
     due: Callable[[], bool] = never,
 ) -> Generator[RunState, None, RunResult]:
     """Continue a run, sample it at the given times (T,) [time] and return its result.

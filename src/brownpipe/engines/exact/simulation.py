@@ -4,7 +4,7 @@ Each run is drawn from its seed (`initial_state`), equilibrated (`equilibration`
 (`run`) and measured (`batch`). A batch of runs can be interrupted and continued (`checkpoint`).
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Collection, Generator, Sequence
 
 from brownpipe.engines.batch import add_run, errors_name_run, new_batch
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, complete
@@ -17,11 +17,11 @@ from brownpipe.scene import Scene
 
 def simulate(
     scene: Scene,
-    seeds,
-    record=frozenset({"tracer"}),
+    seeds: Sequence[int],
+    record: Collection[str] = frozenset({"tracer"}),
     checkpoints: Checkpoints = NO_CHECKPOINTS,
     *,
-    observables=(),
+    observables: Collection[str] = (),
     average: str = "runs",
 ) -> Ensemble:
     """Run the scene once for every seed.
