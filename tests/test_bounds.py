@@ -112,7 +112,7 @@ def _check(engine, *names):
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ["exact", "timestep"])
 def test_every_index_lies_within_its_array(engine):
-    folders = Path(__file__).parent, Path(exact.__file__).parents[2]
+    folders = Path(__file__).parent, Path(exact.__file__).parents[3]
     plain = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(map(str, folders))}
     code = f"import test_bounds; test_bounds.run_{engine}()"
     done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, timeout=300)

@@ -457,7 +457,7 @@ def test_asking_memory_ahead_changes_no_bit(phi, monkeypatch):
 
 def in_plain_python(code):
     """Run some code in a process that compiles nothing and return what it prints, unpickled from hex."""
-    folders = Path(__file__).parent, Path(exact.__file__).parents[2]
+    folders = Path(__file__).parent, Path(exact.__file__).parents[3]
     plain = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(map(str, folders))}
     done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, check=True)
     return pickle.loads(bytes.fromhex(done.stdout))
