@@ -16,7 +16,7 @@ from brownpipe.engines.batch import RunResult
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.state import Track
 from brownpipe.errors import WRONG_REQUEST, RequestError
-from brownpipe.observables import OBSERVABLES, VARIABLES, observe
+from brownpipe.observables import ARRAYS, OBSERVABLES, observe
 from brownpipe.scene import parse_scene
 
 W, P = "reflecting", "periodic"
@@ -145,7 +145,7 @@ def test_expected_pairs_of_lone_disks_in_a_list():
     ],
 )
 def test_expected_pairs_are_there_between_walls_and_around_a_lone_disk(scene, there):
-    assert ("pair_expected" in observables.variables_of(scene, ("pair_distribution",))) == there
+    assert ("pair_expected" in observables.arrays_of(scene, ("pair_distribution",))) == there
 
 
 def test_reach_of_the_pair_distribution():
@@ -384,7 +384,7 @@ def test_what_needs_every_disk():
     ):
         assert observables.needs_every_disk(scene, names, average) == expected
         found = simulate(scene, [0, 1], {"none"}, observables=names, average=average)
-        assert observables.variables_of(scene, names) == tuple(name for name in VARIABLES if name in found.observables)
+        assert observables.arrays_of(scene, names) == tuple(name for name in ARRAYS if name in found.observables)
 
 
 @pytest.mark.parametrize("boundary", [W, P])
@@ -392,7 +392,7 @@ def test_cost_knows_the_arrays_and_the_run_that_is_held(boundary):
     scene = make(boundary)
     usual, measured = forecast.of_run(scene), forecast.of_run(scene, {"none"}, ALL)
     seed = simulate(scene, [0], {"none"}, observables=ALL).observables
-    size = sum(seed[name].size for name in VARIABLES if name in seed)
+    size = sum(seed[name].size for name in ARRAYS if name in seed)
     assert measured.recorded == 8 * size
     assert measured.working - usual.working == forecast.BYTES_PER_SAMPLE * len(scene.times) * 16
     assert forecast.of_run(scene, {"none"}, ("displacement",)).working == usual.working  # of the tracer alone
@@ -416,8 +416,8 @@ def test_arrays_in_a_file(boundary, tmp_path):
     for name, values in ensemble.observables.items():
         assert np.array_equal(again.observables[name], values, equal_nan=True)
     with xarray.open_dataset(tmp_path / "x.h5", group="observables/run") as run:
-        for name in observables.variables_of(scene, ALL):
-            variable = VARIABLES[name]
+        for name in observables.arrays_of(scene, ALL):
+            variable = ARRAYS[name]
             assert run[name].dims == ("seed", *variable.dims)
             assert run[name].attrs == {"units": variable.units, "long_name": variable.long_name}
             for dim, values in observables.axes(scene, name).items():
@@ -431,9 +431,9 @@ def test_arrays_in_words(tmp_path):
     scene = make()
     ensemble = simulate(scene, [3, 4], {"none"}, observables=ALL, average="origins")
     storage.write_trajectories(tmp_path / "x.h5", scene, "exact", {}, ensemble)
-    text = storage.describe(tmp_path / "x.h5")
+    text = storage.report(tmp_path / "x.h5")
     assert "average over origins" in text
-    for name in observables.variables_of(scene, ALL):
+    for name in observables.arrays_of(scene, ALL):
         assert sum(line.startswith(f"  {name} ") for line in text.splitlines()) == 1
     assert "kinetic energy per disk (seed 2, time 22, species 3)" in text
 

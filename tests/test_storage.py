@@ -15,7 +15,7 @@ from brownpipe import provenance, storage
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import StorageError
 from brownpipe.scene import parse_scene
-from brownpipe.storage import files, trajectories, tree
+from brownpipe.storage import files, hdf5, trajectories
 
 COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
 ERRORS = ("energy_drift", "worst_overlap", "momentum_residual")
@@ -174,32 +174,23 @@ def test_xarray_names_dimensions(engine, full):
 
 
 def test_chunks_span_all_times_of_the_tracers():
-    assert tree._chunks((101, 600, 2), 8, trajectories.TIME_FIRST) == (101, 162, 2)
-    assert tree._chunks((101, 100_000, 2), 8, (2, 1, 0)) == (1, 16384, 2)
+    assert hdf5._chunks((101, 600, 2), 8, trajectories.TIME_FIRST) == (101, 162, 2)
+    assert hdf5._chunks((101, 100_000, 2), 8, (2, 1, 0)) == (1, 16384, 2)
 
 
 def test_digest_sees_every_name_value_type_and_attribute():
-    nodes = {"g": tree.Node(None, {"n": 1}), "g/x": tree.Node(np.zeros(2), {"units": "1"})}
+    nodes = {"g": hdf5.Node(None, {"n": 1}), "g/x": hdf5.Node(np.zeros(2), {"units": "1"})}
     others = [
         {"g": nodes["g"], "g/y": nodes["g/x"]},
-        nodes | {"g": tree.Node(None, {"n": 2})},
-        nodes | {"g/x": tree.Node(np.zeros(2), {"units": "2"})},
-        nodes | {"g/x": tree.Node(np.zeros(2, np.int64), {"units": "1"})},
-        nodes | {"g/x": tree.Node(np.zeros((2, 1)), {"units": "1"})},
-        nodes | {"g/x": tree.Node(np.array([0.0, -0.0]), {"units": "1"})},
-        nodes | {"g/x": tree.Node("", {"units": "1"})},
+        nodes | {"g": hdf5.Node(None, {"n": 2})},
+        nodes | {"g/x": hdf5.Node(np.zeros(2), {"units": "2"})},
+        nodes | {"g/x": hdf5.Node(np.zeros(2, np.int64), {"units": "1"})},
+        nodes | {"g/x": hdf5.Node(np.zeros((2, 1)), {"units": "1"})},
+        nodes | {"g/x": hdf5.Node(np.array([0.0, -0.0]), {"units": "1"})},
+        nodes | {"g/x": hdf5.Node("", {"units": "1"})},
     ]
-    assert len({tree.digest(tree_) for tree_ in [nodes, *others]}) == 8
-    assert tree.digest(nodes) == tree.digest(tree.from_bytes(tree.to_bytes(nodes)))
-
-
-def test_seed_text():
-    assert [storage.seed_text(seeds) for seeds in ([], [17], range(600), [0, 1, 2, 7, 9, 10])] == [
-        "",
-        "17",
-        "0-599",
-        "0-2,7,9-10",
-    ]
+    assert len({hdf5.digest(tree) for tree in [nodes, *others]}) == 8
+    assert hdf5.digest(nodes) == hdf5.digest(hdf5.from_bytes(hdf5.to_bytes(nodes)))
 
 
 # -- datasets -------------------------------------------------------------------------------------------------------
@@ -296,7 +287,7 @@ def test_a_damaged_file_names_its_seeds_and_the_cure(full):
     command = "brownpipe simulate a.scene.yaml --particles 5 --seeds 0-2,7 --engine exact --record all,events"
     assert f"{command} --output {full}" in message
     assert storage.verify(full) == [message]
-    assert storage.describe(full) == f"NOT INTACT  {message}"
+    assert storage.report(full) == f"NOT INTACT  {message}"
 
 
 def test_an_edited_file_is_refused(full):
@@ -389,7 +380,7 @@ def test_a_killed_writer_leaves_nothing_under_the_final_name(tmp_path):
 def test_describe(case, tmp_path):
     path = tmp_path / "runs.h5"
     storage.write_trajectories(path, case[0], "exact", {}, case[1])
-    text = storage.describe(path)
+    text = storage.report(path)
     for word in ("a.scene", f"{case[0].particles} disks", "6 from t = 0 to 1", "0 failed", "intact       yes"):
         assert word in text
     assert all(name in text for name in case[1].observables)
@@ -398,5 +389,5 @@ def test_describe(case, tmp_path):
 
 def test_describe_a_dataset(tmp_path):
     storage.write_dataset(tmp_path / "study.nc", make_dataset())
-    text = storage.describe(tmp_path / "study.nc")
+    text = storage.report(tmp_path / "study.nc")
     assert "a study" in text and "msd, runs, diffusion" in text and "intact       yes" in text

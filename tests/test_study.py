@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from brownpipe.engines import Engine, recorded
 from brownpipe.errors import RequestError
-from brownpipe.scene.seeds import parse_seeds, stretches
+from brownpipe.scene.seeds import parse_seeds, ranges, seed_text
 from brownpipe.study import Job, read_study
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -144,7 +144,13 @@ def test_seeds_written_one_by_one_or_in_ranges_are_the_same(seeds):
     one_by_one = parse_seeds(",".join(map(str, seeds)))
     assert list(one_by_one) == sorted(seeds)
     assert isinstance(one_by_one, range) == (max(seeds) - min(seeds) + 1 == len(seeds))
-    assert parse_seeds(",".join(f"{first}-{last}" for first, last in stretches(one_by_one))) == one_by_one
+    assert parse_seeds(",".join(f"{first}-{last}" for first, last in ranges(one_by_one))) == one_by_one
+    assert parse_seeds(seed_text(one_by_one)) == one_by_one
+
+
+def test_seeds_as_text():
+    cases = {"": [], "17": [17], "0-599": range(600), "0-2,7,9-10": [0, 1, 2, 7, 9, 10], "0,2,4": range(0, 6, 2)}
+    assert {text: seed_text(seeds) for text, seeds in cases.items()} == {text: text for text in cases}
 
 
 def test_a_number_is_a_count_and_a_string_names_seeds():

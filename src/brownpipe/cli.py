@@ -78,7 +78,8 @@ def simulate(arguments) -> int:
     forecast.refuse_too_large(scene, len(seeds), record, **measures)
     output = _writable(arguments.output or f"{scene.name}.h5", arguments.scene)
 
-    from brownpipe.storage import remove_checkpoint, seed_text, write_trajectories
+    from brownpipe.scene.seeds import seed_text
+    from brownpipe.storage import remove_checkpoint, write_trajectories
 
     if remark := engine.definition.caution(scene):
         _say(remark, DONE)
@@ -187,13 +188,13 @@ def plan(arguments) -> int:
 
 def inspect(arguments) -> int:
     """Say what is in a trajectory file or dataset, and whether it is intact."""
-    from brownpipe.storage import describe, verify
+    from brownpipe.storage import report, verify
 
     problems = verify(arguments.file)
     for problem in problems:
         _say(problem, FAILED)
     if not problems:
-        print(describe(arguments.file))
+        print(report(arguments.file))
     return FAILED if problems else DONE
 
 
@@ -281,7 +282,8 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
         return ()
     from brownpipe.engines.exact.checkpoint import Checkpoints
     from brownpipe.provenance import made_with
-    from brownpipe.storage import read_checkpoint, seed_text, write_checkpoint
+    from brownpipe.scene.seeds import seed_text
+    from brownpipe.storage import read_checkpoint, write_checkpoint
 
     options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
     options |= {"observables": arguments.observables or "none", "average": arguments.average}

@@ -10,8 +10,8 @@ from brownpipe.analysis.thermodynamics import mean_root, temperature
 from brownpipe.analysis.variables import EACH, Variable, estimate_of
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables import is_stationary
-from brownpipe.observables.pairs import pairs_of as in_order
-from brownpipe.observables.species import kinds_of
+from brownpipe.observables.pairs import species_pairs as in_order
+from brownpipe.observables.species import species_table
 
 NEAR = 1.2  # contact distances up to which g(r) is extrapolated to contact
 ORDER = 2  # of the polynomial that multiplies the decay there
@@ -21,7 +21,7 @@ NORMAL = 1.96  # standard errors in half a 95 % interval
 
 def pairs_of(scene):
     """(a, b, number) of every pair of kinds, a <= b, and of how many pairs of disks there are."""
-    kinds = kinds_of(scene)
+    kinds = species_table(scene)
     number = kinds.number
     pairs = [(a, b, number[a] * (number[a] - 1) / 2 if a == b else number[a] * number[b]) for a, b in in_order(kinds)]
     return kinds, pairs

@@ -119,7 +119,7 @@ def _sample(case, runs):
 
 
 def _width(case, counts):
-    values = observables.axes(case.scene, counts)[observables.VARIABLES[counts].dims[-1]]
+    values = observables.axes(case.scene, counts)[observables.ARRAYS[counts].dims[-1]]
     return values[1] - values[0]
 
 

@@ -117,7 +117,7 @@ def _counting_pairs(scene: Scene) -> float:
     """Return the CPU seconds to count the pairs in reach in one sample, and to measure the rings around lone disks."""
     bins, width = pairs.bins(scene)
     near = min(1.0, np.pi * (bins * width) ** 2 / scene.box.area) * scene.particles**2 / 2
-    rings = bins * len(pairs.lone_pairs(scene, measures.kinds_of(scene)))
+    rings = bins * len(pairs.lone_pairs(scene, measures.species_table(scene)))
     return SECONDS_PER_SNAPSHOT + SECONDS_PER_PAIR * near + SECONDS_PER_RING * rings
 
 

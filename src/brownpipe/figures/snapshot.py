@@ -6,7 +6,7 @@ import numpy as np
 
 from brownpipe.errors import FigureError
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
-from brownpipe.storage import seed_text
+from brownpipe.scene.seeds import seed_text
 
 LONGEST, SHORTEST = 5.6, 3.6  # of the panel: the longer side of the box, the least width [inch]
 SIDE, BELOW, ABOVE, LINE = 0.18, 0.4, 0.46, 0.19  # margins, and a line of the key [inch]

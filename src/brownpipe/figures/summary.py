@@ -6,7 +6,7 @@ from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
 from brownpipe.figures.cases import at_last_distribution, cases_of, has_msd, over_time, plus_minus, title_of
 from brownpipe.figures.tables import Table
-from brownpipe.storage import seed_text
+from brownpipe.scene.seeds import seed_text
 
 TESTS = ("with D = MSD/4t", "with fitted D")  # of eq. (18), the first two models of a dataset
 QUESTION = "eq. (18) rejected?"  # above the columns of the tests

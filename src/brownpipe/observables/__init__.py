@@ -1,6 +1,6 @@
 """What is measured in a run itself, so that its tracks need not be kept: pure functions of one run's tracks.
 
-`observe` makes arrays of a run; those of all runs are stacked and stored as /observables/run/NAME, (S, ...). VARIABLES
+`observe` makes arrays of a run; those of all runs are stacked and stored as /observables/run/NAME, (S, ...). ARRAYS
 says what each array is, `axes` the values along its dimensions: T sample times, K kinds of disks (the species, the
 tracer one of its own), P pairs of them.
 """
@@ -12,25 +12,25 @@ import numpy as np
 
 from brownpipe.errors import RequestError
 from brownpipe.observables import displacement, pairs, time_origins, velocity
-from brownpipe.observables.species import bath_disks, equal_disks, kinds_of
+from brownpipe.observables.species import bath_disks, equal_disks, species_table
 from brownpipe.observables.time_origins import is_stationary, why_not_stationary
 from brownpipe.scene import Scene
 
 __all__ = [
+    "ARRAYS",
     "AVERAGES",
     "AXES",
     "OBSERVABLES",
-    "VARIABLES",
-    "asked_for",
+    "arrays_of",
     "axes",
     "is_stationary",
     "needs_every_disk",
     "numbers_in",
+    "observables_making",
     "observe",
     "of_tracer",
     "problem",
     "refuse_unfit",
-    "variables_of",
 ]
 
 AVERAGES = ("runs", "origins", "disks")
@@ -38,7 +38,7 @@ AVERAGED = ("displacement", "velocity_autocorrelation")  # observables that they
 MOST_PAIR_COUNTS = 1_000_000  # numbers in a histogram
 
 
-class Variable(NamedTuple):
+class RunArray(NamedTuple):
     """One array of a run."""
 
     dims: tuple[str, ...]  # names in AXES; that of the runs, seed, comes before them
@@ -61,26 +61,26 @@ AXES = {  # dimension: units, meaning
     "speed": ("sqrt(kT/mass)", "speed, middle of its bin; the last holds what lies beyond"),
     "distance": ("length", "distance of the centres, middle of its bin"),
 }
-VARIABLES = {
-    "square_displacement": Variable(
+ARRAYS = {
+    "square_displacement": RunArray(
         ("time",), "length^2", "squared displacement of the tracer; /parameters says over what it is averaged"
     ),
-    "displacement_velocity": Variable(
+    "displacement_velocity": RunArray(
         ("time",), "length^2/time", "v(t).(r(t) - r(0)) of the tracer, half of d(r^2)/dt; averaged likewise"
     ),
-    "velocity_autocorrelation": Variable(("time",), "length^2/time^2", "v(0).v(t) of the tracer; averaged likewise"),
-    "velocity_displacement": Variable(
+    "velocity_autocorrelation": RunArray(("time",), "length^2/time^2", "v(0).v(t) of the tracer; averaged likewise"),
+    "velocity_displacement": RunArray(
         ("time",), "length^2/time", "v(0).(r(t) - r(0)) of the tracer, the integral of v(0).v(s); averaged likewise"
     ),
-    "bath_velocity_autocorrelation": Variable(
+    "bath_velocity_autocorrelation": RunArray(
         ("time",), "length^2/time^2", "v(0).v(t), mean over the disks of the most numerous species but the tracer's"
     ),
-    "species_energy": Variable(("time", "species"), "energy", "kinetic energy per disk"),
-    "velocity_counts": Variable(("species", "velocity"), "1", "velocity components of the disks, counted"),
-    "speed_counts": Variable(("species", "speed"), "1", "speeds of the disks, counted"),
-    "pair_counts": Variable(("species_pair", "distance"), "1", "pairs of disks, counted by their distance"),
-    "pair_snapshots": Variable((), "1", "samples that pair_counts is summed over"),
-    "pair_expected": Variable(
+    "species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk"),
+    "velocity_counts": RunArray(("species", "velocity"), "1", "velocity components of the disks, counted"),
+    "speed_counts": RunArray(("species", "speed"), "1", "speeds of the disks, counted"),
+    "pair_counts": RunArray(("species_pair", "distance"), "1", "pairs of disks, counted by their distance"),
+    "pair_snapshots": RunArray((), "1", "samples that pair_counts is summed over"),
+    "pair_expected": RunArray(
         ("species_pair", "distance"), "1", "pairs that an ideal gas shows around a lone disk where it was; else NaN"
     ),
 }
@@ -117,27 +117,27 @@ def of_tracer(names: tuple[str, ...], average: str = "runs") -> tuple[tuple[str,
     return names, average if names else "runs"
 
 
-def variables_of(scene: Scene, names: tuple[str, ...]) -> tuple[str, ...]:
+def arrays_of(scene: Scene, names: tuple[str, ...]) -> tuple[str, ...]:
     """The arrays that are made of a scene when the names are asked for."""
     made = tuple(name for asked in names for name in OBSERVABLES[asked].variables)
     lacking = set() if len(bath_disks(scene)) else {"bath_velocity_autocorrelation"}
-    lacking |= set() if pairs.lone_pairs(scene, kinds_of(scene)) else {"pair_expected"}
+    lacking |= set() if pairs.lone_pairs(scene, species_table(scene)) else {"pair_expected"}
     return tuple(name for name in made if name not in lacking)
 
 
-def asked_for(variables) -> tuple[str, ...]:
+def observables_making(variables) -> tuple[str, ...]:
     """The names to ask for so that these arrays are made."""
     return tuple(name for name, one in OBSERVABLES.items() if one.variables[0] in variables)
 
 
 def axes(scene: Scene, variable: str) -> dict[str, np.ndarray | list[str]]:
     """The values along each dimension of an array."""
-    return {dim: _axis(scene, dim) for dim in VARIABLES[variable].dims}
+    return {dim: _axis(scene, dim) for dim in ARRAYS[variable].dims}
 
 
 def numbers_in(scene: Scene, names: tuple[str, ...]) -> int:
     """How many numbers the arrays of one run hold."""
-    shapes = [[len(values) for values in axes(scene, one).values()] for one in variables_of(scene, names)]
+    shapes = [[len(values) for values in axes(scene, one).values()] for one in arrays_of(scene, names)]
     return int(sum(np.prod(shape) for shape in shapes))
 
 
@@ -150,10 +150,10 @@ def _axis(scene: Scene, dim: str) -> np.ndarray | list[str]:
     if dim == "distance":
         number, width = pairs.bins(scene)
         return (np.arange(number) + 0.5) * width
-    kinds = kinds_of(scene)
+    kinds = species_table(scene)
     if dim == "species":
         return list(kinds.name)
-    return [f"{kinds.name[a]}:{kinds.name[b]}" for a, b in pairs.pairs_of(kinds)]
+    return [f"{kinds.name[a]}:{kinds.name[b]}" for a, b in pairs.species_pairs(kinds)]
 
 
 # -- what a scene does not have -------------------------------------------------------------------------------------
@@ -186,7 +186,7 @@ def _unfit(scene: Scene, names: tuple[str, ...]) -> str | None:
         bins, _ = pairs.bins(scene)
         if bins < 1:
             return "pair_distribution needs two disks, and room for them to be apart"
-        if bins * len(pairs.pairs_of(kinds_of(scene))) > MOST_PAIR_COUNTS:
+        if bins * len(pairs.species_pairs(species_table(scene))) > MOST_PAIR_COUNTS:
             return f"pair_distribution would have more than {MOST_PAIR_COUNTS} bins for so many kinds or sizes of disks"
     return None
 

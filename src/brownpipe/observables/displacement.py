@@ -5,7 +5,7 @@ T sample times, M disks.
 
 import numpy as np
 
-from brownpipe.observables.species import followed
+from brownpipe.observables.species import tracer_tracks
 from brownpipe.observables.time_origins import averaged
 from brownpipe.scene import Scene
 
@@ -17,7 +17,7 @@ def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray
     Of the tracer from its start (`runs`), of the tracer from every sample as far back (`origins`, Frenkel and Smit,
     Understanding Molecular Simulation, section 4.4.2), or of all disks that are equal to it (`disks`).
     """
-    track, size = followed(scene, run, average), (scene.box.width, scene.box.height)
+    track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
 
     def products(earlier: slice, later: slice) -> tuple[np.ndarray, np.ndarray]:
         moved = displacement(track.position, track.image, size, earlier, later)
@@ -29,7 +29,7 @@ def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray
 
 def velocity_displacement(scene: Scene, run, average: str) -> np.ndarray:
     """v(0).(r(t) - r(0)) (T,) of one run: exactly the integral of v(0).v(s) from 0 to t, averaged likewise."""
-    track, size = followed(scene, run, average), (scene.box.width, scene.box.height)
+    track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
 
     def product(earlier: slice, later: slice) -> tuple[np.ndarray]:
         moved = displacement(track.position, track.image, size, earlier, later)

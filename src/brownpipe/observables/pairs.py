@@ -5,7 +5,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.observables.species import Kinds, kinds_of
+from brownpipe.observables.species import SpeciesTable, species_table
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
@@ -14,7 +14,7 @@ FARTHEST = 5.0  # of the largest contact distance
 AT_ONCE = 16  # samples around whose lone disks rings are measured: a third of the time of one by one
 
 
-def pairs_of(kinds: Kinds) -> list[tuple[int, int]]:
+def species_pairs(kinds: SpeciesTable) -> list[tuple[int, int]]:
     """The P = K (K + 1)/2 pairs of kinds, a <= b."""
     return list(combinations_with_replacement(range(len(kinds.name)), 2))
 
@@ -26,8 +26,8 @@ def bins(scene: Scene) -> tuple[int, float]:
     side of a periodic box (beyond it a pair has more than one distance) or at how far the centres can get along the
     shorter side between walls.
     """
-    kinds, box = kinds_of(scene), scene.box
-    contacts = [kinds.radius[a] + kinds.radius[b] for a, b in pairs_of(kinds) if a != b or kinds.number[a] > 1]
+    kinds, box = species_table(scene), scene.box
+    contacts = [kinds.radius[a] + kinds.radius[b] for a, b in species_pairs(kinds) if a != b or kinds.number[a] > 1]
     if not contacts:
         return 0, 0.0
     side, width = min(box.width, box.height), min(contacts) / BINS_PER_CONTACT
@@ -39,43 +39,43 @@ def distribution(scene: Scene, run, _) -> dict[str, np.ndarray | int]:
     """Counts (P, R) of pairs by kinds and distance, and the number of samples they are summed over.
 
     All samples if the run is stationary, the last one otherwise. Between walls also how many pairs with a lone disk an
-    ideal gas would show in these samples: `expected_around`.
+    ideal gas would show in these samples: `expected_pairs`.
     """
-    kinds, (number, width) = kinds_of(scene), bins(scene)
+    kinds, (number, width) = species_table(scene), bins(scene)
     which = np.zeros((len(kinds.name),) * 2, np.int64)
-    for place, (a, b) in enumerate(pairs_of(kinds)):
+    for place, (a, b) in enumerate(species_pairs(kinds)):
         which[a, b] = which[b, a] = place
     position = run.whole.position[slice(None) if is_stationary(scene) else slice(-1, None)]
-    counts = np.zeros(len(pairs_of(kinds)) * number, np.int64)
+    counts = np.zeros(len(species_pairs(kinds)) * number, np.int64)
     for one in position:
-        pair, distance = near_pairs(scene, one, number * width)
+        pair, distance = close_pairs(scene, one, number * width)
         place = (distance / width).astype(np.int64)
         inside = place < number
         a, b = kinds.label[pair[inside]].T
         counts += np.bincount(which[a, b] * number + place[inside], minlength=len(counts))
     found = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": len(position)}
     lone = lone_pairs(scene, kinds)
-    return found | ({"pair_expected": expected_around(scene, kinds, lone, position)} if lone else {})
+    return found | ({"pair_expected": expected_pairs(scene, kinds, lone, position)} if lone else {})
 
 
-def lone_pairs(scene: Scene, kinds: Kinds) -> list[tuple[int, int, int]]:
+def lone_pairs(scene: Scene, kinds: SpeciesTable) -> list[tuple[int, int, int]]:
     """(place among the pairs, lone, other) of the pairs of two kinds of which one, `lone`, is a single disk.
 
     None in a periodic box, where no wall cuts the rings around it.
     """
-    found = [(place, *pair) for place, pair in enumerate(pairs_of(kinds)) if pair[0] != pair[1]]
+    found = [(place, *pair) for place, pair in enumerate(species_pairs(kinds)) if pair[0] != pair[1]]
     in_turn = [(place, a, b) if kinds.number[a] == 1 else (place, b, a) for place, a, b in found]
     return [] if scene.box.periodic else [each for each in in_turn if kinds.number[each[1]] == 1]
 
 
-def expected_around(scene: Scene, kinds: Kinds, pairs, position: np.ndarray) -> np.ndarray:
+def expected_pairs(scene: Scene, kinds: SpeciesTable, pairs, position: np.ndarray) -> np.ndarray:
     """Pairs (P, R) that an ideal gas shows around the lone disks of samples `position` (T, N, 2), summed over them.
 
     Of N uniform points in the rectangle accessible to their kind, N times the share of it in a ring around where the
     lone disk is: it need not have spread over the box. NaN for all but `pairs`, which are `lone_pairs`.
     """
     size, (number, width) = np.array([scene.box.width, scene.box.height]), bins(scene)
-    edges, expected = np.arange(number + 1) * width, np.full((len(pairs_of(kinds)), number), np.nan)
+    edges, expected = np.arange(number + 1) * width, np.full((len(species_pairs(kinds)), number), np.nan)
     for place, lone, other in pairs:
         room, disk = size - 2 * kinds.radius[other], np.flatnonzero(kinds.label == lone)[0]
         off_centre = position[:, disk, :, None] - (scene.box.origin + size / 2)[:, None]
@@ -85,7 +85,7 @@ def expected_around(scene: Scene, kinds: Kinds, pairs, position: np.ndarray) -> 
     return expected
 
 
-def near_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+def close_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """All pairs (Q, 2) of disks that are nearer than `reach`, and their distances (Q,); some may be just beyond it."""
     from scipy.spatial import cKDTree
 

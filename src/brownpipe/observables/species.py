@@ -7,7 +7,7 @@ import numpy as np
 from brownpipe.scene import Scene
 
 
-class Kinds(NamedTuple):
+class SpeciesTable(NamedTuple):
     """The K kinds of disks of which there are any: the species, the tracer one of its own."""
 
     name: tuple[str, ...]
@@ -17,7 +17,7 @@ class Kinds(NamedTuple):
     label: np.ndarray  # (N,) the kind of each disk
 
 
-def kinds_of(scene: Scene) -> Kinds:
+def species_table(scene: Scene) -> SpeciesTable:
     """Return the kinds of a scene; of a list of disks, one for every pair of radius and mass, by first appearance."""
     if scene.disks:
         found = {pair: k for k, pair in enumerate(dict.fromkeys((disk.radius, disk.mass) for disk in scene.disks))}
@@ -28,7 +28,7 @@ def kinds_of(scene: Scene) -> Kinds:
         found, names = [(one.radius, one.mass) for one in present], tuple(one.name for one in present)
         label = np.repeat(np.arange(len(present)), [one.count for one in present])
     radius, mass = np.array(list(found), float).reshape(-1, 2).T
-    return Kinds(names, np.bincount(label, minlength=len(names)), radius, mass, label)
+    return SpeciesTable(names, np.bincount(label, minlength=len(names)), radius, mass, label)
 
 
 def equal_disks(scene: Scene) -> np.ndarray:
@@ -37,7 +37,7 @@ def equal_disks(scene: Scene) -> np.ndarray:
     return np.flatnonzero((radius == radius[0]) & (mass == mass[0]))
 
 
-def followed(scene: Scene, run, average: str):
+def tracer_tracks(scene: Scene, run, average: str):
     """The `state.Track` of the tracer, M = 1, or in an average over `disks` that of all disks equal to it."""
     if average != "disks":
         return run.tracer
@@ -47,6 +47,6 @@ def followed(scene: Scene, run, average: str):
 
 def bath_disks(scene: Scene) -> np.ndarray:
     """The indices of the disks of the most numerous kind that is not the tracer's; none where there is one kind."""
-    kinds = kinds_of(scene)
+    kinds = species_table(scene)
     number = np.where(np.isin(np.arange(len(kinds.number)), kinds.label[:1]), 0, kinds.number)
     return np.flatnonzero(kinds.label == np.argmax(number)) if number.any() else np.array([], int)

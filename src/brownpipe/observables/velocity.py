@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from brownpipe.observables.displacement import velocity_displacement
-from brownpipe.observables.species import bath_disks, followed, kinds_of
+from brownpipe.observables.species import bath_disks, species_table, tracer_tracks
 from brownpipe.observables.time_origins import is_stationary, lags
 from brownpipe.scene import Scene
 
@@ -25,7 +25,7 @@ def autocorrelation(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
     `average` is that of `displacement.square_displacement`; over `disks` it is the mean over those equal to the tracer.
     """
     found = {
-        "velocity_autocorrelation": _correlation(scene, followed(scene, run, average).velocity, average),
+        "velocity_autocorrelation": _correlation(scene, tracer_tracks(scene, run, average).velocity, average),
         "velocity_displacement": velocity_displacement(scene, run, average),
     }
     bath = bath_disks(scene)
@@ -45,7 +45,7 @@ def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray
 
 def kinetic_energy(scene: Scene, run, _) -> dict[str, np.ndarray]:
     """Kinetic energy per disk (T, K) of each kind: kT in equilibrium, whatever its mass (equipartition)."""
-    kinds, square = kinds_of(scene), np.sum(run.whole.velocity**2, axis=-1)
+    kinds, square = species_table(scene), np.sum(run.whole.velocity**2, axis=-1)
     energy = [mass / 2 * square[:, kinds.label == k].mean(axis=1) for k, mass in enumerate(kinds.mass)]
     return {"species_energy": np.stack(energy, axis=1)}
 
@@ -57,7 +57,7 @@ def distribution(scene: Scene, run, _) -> dict[str, np.ndarray]:
     equilibrium the components are normal and the speeds have the density u exp(-u^2/2) (Maxwell-Boltzmann). Of all
     samples if the run is stationary, of the last one otherwise. The outermost bins hold what lies beyond.
     """
-    kinds, velocity = kinds_of(scene), run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
+    kinds, velocity = species_table(scene), run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
     scale = np.sqrt(scene.mass / (_temperature(scene, velocity) or np.inf))[:, None]
     counts = [np.zeros((len(kinds.name), each), np.int64) for each in BINS.values()]
     for part in _parts(velocity):

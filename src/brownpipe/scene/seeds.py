@@ -1,8 +1,10 @@
-"""Seeds as people write them, and batches of them."""
+"""Seeds on the command line and in study files, ranges of consecutive seeds, and batches of them."""
 
 import re
 from collections.abc import Sequence
-from itertools import chain, groupby
+from itertools import chain
+
+import numpy as np
 
 from brownpipe.scene import reading
 from brownpipe.scene.reading import Entry, must_be
@@ -12,7 +14,10 @@ LARGEST_SEED = 2**63 - 1
 
 
 def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
-    """Return the seeds of "0-2399", "17" or "3,5,9", ascending and without repeats; a range where there is no gap."""
+    """Return the seeds of "0-2399", "17" or "3,5,9", ascending and without repeats; a `range` if there is no gap.
+
+    Raises RequestError, naming `entry`, for any other text and for more than MOST_SEEDS seeds.
+    """
     entry = entry or Entry(text, "", ("seeds",))
     parts = [re.fullmatch(r"([0-9]{1,19})(?:-([0-9]{1,19}))?", part.strip(), re.ASCII) for part in text.split(",")]
     if None in parts:
@@ -22,17 +27,17 @@ def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
         must_be(entry, "ranges that ascend, like 0-2399")
     if any(last > LARGEST_SEED for _, last in ends):
         must_be(entry, "seeds below 2**63")
-    runs = _merged(ends)
-    if sum(last - first + 1 for first, last in runs) > MOST_SEEDS:
+    merged = _merged(ends)
+    if sum(last - first + 1 for first, last in merged) > MOST_SEEDS:
         must_be(entry, f"at most {MOST_SEEDS} seeds")
-    ranges = [range(first, last + 1) for first, last in runs]
-    return ranges[0] if len(ranges) == 1 else tuple(chain.from_iterable(ranges))
+    seeds = [range(first, last + 1) for first, last in merged]
+    return seeds[0] if len(seeds) == 1 else tuple(chain.from_iterable(seeds))
 
 
-def _merged(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return runs of consecutive seeds in ascending order, joined where they touch or overlap."""
+def _merged(ends: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return ranges (first, last) in ascending order, joined where they touch or overlap."""
     merged = []
-    for first, last in sorted(runs):
+    for first, last in sorted(ends):
         if merged and first <= merged[-1][1] + 1:
             first, last = merged[-1][0], max(last, merged.pop()[1])
         merged.append((first, last))
@@ -40,7 +45,7 @@ def _merged(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def read_seeds(entry: Entry) -> Sequence[int]:
-    """A number is a count (seeds 0, 1, ...); a string or a list names the seeds themselves."""
+    """Return the seeds of a study: a number is a count (seeds 0, 1, ...), a string or a list names them."""
     if isinstance(entry.value, int) and not isinstance(entry.value, bool):
         return range(reading.integer(entry, 1, MOST_SEEDS))
     parts = entry.value if isinstance(entry.value, list | tuple) else [entry.value]
@@ -49,19 +54,29 @@ def read_seeds(entry: Entry) -> Sequence[int]:
     return parse_seeds(",".join(map(str, parts)), entry)
 
 
+def seed_text(seeds: Sequence[int] | np.ndarray) -> str:
+    """Return ascending seeds as `parse_seeds` reads them: [0, 1, 2, 7] is 0-2,7."""
+    return ",".join(f"{first}-{last}" if first < last else f"{first}" for first, last in ranges(seeds))
+
+
+def ranges(seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
+    """Return first and last seed (included) of each range of consecutive seeds; the seeds ascend."""
+    if isinstance(seeds, range) and seeds.step == 1:
+        return [(seeds[0], seeds[-1])] if seeds else []
+    seeds = np.asarray(seeds, np.int64)
+    gaps = np.flatnonzero(np.diff(seeds) != 1)
+    first, last = np.insert(seeds[gaps + 1], 0, seeds[:1]), np.append(seeds[gaps], seeds[-1:])
+    return list(zip(first.tolist(), last.tolist(), strict=True))
+
+
 def batches(seeds: Sequence[int], size: int) -> list[tuple[int, int]]:
-    """Return first and last seed of each batch, cut at multiples of `size`: more seeds leave whole batches alone."""
-    return [cut for first, last in stretches(seeds) for cut in _cuts(first, last, size)] if seeds else []
+    """Return first and last seed of each batch.
+
+    Every range of consecutive seeds is cut at multiples of `size`: a study with more seeds keeps its complete batches.
+    """
+    return [batch for first, last in ranges(seeds) for batch in _batches(first, last, size)]
 
 
-def stretches(seeds: Sequence[int]) -> list[tuple[int, int]]:
-    """Return first and last of each stretch of seeds without a gap."""
-    if isinstance(seeds, range):
-        return [(seeds[0], seeds[-1])]
-    found = (list(group) for _, group in groupby(enumerate(seeds), lambda pair: pair[1] - pair[0]))
-    return [(stretch[0][1], stretch[-1][1]) for stretch in found]
-
-
-def _cuts(first: int, last: int, batch: int) -> list[tuple[int, int]]:
-    starts = [first, *range(first - first % batch + batch, last + 1, batch)]
-    return [(start, min(last, start - start % batch + batch - 1)) for start in starts]
+def _batches(first: int, last: int, size: int) -> list[tuple[int, int]]:
+    starts = [first, *range(first - first % size + size, last + 1, size)]
+    return [(start, min(last, start - start % size + size - 1)) for start in starts]

@@ -31,13 +31,12 @@ from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import write_file
-from brownpipe.storage.inspection import describe, verify
+from brownpipe.storage.inspection import report, verify
 from brownpipe.storage.trajectories import (
     Outline,
     Trajectories,
     read_outline,
     read_trajectories,
-    seed_text,
     write_trajectories,
 )
 
@@ -46,13 +45,12 @@ __all__ = [
     "StorageError",
     "Trajectories",
     "WrongFileError",
-    "describe",
     "read_checkpoint",
     "read_dataset",
     "read_outline",
     "read_trajectories",
     "remove_checkpoint",
-    "seed_text",
+    "report",
     "verify",
     "write_checkpoint",
     "write_dataset",

@@ -8,7 +8,7 @@ import numpy as np
 
 from brownpipe.errors import RequestError, StorageError
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.tree import Node, digest, from_bytes, to_bytes
+from brownpipe.storage.hdf5 import Node, digest, from_bytes, to_bytes
 
 
 def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarray]) -> None:

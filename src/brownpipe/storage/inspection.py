@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.errors import StorageError, WrongFileError
-from brownpipe.observables import VARIABLES
+from brownpipe.observables import ARRAYS
 from brownpipe.provenance import simulation_of, source_digest
-from brownpipe.storage import measured
+from brownpipe.scene.seeds import seed_text
+from brownpipe.storage import arrays
 from brownpipe.storage.datasets import read_dataset
-from brownpipe.storage.trajectories import Trajectories, read_header, read_trajectories, seed_text
+from brownpipe.storage.trajectories import Trajectories, read_header, read_trajectories
 
 
 def verify(path: str | Path) -> list[str]:
@@ -27,15 +28,15 @@ def verify(path: str | Path) -> list[str]:
     return []
 
 
-def describe(path: str | Path) -> str:
+def report(path: str | Path) -> str:
     """What the file at `path` holds, as text for people; one line if it cannot be trusted."""
     try:
         contents = _read(path)
     except StorageError as error:
         return f"NOT INTACT  {error}"
-    describe_it = _trajectories if isinstance(contents, Trajectories) else _dataset
+    report_on = _trajectories if isinstance(contents, Trajectories) else _dataset
     size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
-    lines = [f"{path}  {size}", *describe_it(path, contents), "intact       yes: every byte as it was written"]
+    lines = [f"{path}  {size}", *report_on(path, contents), "intact       yes: every byte as it was written"]
     return "\n".join(lines)
 
 
@@ -61,7 +62,7 @@ def _trajectories(path, contents):
         f"recorded     {_recorded(ensemble)}",
         *_health(ensemble.observables),
         *_statistics(ensemble.observables),
-        *measured.described(ensemble),
+        *arrays.listing(ensemble),
         *_origin(read_header(path)),
     ]
 
@@ -87,7 +88,7 @@ _HEALTH = {
 def _statistics(observables):
     """A table of the runs that did not fail."""
     yield f"{'observables':<22} {'mean':>12} {'min':>12} {'max':>12}"
-    numbers = {name: value for name, value in observables.items() if name not in VARIABLES}
+    numbers = {name: value for name, value in observables.items() if name not in ARRAYS}
     for name, value in numbers.items():
         value = value[observables["failed"] == 0]
         if value.size and name != "failed":

@@ -12,12 +12,13 @@ import numpy as np
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
-from brownpipe.observables import AXES, VARIABLES
+from brownpipe.observables import ARRAYS, AXES
 from brownpipe.provenance import simulation_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.storage import measured
+from brownpipe.scene.seeds import seed_text
+from brownpipe.storage import arrays
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.tree import Link, Node, digest, from_bytes, some_from_bytes, to_bytes
+from brownpipe.storage.hdf5 import Link, Node, digest, from_bytes, some_from_bytes, to_bytes
 
 FORMAT = 1
 OUTLINE = (  # what an outline is made of
@@ -139,13 +140,6 @@ def read_header(path: str | Path) -> dict:
         return _contents(path)["parameters"].attributes
 
 
-def seed_text(seeds) -> str:
-    """Seeds in the words of `--seeds`: [0, 1, 2, 7] is 0-2,7."""
-    seeds = np.asarray(seeds)
-    runs = np.split(seeds, np.flatnonzero(np.diff(seeds) != 1) + 1)
-    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs if len(run))
-
-
 # Layout: what goes where
 
 
@@ -219,9 +213,9 @@ def _observables(scene, ensemble):
         f"{group}/seed": _dataset("seed", ensemble.seeds, ("seed",)),
     }
     for name, value in ensemble.observables.items():
-        if name not in VARIABLES:
+        if name not in ARRAYS:
             nodes[f"{group}/{name}"] = _dataset(name, value, ("seed",))
-    nodes |= measured.layout(group, scene, ensemble)
+    nodes |= arrays.layout(group, scene, ensemble)
     if ensemble.events:
         nodes["observables/events"] = Node(None, {})
     return nodes
@@ -260,7 +254,7 @@ def _command(scene, engine, ensemble):
     nothing = ["none"] * (ensemble.tracer is None and scene.particles > 0)
     record = f" --record {','.join(words or nothing)}" if words or nothing else ""
     seeds = f" --seeds {seed_text(ensemble.seeds)}"
-    observables = measured.options(ensemble)
+    observables = arrays.command_options(ensemble)
     return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.options}{record}{observables}`"
 
 
