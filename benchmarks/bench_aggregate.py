@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage import write_trajectories
@@ -64,7 +65,7 @@ def write(folder, scene, seeds):
     observables |= {name: rng.normal(0, 1e-15, len(seeds)) for name in HEALTH}
     observables["failed"] = np.zeros(len(seeds), np.uint8)
     path = Path(folder) / f"{seeds[0]}.h5"
-    write_trajectories(path, scene, "exact", {}, Ensemble(seeds, scene.times, Track(position), observables, {}, {}))
+    write_trajectories(path, scene, Engine("exact"), Ensemble(seeds, scene.times, Track(position), observables, {}, {}))
     return path
 
 

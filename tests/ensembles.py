@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage import Trajectories, write_trajectories
@@ -50,14 +51,14 @@ def make_runs(scene, seeds, failed=(), diffusion=DIFFUSION):
         "failed": bad.astype(np.uint8),
     }
     ensemble = Ensemble(seeds.astype(np.int64), scene.times, Track(position, None, None), observables, {}, {})
-    return Trajectories(scene, "exact", {}, ensemble)
+    return Trajectories(scene, Engine("exact"), ensemble)
 
 
 def write(folder, trajectories):
     """The trajectory file of a batch; its path."""
     scene, seeds = trajectories.scene, trajectories.ensemble.seeds
-    path = folder / f"{scene.name}-{scene.particles}-{trajectories.engine}-{seeds[0]}-{seeds[-1]}.h5"
-    write_trajectories(path, *trajectories[:4])
+    path = folder / f"{scene.name}-{scene.particles}-{trajectories.engine.name}-{seeds[0]}-{seeds[-1]}.h5"
+    write_trajectories(path, *trajectories[:3])
     return path
 
 

@@ -9,6 +9,7 @@ import pytest
 from brownpipe import analysis, theory
 from brownpipe.analysis import aggregate, displacement, distribution
 from brownpipe.analysis.conditions import initial_square_speed
+from brownpipe.engines import Engine
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.state import Track
 from brownpipe.scene import parse_scene
@@ -320,7 +321,7 @@ def test_no_tracer_no_msd(tmp_path):
 
 def test_engines_are_labelled_with_their_settings(tmp_path):
     exact = make_runs(make_scene(), range(12))
-    coarse = exact._replace(engine="timestep", settings={"time_step": 0.01})
+    coarse = exact._replace(engine=Engine("timestep", (("time_step", 0.01),)))
     dataset = aggregate([write(tmp_path, exact), write(tmp_path, coarse)])
     assert dataset.engine.values.tolist() == ["exact", "timestep-0.01-late"]
 

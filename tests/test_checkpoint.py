@@ -15,6 +15,7 @@ import pytest
 
 from brownpipe import provenance
 from brownpipe.cli import DONE, FAILED, main
+from brownpipe.engines import Engine
 from brownpipe.engines.exact import run
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints
@@ -74,7 +75,7 @@ class KilledError(Exception):
 
 def file_of(folder, scene, ensemble):
     """The bytes of the trajectory file."""
-    write_trajectories(folder / "x.h5", scene, "exact", {}, ensemble)
+    write_trajectories(folder / "x.h5", scene, Engine("exact"), ensemble)
     return (folder / "x.h5").read_bytes()
 
 

@@ -70,7 +70,7 @@ def test_simulate_writes_what_was_asked_for(runs):
     trajectories = read_trajectories(runs)
     assert trajectories.ensemble.seeds.tolist() == [0, 1, 2]
     assert trajectories.ensemble.tracer.position.shape == (101, 3, 2)
-    assert (trajectories.scene.particles, trajectories.engine) == (10, "exact")
+    assert (trajectories.scene.particles, trajectories.engine.name) == (10, "exact")
 
 
 def ends_well(found, file="harrison2020.h5", runs="1 run"):
@@ -107,7 +107,7 @@ def test_the_command_in_a_file_names_engine_and_settings(friction, capsys):
     assert status == DONE and re.fullmatch(r"harrison2020\.h5: 1 run, [0-9.]+ m?s of CPU\n", out)
     assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in err
     first, found = Path("harrison2020.h5").read_bytes(), read_trajectories("harrison2020.h5")
-    assert (found.engine, found.settings) == ("langevin", {"friction": friction})
+    assert (found.engine.name, dict(found.engine.settings)) == ("langevin", {"friction": friction})
     command = re.search(rb"`(brownpipe [^`]*)`", first)[1].decode().split()
     assert command[-4:] == ["--engine", "langevin", "--friction", friction]
     os.symlink(SCENE, "harrison2020.yaml")
@@ -129,7 +129,7 @@ def test_an_engine_gets_its_settings_and_no_other(capsys, monkeypatch, runs):
     nothing_measured = {"observables": (), "average": "runs"}
     settings = {"time_step": 0.01, "precision": "double", "collisions": "at_contact"}
     assert calls == [([0, 1, 2], frozenset({"tracer"}), nothing_measured | settings)]
-    assert read_trajectories("x.h5").settings == settings
+    assert dict(read_trajectories("x.h5").engine.settings) == settings
     assert (
         b"--engine timestep --time-step 0.01 --precision double --collisions at_contact`" in Path("x.h5").read_bytes()
     )

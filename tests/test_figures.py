@@ -14,7 +14,7 @@ from matplotlib.text import Text
 
 from brownpipe import cli, figures, storage
 from brownpipe.analysis import aggregate
-from brownpipe.engines import state
+from brownpipe.engines import Engine, state
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
 from brownpipe.figures.tables import Table, to_csv
 from brownpipe.study.study_file import FIGURES
@@ -639,7 +639,7 @@ def test_summary_says_what_is_tested_and_at_which_level(tmp_path):
 
 def test_summary_names_missing_seeds_and_engines(tmp_path):
     full, partial = make_runs(make_scene(), range(20)), make_runs(make_scene(), [*range(5), *range(9, 20)])
-    coarse = partial._replace(engine="timestep", settings={"time_step": 0.01})
+    coarse = partial._replace(engine=Engine("timestep", (("time_step", 0.01),)))
     text = figures.summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
     assert "plain, N = 20, timestep-0.01-late: missing: 4 of 20 seeds (5-8)" in text
     assert "engine" in text.splitlines()[1]
@@ -720,7 +720,7 @@ def test_the_summary_of_averages_has_no_distribution(tmp_path):
     squared = np.arange(20.0)[:, None] * scene.times
     measured = runs.ensemble.observables | {"square_displacement": squared}
     ensemble = runs.ensemble._replace(tracer=None, observables=measured, average="disks")
-    storage.write_trajectories(tmp_path / "a.h5", scene, "exact", {}, ensemble)
+    storage.write_trajectories(tmp_path / "a.h5", scene, Engine("exact"), ensemble)
     text = figures.summary(aggregate([tmp_path / "a.h5"])).splitlines()
     assert text[0].split() == ["scene", "N", "runs", "MSD(t", "=", "1)", "D"] and not any(
         "rejected" in line for line in text

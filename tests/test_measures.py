@@ -9,6 +9,7 @@ import pytest
 from brownpipe import analysis, observables, theory
 from brownpipe.analysis import conditions, displacement, measure, pairs, runs, thermodynamics, velocity
 from brownpipe.analysis.resampling import Estimate
+from brownpipe.engines import Engine
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.engines.state import Track
@@ -54,7 +55,7 @@ def dataset(tmp_path_factory):
     folder, scenes = tmp_path_factory.mktemp("gas"), (gas(), gas("reflecting", tracer={"radius": 1.0, "mass": 3.0}))
     for scene in scenes:
         ensemble = exact.simulate(scene, np.arange(30), frozenset({"tracer"}), observables=EVERYTHING)
-        write_trajectories(folder / f"{scene.name}.h5", scene, "exact", {}, ensemble)
+        write_trajectories(folder / f"{scene.name}.h5", scene, Engine("exact"), ensemble)
     return analysis.aggregate(sorted(folder.iterdir()), windows=((0.5, 2.0),))
 
 

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from brownpipe.cli import DONE, FAILED, main
+from brownpipe.engines import Engine
 from brownpipe.engines.state import Track
 from brownpipe.errors import WRONG_REQUEST
 from brownpipe.figures import snapshot
@@ -33,7 +34,7 @@ def path(tmp_path_factory):
     runs = make_runs(scene, SEEDS)
     tracks = {seed: whole(scene, seed) for seed in SEEDS}
     path = tmp_path_factory.mktemp("movie") / "runs.h5"
-    write_trajectories(path, scene, "exact", {}, runs.ensemble._replace(whole=tracks))
+    write_trajectories(path, scene, Engine("exact"), runs.ensemble._replace(whole=tracks))
     return path
 
 
@@ -94,7 +95,7 @@ def test_video_is_what_ffmpeg_makes_of_raw_frames(path, tmp_path, monkeypatch, c
 
 
 def test_refusals(path, tmp_path, capsys):
-    write_trajectories(tmp_path / "tracer.h5", make_scene(), "exact", {}, make_runs(make_scene(), [1]).ensemble)
+    write_trajectories(tmp_path / "tracer.h5", make_scene(), Engine("exact"), make_runs(make_scene(), [1]).ensemble)
     asked = {
         "holds no whole runs; make it again: brownpipe simulate SCENE --record all": [tmp_path / "tracer.h5"],
         "seed 17 is not in it; its whole runs have the seeds 3,8": [path, "--seed", "17"],

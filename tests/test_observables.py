@@ -11,7 +11,7 @@ from scipy import stats
 from brownpipe import observables, storage, theory
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.cli import DONE, main
-from brownpipe.engines import forecast
+from brownpipe.engines import Engine, forecast
 from brownpipe.engines.batch import RunResult
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.state import Track
@@ -408,7 +408,7 @@ def test_cost_knows_the_arrays_and_the_run_that_is_held(boundary):
 def test_arrays_in_a_file(boundary, tmp_path):
     scene = make(boundary)
     ensemble = simulate(scene, [3, 4, 9], {"none"}, observables=ALL, average="origins")
-    storage.write_trajectories(tmp_path / "x.h5", scene, "exact", {}, ensemble)
+    storage.write_trajectories(tmp_path / "x.h5", scene, Engine("exact"), ensemble)
     again = storage.read_trajectories(tmp_path / "x.h5").ensemble
     assert again.average == "origins"
     assert again.times.tobytes() == scene.times.tobytes()
@@ -430,7 +430,7 @@ def test_arrays_in_a_file(boundary, tmp_path):
 def test_arrays_in_words(tmp_path):
     scene = make()
     ensemble = simulate(scene, [3, 4], {"none"}, observables=ALL, average="origins")
-    storage.write_trajectories(tmp_path / "x.h5", scene, "exact", {}, ensemble)
+    storage.write_trajectories(tmp_path / "x.h5", scene, Engine("exact"), ensemble)
     text = storage.report(tmp_path / "x.h5")
     assert "average over origins" in text
     for name in observables.arrays_of(scene, ALL):

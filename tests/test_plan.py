@@ -207,9 +207,7 @@ def prices_of(scene, folder):
     """A stored price list of a scene in which steps are half the price and off by 5 %."""
     runs = make_runs(scene, range(300))
     track = runs.ensemble.tracer._replace(position=runs.ensemble.tracer.position * math.sqrt(1.05))
-    coarse = runs._replace(
-        engine="timestep", settings=dict(COARSE.settings), ensemble=runs.ensemble._replace(tracer=track)
-    )
+    coarse = runs._replace(engine=COARSE, ensemble=runs.ensemble._replace(tracer=track))
     files = [write(folder, one) for one in (runs, coarse)]
     found = tradeoff.measure(files, seconds_per_run=lambda engine, _: 0.02 if engine == EXACT else 0.01)
     storage.write_dataset(folder / "prices.nc", found)

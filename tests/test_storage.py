@@ -12,12 +12,14 @@ import pytest
 import xarray
 
 from brownpipe import provenance, storage
+from brownpipe.engines import Engine, configured
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import StorageError
 from brownpipe.scene import parse_scene
 from brownpipe.storage import files, hdf5, trajectories
 
 COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
+ENSKOG = (("friction", "enskog"),)
 ERRORS = ("energy_drift", "worst_overlap", "momentum_residual")
 
 
@@ -92,7 +94,7 @@ def case(request):
 def full(tmp_path):
     """A file with everything in it."""
     scene, path = make_scene(boundary="periodic"), tmp_path / "full.h5"
-    storage.write_trajectories(path, scene, "exact", {}, make_ensemble(scene, whole=(1,), events=((0, 9),)))
+    storage.write_trajectories(path, scene, Engine("exact"), make_ensemble(scene, whole=(1,), events=((0, 9),)))
     return path
 
 
@@ -117,19 +119,34 @@ def refusal(read, path):
 # -- trajectories ---------------------------------------------------------------------------------------------------
 
 
-def test_round_trip(case, tmp_path):
+@pytest.mark.parametrize(
+    "engine",
+    [Engine("exact"), configured("timestep", time_step=1e-3, precision="single"), Engine("langevin", ENSKOG)],
+    ids=lambda engine: engine.label,
+)
+def test_round_trip(case, engine, tmp_path):
     scene, ensemble = case
-    settings = {"cell_side": 1.5, "name": "ü"}
-    storage.write_trajectories(tmp_path / "new" / "runs.h5", scene, "exact", settings, ensemble)
+    storage.write_trajectories(tmp_path / "new" / "runs.h5", scene, engine, ensemble)
     assert os.listdir(tmp_path / "new") == ["runs.h5"]
-    written = storage.Trajectories(
-        scene, "exact", settings, ensemble, provenance.source_digest(provenance.simulation_of("exact"))
-    )
+    source = provenance.source_digest(provenance.simulation_of(engine.name))
+    written = storage.Trajectories(scene, engine, ensemble, source)
     assert same(storage.read_trajectories(tmp_path / "new" / "runs.h5"), written)
+    assert f"engine       {engine.options}\n" in storage.report(tmp_path / "new" / "runs.h5")
+
+
+def test_an_engine_of_another_version(tmp_path):
+    """Where time steps do not say when they collide, they collided late; a setting of no meaning here is refused."""
+    path, scene, steps = tmp_path / "runs.h5", make_scene(), (("time_step", 0.01), ("precision", "double"))
+    storage.write_trajectories(path, scene, Engine("timestep", steps), make_ensemble(scene))
+    late = Engine("timestep", (*steps, ("collisions", "late")))
+    assert storage.read_trajectories(path).engine == storage.read_outline(path).engine == late
+    storage.write_trajectories(path, scene, Engine("exact", (("cell_side", 1.5),)), make_ensemble(scene))
+    for read in (storage.read_trajectories, storage.read_outline):
+        assert "not of this one: unknown key 'cell_side'" in refusal(read, path)
 
 
 def test_every_dataset_is_filtered_and_explained(case, tmp_path):
-    storage.write_trajectories(tmp_path / "runs.h5", case[0], "exact", {}, case[1])
+    storage.write_trajectories(tmp_path / "runs.h5", case[0], Engine("exact"), case[1])
     seen = []
 
     def look(name, item):
@@ -217,7 +234,7 @@ sys.path[:0] = sys.argv[1:3]
 from test_storage import *
 time.sleep(1.1)  # a time stamp in seconds would show
 scene = make_scene()
-storage.write_trajectories("a/runs.h5", scene, "exact", {}, make_ensemble(scene, whole=(1,), events=((0, 9),)))
+storage.write_trajectories("a/runs.h5", scene, Engine("exact"), make_ensemble(scene, whole=(1,), events=((0, 9),)))
 storage.write_dataset("a/study.nc", make_dataset())
 """
 
@@ -226,7 +243,7 @@ storage.write_dataset("a/study.nc", make_dataset())
 def test_same_bytes_in_another_process_place_and_time_zone(tmp_path):
     scene = make_scene()
     storage.write_trajectories(
-        tmp_path / "runs.h5", scene, "exact", {}, make_ensemble(scene, whole=(1,), events=((0, 9),))
+        tmp_path / "runs.h5", scene, Engine("exact"), make_ensemble(scene, whole=(1,), events=((0, 9),))
     )
     storage.write_dataset(tmp_path / "study.nc", make_dataset())
     other = {"TZ": "Asia/Tokyo", "LANG": "C", "LC_ALL": "C", "PYTHONHASHSEED": "7", "HOME": str(tmp_path)}
@@ -308,7 +325,7 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
     storage.write_dataset(path, make_dataset())
     assert "not a trajectory file" in refusal(storage.read_trajectories, path)
     monkeypatch.setattr(trajectories, "FORMAT", 2)
-    storage.write_trajectories(path, make_scene(), "exact", {}, make_ensemble(make_scene()))
+    storage.write_trajectories(path, make_scene(), Engine("exact"), make_ensemble(make_scene()))
     monkeypatch.setattr(trajectories, "FORMAT", 1)
     assert "upgrade" in refusal(storage.read_trajectories, path)
     assert "not a dataset" in refusal(storage.read_dataset, path)
@@ -379,7 +396,7 @@ def test_a_killed_writer_leaves_nothing_under_the_final_name(tmp_path):
 
 def test_describe(case, tmp_path):
     path = tmp_path / "runs.h5"
-    storage.write_trajectories(path, case[0], "exact", {}, case[1])
+    storage.write_trajectories(path, case[0], Engine("exact"), case[1])
     text = storage.report(path)
     for word in ("a.scene", f"{case[0].particles} disks", "6 from t = 0 to 1", "0 failed", "intact       yes"):
         assert word in text

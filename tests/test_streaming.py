@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from brownpipe.analysis import aggregate, runs
+from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble, Track
 from brownpipe.errors import AnalysisError
 from brownpipe.storage import Trajectories, read_outline, read_trajectories, write_dataset, write_trajectories
@@ -35,7 +36,7 @@ def written(folder, ensemble, batches):
     folder.mkdir()
     paths = [folder / f"{k}.h5" for k in range(len(batches))]
     for path, rows in zip(paths, batches, strict=True):
-        write_trajectories(path, SCENE, "exact", {}, part(ensemble, rows))
+        write_trajectories(path, SCENE, Engine("exact"), part(ensemble, rows))
     return paths
 
 
@@ -94,7 +95,7 @@ def test_files_with_other_observables_are_refused(everything, tmp_path):
     paths = written(tmp_path / "batches", everything, layouts()["batches"])
     more = part(everything, np.arange(2205, 2210))
     more = more._replace(observables=more.observables | {"virial": more.seeds * 1.0})
-    write_trajectories(paths[-1], SCENE, "exact", {}, more)
+    write_trajectories(paths[-1], SCENE, Engine("exact"), more)
     with pytest.raises(AnalysisError, match=r"5\.h5: has other observables than .*0\.h5 \(virial\)"):
         aggregate(paths)
 
@@ -103,7 +104,7 @@ def test_outline_is_that_of_the_trajectories(everything, tmp_path):
     (path,) = written(tmp_path / "one", everything, [np.arange(40)])
     outline, trajectories = read_outline(path), read_trajectories(path)
     assert isinstance(trajectories, Trajectories)
-    for name in ("scene", "engine", "settings", "source"):
+    for name in ("scene", "engine", "source"):
         assert getattr(outline, name) == getattr(trajectories, name)
     for name in ("seeds", "times"):
         assert np.array_equal(getattr(outline, name), getattr(trajectories.ensemble, name))

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
 from brownpipe import cli, storage, tradeoff
+from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
@@ -199,7 +200,9 @@ def stretched(trajectories, by, settings=STEP):
     """The same runs by an engine whose displacements are larger by a factor."""
     ensemble = trajectories.ensemble
     track = ensemble.tracer._replace(position=ensemble.tracer.position * by)
-    return trajectories._replace(engine="timestep", settings=settings, ensemble=ensemble._replace(tracer=track))
+    return trajectories._replace(
+        engine=Engine("timestep", tuple(settings.items())), ensemble=ensemble._replace(tracer=track)
+    )
 
 
 @pytest.fixture(scope="module")

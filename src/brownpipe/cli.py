@@ -87,7 +87,7 @@ def simulate(arguments) -> int:
     kept = _checkpoints(arguments, checkpoint, scene, seeds, record)
     with _told_about_runs():
         ensemble = engine.simulate(scene, seeds, record, *kept, **measures)
-    write_trajectories(output, scene, engine.name, dict(engine.settings), ensemble)
+    write_trajectories(output, scene, engine, ensemble)
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
     failed = ensemble.seeds[ensemble.observables["failed"] > 0]

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.resampling import BLOCK
-from brownpipe.engines import recorded
 from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
 from brownpipe.storage import read_outline, read_trajectories
@@ -25,8 +24,7 @@ class File(NamedTuple):
     def key(self):
         """Scene, particle count and engine."""
         scene = self.outline.scene
-        engine = recorded({"name": self.outline.engine, **self.outline.settings})
-        return scene.name, scene.particles, engine.label
+        return scene.name, scene.particles, self.outline.engine.label
 
 
 class Group(NamedTuple):

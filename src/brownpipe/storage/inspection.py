@@ -1,6 +1,5 @@
 """What is in a file, and is it intact: `brownpipe inspect`."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -51,12 +50,12 @@ def _read(path):
 
 
 def _trajectories(path, contents):
-    scene, engine, settings, ensemble = contents[:4]
+    scene, engine, ensemble = contents[:3]
     times = ensemble.times
     box = f"{scene.box.boundary} box {scene.box.width:g} x {scene.box.height:g}"
     return [
         f"scene        {scene.name}: {scene.particles} disks in a {box}, packing fraction {scene.packing_fraction:.4g}",
-        f"engine       {engine} {json.dumps(settings, sort_keys=True)}",
+        f"engine       {engine.options}",
         f"seeds        {seed_text(ensemble.seeds)} ({len(ensemble.seeds)} runs)",
         f"samples      {len(times)} from t = {times[0]:g} to {times[-1]:g}",
         f"recorded     {_recorded(ensemble)}",

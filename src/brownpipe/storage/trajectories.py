@@ -9,7 +9,7 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from brownpipe.engines import Engine
+from brownpipe.engines import Engine, recorded
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import ARRAYS, AXES
@@ -70,8 +70,7 @@ class Trajectories(NamedTuple):
     """What a trajectory file holds."""
 
     scene: Scene
-    engine: str
-    settings: dict
+    engine: Engine
     ensemble: Ensemble
     source: str = ""  # digest of the source that made the runs
 
@@ -80,8 +79,7 @@ class Outline(NamedTuple):
     """What a trajectory file is about: all but the runs themselves."""
 
     scene: Scene
-    engine: str
-    settings: dict
+    engine: Engine
     seeds: np.ndarray  # (S,)
     times: np.ndarray  # (T,)
     tracer: bool  # whether it has the tracks of the tracer
@@ -89,12 +87,12 @@ class Outline(NamedTuple):
     average: str = "runs"  # as in Ensemble
 
 
-def write_trajectories(path: str | Path, scene: Scene, engine: str, settings: dict, ensemble: Ensemble) -> None:
+def write_trajectories(path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble) -> None:
     """Write one batch of runs; layout in `brownpipe.storage`.
 
     Raises StorageError if the file cannot be written or does not read back as what was given.
     """
-    nodes = _layout(Trajectories(scene, engine, settings, ensemble))
+    nodes = _layout(Trajectories(scene, engine, ensemble))
     expected = digest(nodes)
     nodes["parameters"].attributes.update(contents_digest=expected, seal=BLANK_SEAL)
     image = seal(to_bytes(nodes))
@@ -120,12 +118,11 @@ def read_outline(path: str | Path) -> Outline:
     with _naming(path):
         nodes = some_from_bytes(read_sealed(path), OUTLINE)
         parameters = _parameters_of(nodes)
-        scene = _scene(nodes)
+        scene, engine = _scene_and_engine(nodes)
         times = nodes.get("particles/tracer/position/time", nodes.get("observables/run/time"))
         return Outline(
             scene,
-            parameters["engine"],
-            json.loads(nodes["parameters/settings"].value),
+            engine,
             nodes["observables/run/seed"].value,
             scene.times if times is None else times.value,
             "particles/tracer" in nodes,
@@ -229,21 +226,21 @@ def _events(group, events):
 
 
 def _parameters(trajectories):
-    scene, engine, settings, ensemble = trajectories[:4]
+    scene, engine, ensemble = trajectories[:3]
     names = {
         "format": FORMAT,
         "scene_name": scene.name,
         "particles": scene.particles,
-        "engine": engine,
+        "engine": engine.name,
         "seeds": seed_text(ensemble.seeds),
         "average": ensemble.average,
-        "rerun": _command(scene, Engine(engine, tuple(settings.items())), ensemble),
-        "source_digest": source_digest(simulation_of(engine)),
+        "rerun": _command(scene, engine, ensemble),
+        "source_digest": source_digest(simulation_of(engine.name)),
     }
     return {
         "parameters": Node(None, names | versions()),
         "parameters/scene": _dataset("scene", scene.text),
-        "parameters/settings": _dataset("settings", json.dumps(settings, sort_keys=True, allow_nan=False)),
+        "parameters/settings": _dataset("settings", json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False)),
     }
 
 
@@ -279,19 +276,21 @@ def _parameters_of(nodes):
     return attributes
 
 
-def _scene(nodes):
+def _scene_and_engine(nodes):
     parameters = nodes["parameters"].attributes
+    settings = json.loads(nodes["parameters/settings"].value)
     try:
-        return parse_scene(json.loads(nodes["parameters/scene"].value), f"{parameters['scene_name']}.yaml")
+        scene = parse_scene(json.loads(nodes["parameters/scene"].value), f"{parameters['scene_name']}.yaml")
+        return scene, recorded({"name": parameters["engine"], **settings})
     except RequestError as error:
         raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
 
 
 def _trajectories(nodes):
-    parameters, scene = nodes["parameters"].attributes, _scene(nodes)
-    settings = json.loads(nodes["parameters/settings"].value)
+    parameters = nodes["parameters"].attributes
+    scene, engine = _scene_and_engine(nodes)
     ensemble = _ensemble(nodes, scene)._replace(average=parameters.get("average", "runs"))
-    return Trajectories(scene, parameters["engine"], settings, ensemble, parameters["source_digest"])
+    return Trajectories(scene, engine, ensemble, parameters["source_digest"])
 
 
 def _ensemble(nodes, scene):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines import Engine, recorded
+from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
 from brownpipe.storage import read_trajectories
@@ -41,14 +41,14 @@ def read_runs(paths) -> list[Runs]:
         read = read_trajectories(path)
         if read.ensemble.tracer is None:
             raise AnalysisError(f"{path}: holds no tracer; make it again without --record none")
-        key = (read.scene.name, read.scene.particles, _engine(read).label)
+        key = (read.scene.name, read.scene.particles, read.engine.label)
         parts.setdefault(key, []).append((path, read))
     return [_joined(parts[key]) for key in sorted(parts)]
 
 
 def runs_of(scene, engine, ensemble) -> Runs:
     """The runs of an ensemble (engines.state.Ensemble), seeds in ascending order."""
-    return _joined([("", Trajectories(scene, engine.name, dict(engine.settings), ensemble))])
+    return _joined([("", Trajectories(scene, engine, ensemble))])
 
 
 def _joined(parts):
@@ -71,12 +71,7 @@ def _joined(parts):
     counts = [read.ensemble.observables.get("pair_counts") for _, read in parts]
     counts = None if any(one is None for one in counts) else np.concatenate(counts)[order][kept]
     failed = np.count_nonzero(~kept)
-    return Runs(first.scene, _engine(first), seeds[order][kept], times, moved, squared, outcomes, counts, failed)
-
-
-def _engine(read):
-    """The engine of a file, its settings in their usual order."""
-    return recorded({"name": read.engine, **read.settings})
+    return Runs(first.scene, first.engine, seeds[order][kept], times, moved, squared, outcomes, counts, failed)
 
 
 def _outcome(read, name):
