@@ -29,7 +29,7 @@ def test_scene():
     assert "t = 0 to 1, 101 samples" in said["run"]
     assert "walls, radius and mass of each disk, 1 much bigger than the rest" in said["engine"]
     assert "560 collisions between disks and 110 with walls" in said["expected"]
-    assert "adds to a run, one by one: displacement 0.01" in said["measure"]
+    assert "adds to a run, one by one: square_displacement 0.01" in said["measure"]
     assert all(f" {name} " in said["measure"] for name in OBSERVABLES)
     assert (
         "--time-step 0.02 --precision double --collisions at_contact: all disks, in time steps; some "
@@ -163,8 +163,8 @@ def test_averages_and_kept_disks_have_their_price():
         return forecast.of_run(scene, record, names, average).seconds
 
     scene = read_scene(CONFIG / "scenes" / "dense.yaml")
-    assert seconds(scene) < seconds(scene, names=("displacement",)) < seconds(scene, frozenset({"all"}))
-    for name in ("displacement", "velocity_autocorrelation"):
+    assert seconds(scene) < seconds(scene, names=("square_displacement",)) < seconds(scene, frozenset({"all"}))
+    for name in ("square_displacement", "velocity_autocorrelation"):
         assert seconds(scene, names=(name,)) < seconds(scene, names=(name,), average="origins")
         assert seconds(scene, frozenset({"all"})) < seconds(scene, names=(name,), average="disks")
     langevin = Engine("langevin", (("friction", "enskog"),))

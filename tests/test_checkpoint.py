@@ -319,7 +319,7 @@ def test_killed_at_any_moment():
         ("--seeds", "3-6", "seeds 3-5, not 3-6"),
         ("--record", "all,events", "record events,tracer, not all,events,tracer"),
         ("--particles", "23", "particles 24, not 23"),
-        ("--observables", "kinetic_energy", "observables none, not kinetic_energy"),
+        ("--observables", "species_energy", "observables none, not species_energy"),
         ("scene", "71.0", "another scene"),
         ("source", "0" * 64, "another source"),
         ("numba", "0.0.1", f"numba {version('numba')}, not 0.0.1"),

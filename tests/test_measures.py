@@ -160,7 +160,7 @@ def test_routes_to_d_have_no_error_of_the_sample_interval(start):
 def test_routes_to_d_from_a_recorded_track_with_velocities(boundary):
     """To the bit as from the observables, in a periodic box unwrapped; without velocities there are none."""
     scene = gas(boundary, duration=20.0)
-    made = exact.simulate(scene, [0], {"all"}, observables=("displacement", "velocity_autocorrelation"))
+    made = exact.simulate(scene, [0], {"all"}, observables=("square_displacement", "velocity_autocorrelation"))
     track = Track(*(None if values is None else values[:, :1] for values in made.whole[0]))
     assert boundary == "reflecting" or track.image.any()
     case = case_of(scene)

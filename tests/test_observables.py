@@ -16,10 +16,11 @@ from brownpipe.engines.batch import RunResult
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.state import Track
 from brownpipe.errors import WRONG_REQUEST, RequestError
-from brownpipe.observables import ARRAYS, OBSERVABLES, observe
+from brownpipe.observables import ARRAYS, OBSERVABLES, RENAMED, observe
 from brownpipe.scene import parse_scene
 
 W, P = "reflecting", "periodic"
+SQUARE, TRACER_ALONE = ("square_displacement",), ("square_displacement", "velocity_autocorrelation")
 ALL = tuple(OBSERVABLES)
 UNLIKELY = 1e-7  # chance that a test against a distribution fails though all is right
 SIGMAS = stats.norm.isf(UNLIKELY / 2)  # 5.3
@@ -177,7 +178,7 @@ def plain_mean_over(scene, average, product_of):
 def test_averages_are_those_of_plain_loops(boundary, average):
     scene = make(boundary, (*BATH, {"name": "same", "count": 4, **TRACER}))  # 2.05 is no multiple of 0.1
     run = made_up(scene)
-    found = observe(scene, run, ("displacement", "velocity_autocorrelation"), average)
+    found = observe(scene, run, ("square_displacement", "velocity_autocorrelation"), average)
     unwrapped = run.whole.position
     if boundary == P:
         unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
@@ -201,7 +202,7 @@ def test_averages_are_those_of_plain_loops(boundary, average):
 def test_energies_and_the_temperature_of_a_scene_without_one():
     scene = make(velocities={"standard_deviation": 2.0}, equilibrate=None)
     run = made_up(scene)
-    found = observe(scene, run, ("kinetic_energy", "velocity_distribution"))
+    found = observe(scene, run, ("species_energy", "velocity_distribution"))
     energy = 0.5 * scene.mass * np.sum(run.whole.velocity**2, axis=-1)
     plain = [energy[:, 0], energy[:, 1:13].mean(axis=1), energy[:, 13:].mean(axis=1)]
     np.testing.assert_allclose(found["species_energy"].T, plain, rtol=1e-14)
@@ -231,7 +232,7 @@ def test_kinds_in_a_list_of_disks():
         for i, (radius, mass) in enumerate(kinds)
     ]
     scene = make(W, disks=disks, velocities=None, equilibrate=None, duration=1e-3, sample_interval=None)
-    found = simulate(scene, [0], {"none"}, observables=("kinetic_energy", "pair_distribution")).observables
+    found = simulate(scene, [0], {"none"}, observables=("species_energy", "pair_distribution")).observables
     axes = observables.axes(scene, "species_energy") | observables.axes(scene, "pair_counts")
     assert axes["species"] == ["kind-1", "kind-2", "kind-3"]
     assert found["species_energy"][0, 0].tolist() == [1.0, 0.5, 13.5]
@@ -285,7 +286,9 @@ def test_ballistic_flight():
     """Disks that do not meet: <r^2> = v0^2 t^2, and the autocorrelation stays v0^2, but for round-off."""
     lone = [{"name": "bath", "count": 1, "radius": 1e-4, "mass": 1.0}]
     scene = make(kinds=lone, tracer={"radius": 1e-4, "mass": 2.0})
-    found = simulate(scene, range(20), {"none"}, observables=("displacement", "velocity_autocorrelation")).observables
+    found = simulate(
+        scene, range(20), {"none"}, observables=("square_displacement", "velocity_autocorrelation")
+    ).observables
     assert not found["pair_collisions"].any()
     v2 = found["initial_square_speed"][:, None]
     np.testing.assert_allclose(found["velocity_autocorrelation"], np.tile(v2, len(scene.times)), rtol=1e-14)
@@ -298,7 +301,7 @@ def test_logarithmic_samples_see_the_same_run():
     """From ballistic flight on: the run does not know when it is looked at."""
     log = make(sample_interval=None, samples={"per_decade": 4, "first": 1e-6}, equilibrate=None, duration=2.0)
     lin = make(sample_interval=None, equilibrate=None, duration=2.0)
-    seen, once = (simulate(scene, range(4), {"tracer"}, observables=("displacement",)) for scene in (log, lin))
+    seen, once = (simulate(scene, range(4), {"tracer"}, observables=SQUARE) for scene in (log, lin))
     assert seen.times.tolist() == log.times.tolist() and len(log.times) > 25
     assert seen.tracer.position[-1].tobytes() == once.tracer.position[-1].tobytes()
     early = seen.observables["square_displacement"][:, 1]
@@ -310,7 +313,7 @@ def test_logarithmic_samples_see_the_same_run():
 def test_equipartition(boundary):
     """kT per disk of any mass. Errors over 200 runs, which are independent; chance of a false alarm below 1e-6."""
     scene = make(boundary)
-    found = simulate(scene, range(200), {"none"}, observables=("kinetic_energy",)).observables
+    found = simulate(scene, range(200), {"none"}, observables=("species_energy",)).observables
     energy = found["species_energy"].mean(axis=1)
     error = energy.std(axis=0, ddof=1) / np.sqrt(len(energy))
     assert np.all(np.abs(energy.mean(axis=0) - 1.5) < SIGMAS * error)
@@ -353,7 +356,7 @@ def test_the_order_of_the_names_does_not_matter():
     scene = make()
     files = [
         list(simulate(scene, [0], {"none"}, observables=names).observables)
-        for names in (("kinetic_energy", "displacement"), ("displacement", "kinetic_energy"))
+        for names in (("species_energy", "square_displacement"), ("square_displacement", "species_energy"))
     ]
     assert files[0] == files[1]
 
@@ -361,7 +364,7 @@ def test_the_order_of_the_names_does_not_matter():
 @pytest.mark.slow
 def test_one_whole_run_is_held_at_a_time():
     scene = make(duration=200.0)  # 2,001 samples of 16 disks: 1.3 MB of tracks
-    names = ("displacement", "kinetic_energy", "velocity_distribution", "pair_distribution")
+    names = ("square_displacement", "species_energy", "velocity_distribution", "pair_distribution")
     tracks, peaks = 40 * len(scene.times) * scene.particles, []
     for runs in (1, 3):
         tracemalloc.start()
@@ -376,11 +379,11 @@ def test_what_needs_every_disk():
     alone = make(kinds=[{"name": "same", "count": 4, **TRACER}], tracer=None)
     for scene, names, average, expected in (
         (make(), (), "runs", False),
-        (make(), ("displacement",), "origins", False),
+        (make(), SQUARE, "origins", False),
         (make(), ("velocity_autocorrelation",), "runs", True),  # that of the bath
-        (alone, ("displacement", "velocity_autocorrelation"), "runs", False),
-        (alone, ("displacement",), "disks", True),
-        (alone, ("kinetic_energy",), "runs", True),
+        (alone, ("square_displacement", "velocity_autocorrelation"), "runs", False),
+        (alone, SQUARE, "disks", True),
+        (alone, ("species_energy",), "runs", True),
     ):
         assert observables.needs_every_disk(scene, names, average) == expected
         found = simulate(scene, [0, 1], {"none"}, observables=names, average=average)
@@ -395,9 +398,9 @@ def test_cost_knows_the_arrays_and_the_run_that_is_held(boundary):
     size = sum(seed[name].size for name in ARRAYS if name in seed)
     assert measured.recorded == 8 * size
     assert measured.working - usual.working == forecast.BYTES_PER_SAMPLE * len(scene.times) * 16
-    assert forecast.of_run(scene, {"none"}, ("displacement",)).working == usual.working  # of the tracer alone
+    assert forecast.of_run(scene, {"none"}, SQUARE).working == usual.working  # of the tracer alone
     longer = make(duration=200.0)
-    seconds = [forecast.of_run(longer, {"none"}, names, "origins").seconds for names in ((), ("displacement",), ALL)]
+    seconds = [forecast.of_run(longer, {"none"}, names, "origins").seconds for names in ((), SQUARE, ALL)]
     assert seconds[0] < seconds[1] < seconds[2]
 
 
@@ -452,8 +455,8 @@ equilibrate: {time: 1.0, tracer: free}
     "options",
     [
         ["--record", "none", "--observables", ",".join(reversed(ALL)), "--average", "origins"],
-        ["--record", "all,events", "--observables", "kinetic_energy"],
-        ["--observables", "displacement,pair_distribution"],
+        ["--record", "all,events", "--observables", "species_energy"],
+        ["--observables", "square_displacement,pair_distribution"],
     ],
 )
 def test_the_command_in_a_file_makes_the_file_again(options, tmp_path, monkeypatch):
@@ -467,6 +470,19 @@ def test_the_command_in_a_file_makes_the_file_again(options, tmp_path, monkeypat
     assert (tmp_path / "y.h5").read_bytes() == first
 
 
+def test_names_of_the_version_before_make_the_same_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
+    names = {"x.h5": ",".join(RENAMED.values()), "y.h5": ",".join(RENAMED)}
+    said = []
+    for file, listed in names.items():
+        assert main(["simulate", "some.yaml", "--observables", listed, "--output", file]) == DONE
+        said.append(capsys.readouterr().err.splitlines())
+    assert (tmp_path / "x.h5").read_bytes() == (tmp_path / "y.h5").read_bytes()
+    hints = [f"brownpipe: --observables {old}: now called {new}" for old, new in RENAMED.items()]
+    assert said == [[], hints]
+
+
 # -- what is refused ------------------------------------------------------------------------------------------------
 
 LISTED = [{"position": [0.0, 3.0], "velocity": [1.0, 0.0], "radius": 0.1, "mass": 1.0}]
@@ -476,29 +492,54 @@ EXPLICIT = {"disks": LISTED, "velocities": None, "equilibrate": None}
 @pytest.mark.parametrize(
     ("more", "names", "average", "message"),
     [
-        ({}, ("msd",), "runs", "observables: 'msd' is unknown; must be of displacement, velocity_autocorrelation, kin"),
-        ({}, ("displacement",) * 2, "runs", "observables: must differ"),
-        ({"kinds": (), "tracer": None, "disks": []} | EXPLICIT | {"disks": []}, ("displacement",), "runs", "no disk"),
+        ({}, ("msd",), "runs", "observables: 'msd' is unknown; must be of square_displacement, velocity_auto"),
+        ({}, SQUARE * 2, "runs", "observables: must differ"),
+        (
+            {"kinds": (), "tracer": None, "disks": []} | EXPLICIT | {"disks": []},
+            SQUARE,
+            "runs",
+            "no disk",
+        ),
         (EXPLICIT, ("pair_distribution",), "runs", "observables: pair_distribution needs two disks"),
-        ({}, ("displacement",), "all", "average: 'all' is unknown; must be runs or origins or disks"),
-        ({}, ("kinetic_energy",), "origins", "average: origins needs displacement or velocity_autocorrelation among"),
-        (EXPLICIT, ("displacement",), "origins", "stationary from t = 0, but its disks are listed one by one"),
+        ({}, SQUARE, "all", "average: 'all' is unknown; must be runs or origins or disks"),
+        (
+            {},
+            ("species_energy",),
+            "origins",
+            "average: origins needs square_displacement or velocity_autocorrelation among",
+        ),
+        (EXPLICIT, SQUARE, "origins", "stationary from t = 0, but its disks are listed one by one"),
         (
             {"velocities": {"standard_deviation": 1}},
-            ("displacement",),
+            SQUARE,
             "origins",
             "velocities.temperature is not given",
         ),
-        ({"equilibrate": None}, ("displacement",), "origins", "stationary from t = 0, but equilibrate.time is 0"),
-        ({"equilibrate": 3.0}, ("displacement",), "disks", "but its tracer is pinned while it equilibrates"),
-        ({}, ("displacement",), "disks", "average: disks needs disks of the tracer's radius and mass, and there is no"),
+        (
+            {"equilibrate": None},
+            SQUARE,
+            "origins",
+            "stationary from t = 0, but equilibrate.time is 0",
+        ),
+        ({"equilibrate": 3.0}, SQUARE, "disks", "but its tracer is pinned while it equilibrates"),
+        (
+            {},
+            SQUARE,
+            "disks",
+            "average: disks needs disks of the tracer's radius and mass, and there is no",
+        ),
         (
             {"sample_interval": None, "samples": {"per_decade": 5}},
-            ("displacement",),
+            SQUARE,
             "origins",
             "average: origins needs sample_interval, not samples",
         ),
-        ({"duration": 2000.1}, ("displacement",), "origins", "average: origins needs at most 20000 samples; there are"),
+        (
+            {"duration": 2000.1},
+            SQUARE,
+            "origins",
+            "average: origins needs at most 20000 samples; there are",
+        ),
     ],
 )
 def test_what_a_scene_does_not_have_is_refused(more, names, average, message):
@@ -524,8 +565,11 @@ def test_stationary_is_what_has_one_temperature_and_had_time():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--observables", "msd"], "some.yaml: --observables msd: 'msd' is unknown; must be of displacement,"),
-        (["--average", "disks"], "some.yaml: --average disks: disks needs displacement or velocity_autocorrelation"),
+        (["--observables", "msd"], "some.yaml: --observables msd: 'msd' is unknown; must be of square_displacement,"),
+        (
+            ["--average", "disks"],
+            "some.yaml: --average disks: disks needs square_displacement or velocity_autocorrelation",
+        ),
     ],
 )
 def test_wrong_options(options, message, tmp_path, monkeypatch, capsys):

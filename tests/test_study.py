@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from brownpipe.engines import Engine, recorded
 from brownpipe.errors import RequestError
+from brownpipe.observables import RENAMED
 from brownpipe.scene.seeds import parse_seeds, ranges, seed_text
 from brownpipe.study import Job, read_study
 
@@ -102,16 +103,28 @@ def test_labels_of_different_time_steps_differ_and_are_names_of_folders(one, oth
     assert all("/" not in label and label.isascii() for label in labels)
 
 
+@pytest.mark.parametrize(("old", "new"), RENAMED.items())
+def test_names_of_observables_of_the_version_before_are_accepted(old, new, capsys):
+    today = small(observables=["pair_distribution", new], record="none")
+    assert capsys.readouterr().err == ""
+    assert small(observables=["pair_distribution", old], record="none") == today
+    err = capsys.readouterr().err
+    assert err.startswith("brownpipe: ") and err.endswith(f": observables[1] {old}: now called {new}\n")
+    assert err.count("\n") == 1 and "small.yaml" in err
+    with pytest.raises(RequestError, match=r"observables: .*: must differ"):
+        small(observables=[old, new])
+
+
 def test_what_is_measured_in_the_runs(tmp_path):
     assert (small().record, small().observables, small().average, small().measuring) == ("tracer", (), "runs", "")
-    study = small(observables=["displacement", "kinetic_energy"], record="none")
-    assert study.measuring == "--record none --observables displacement,kinetic_energy"
+    study = small(observables=["square_displacement", "species_energy"], record="none")
+    assert study.measuring == "--record none --observables square_displacement,species_energy"
     assert study.figures == ("msd", "diffusion", "energy", "thermodynamics", "particle_counts", "health")
-    assert small(observables="kinetic_energy", record="none").figures == ("energy", "thermodynamics", "health")
+    assert small(observables="species_energy", record="none").figures == ("energy", "thermodynamics", "health")
     text = (CONFIG / "scenes" / "harrison2020_thermal.yaml").read_text() + "equilibrate: {time: 1, tracer: free}\n"
     (tmp_path / "mixed.yaml").write_text(text)
-    study = small(scenes=str(tmp_path / "mixed.yaml"), observables="displacement", average="origins")
-    assert study.measuring == "--observables displacement --average origins"
+    study = small(scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins")
+    assert study.measuring == "--observables square_displacement --average origins"
 
 
 # -- seeds ---
@@ -248,15 +261,15 @@ def test_wrong_seeds_are_refused(text, allowed):
         ({"rings": {"dr": 0, "count": 3}}, "rings.dr: must be a finite number > 0, not 0"),
         ({"observabls": ["displacement"]}, "unknown key 'observabls'; did you mean observables?"),
         ({"observable": "msd"}, "observable: must not be given without a tolerance"),
-        ({"observables": ["kinetic"]}, "observables[0]: 'kinetic' is unknown; did you mean kinetic_energy? must be"),
-        ({"observables": ["displacement"] * 2}, "observables: harrison2020, N = 50: must differ"),
+        ({"observables": ["species"]}, "observables[0]: 'species' is unknown; did you mean species_energy? must be"),
+        ({"observables": ["square_displacement"] * 2}, "observables: harrison2020, N = 50: must differ"),
         ({"average": "runes"}, "average: 'runes' is unknown; did you mean runs? must be runs or origins or disks"),
         (
-            {"observables": "displacement", "average": "origins"},
+            {"observables": "square_displacement", "average": "origins"},
             "average: harrison2020, N = 50: origins needs runs that are stationary from t = 0, but velocities",
         ),
         ({"record": "all"}, "record: 'all' is unknown; must be tracer or none"),
-        ({"record": "none", "figures": "msd"}, "figures: msd needs record: tracer, or displacement among the obs"),
+        ({"record": "none", "figures": "msd"}, "figures: msd needs record: tracer, or square_displacement among"),
         ({"scenes": []}, "scenes: must be a list that is not empty"),
         ({"scenes": [3]}, "scenes[0]: must be the path of a scene file, relative to the study file, not 3"),
         ({"scenes": ["scenes/harrison2020.yaml"] * 2}, "scenes[1]: must be a scene with a name (file stem) of its own"),

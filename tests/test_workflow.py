@@ -339,7 +339,7 @@ def test_a_changed_engine_runs_its_own_jobs_again(of_two_engines, tmp_path, sour
 
 
 def test_what_is_measured_in_the_runs_is_passed_on(study):
-    measured = ["--config", "observables=[displacement,kinetic_energy]", "record=none"]
+    measured = ["--config", "observables=[square_displacement,species_energy]", "record=none"]
     assert planned(study, "--until", "simulate", *measured) == {"simulate": 8, "aggregate": 0, "figures": 0}
     snakemake(study, "--cores", "1", "--until", "simulate", *measured, "scenes=scenes/hot.yaml", "particles=8")
     with h5py.File(study / "results/study/simulate/hot/N8/exact/0-9.h5") as file:

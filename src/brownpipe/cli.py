@@ -58,8 +58,8 @@ def simulate(arguments) -> int:
 
     The tracer is recorded in any case, except with `--record none`. Runs that fail their health check are marked in
     the file, named, and never averaged in; if none is left, the exit status is 1.
-    With `--observables`, what needs all disks is measured in each run, and only the result is kept: displacement,
-    velocity_autocorrelation, kinetic_energy, velocity_distribution, pair_distribution.
+    With `--observables`, what needs all disks is measured in each run, and only the result is kept:
+    square_displacement, velocity_autocorrelation, species_energy, velocity_distribution, pair_distribution.
     With `--checkpoint-every`, what is done so far is kept in FILE.h5.checkpoint, at the first end of a block of time
     (some 128 collisions of each disk) after so many seconds. The same command goes on from there if it was killed, to
     the same file, byte for byte.
@@ -394,7 +394,10 @@ def _parser() -> argparse.ArgumentParser:
         "--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events"
     )
     one.add_argument(
-        "--observables", metavar="NAMES", help="what to measure in each run, like displacement,kinetic_energy"
+        "--observables",
+        type=_observables,
+        metavar="NAMES",
+        help="what to measure in each run, like square_displacement,species_energy",
     )
     one.add_argument(
         "--average", default="runs", metavar="OVER", help="runs (default), or all time origins or equal disks of a run"
@@ -461,6 +464,15 @@ def _verb(verbs, function, example: str) -> argparse.ArgumentParser:
     one = verbs.add_parser(function.__name__, help=brief, description=function.__doc__, epilog=f"example: {example}")
     one.set_defaults(verb=function)
     return one
+
+
+def _observables(text: str) -> str:
+    """Names of observables, with commas; those of earlier versions become today's."""
+    from brownpipe.observables import RENAMED
+    from brownpipe.scene.reading import Entry, current_name
+
+    names = (current_name(Entry(name, "", ("--observables",)), RENAMED) for name in text.split(","))
+    return ",".join(name.value for name in names)
 
 
 def _window(text: str) -> tuple[float, float]:

@@ -37,9 +37,9 @@ BYTES_PER_SAMPLE = 120  # of a disk, of which a run is measured: recorded, put i
 COPIES = 4  # of what is recorded, while it is written and verified
 # CPU seconds to measure an observable in a run: for the run, and for one of the disks it follows in one sample.
 SECONDS_TO_MEASURE = {
-    "displacement": (1e-5, 3.6e-8),
+    "square_displacement": (1e-5, 3.6e-8),
     "velocity_autocorrelation": (3e-5, 7e-9),
-    "kinetic_energy": (2e-5, 1.7e-8),
+    "species_energy": (2e-5, 1.7e-8),
     "velocity_distribution": (5e-5, 2.8e-8),
     "pair_distribution": (1e-4, 6e-7),
 }
@@ -47,7 +47,7 @@ SECONDS_PER_SNAPSHOT = 4e-5  # of pair_distribution, and in it
 SECONDS_PER_PAIR = 9e-8  # of disks that are near enough to be counted
 SECONDS_PER_RING = 6e-8  # around a lone disk between walls
 # Of averages over time origins: for a lag, and for one disk and one origin at that lag.
-SECONDS_PER_LAG = {"displacement": (9e-6, 2.2e-8), "velocity_autocorrelation": (6e-6, 1e-9)}
+SECONDS_PER_LAG = {"square_displacement": (9e-6, 2.2e-8), "velocity_autocorrelation": (6e-6, 1e-9)}
 
 
 class Cost(NamedTuple):
@@ -108,7 +108,7 @@ def _measuring(scene: Scene, name: str, average: str, bath: int) -> float:
             return once + each * samples * disks
         lag, product = SECONDS_PER_LAG[name]
         return once + samples * (lag * (2 if disks > 1 else 1) + product * disks * samples / 2)
-    counted = samples if name == "kinetic_energy" or measures.is_stationary(scene) else 1
+    counted = samples if name == "species_energy" or measures.is_stationary(scene) else 1
     seconds = once + each * counted * scene.particles
     return seconds + (counted * _counting_pairs(scene) if name == "pair_distribution" else 0.0)
 

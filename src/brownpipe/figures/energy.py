@@ -10,7 +10,7 @@ from brownpipe.figures.tables import long_table
 
 NAME = "species_energy"
 NEEDS = (NAME,)
-LACKING = "the observable kinetic_energy was not asked for"
+LACKING = "the observable species_energy was not asked for"
 
 
 def draw(cases):

@@ -21,6 +21,7 @@ __all__ = [
     "AVERAGES",
     "AXES",
     "OBSERVABLES",
+    "RENAMED",
     "arrays_of",
     "axes",
     "is_stationary",
@@ -34,7 +35,7 @@ __all__ = [
 ]
 
 AVERAGES = ("runs", "origins", "disks")
-AVERAGED = ("displacement", "velocity_autocorrelation")  # observables that they apply to
+AVERAGED = ("square_displacement", "velocity_autocorrelation")  # observables that they apply to
 MOST_PAIR_COUNTS = 1_000_000  # numbers in a histogram
 
 
@@ -85,15 +86,19 @@ ARRAYS = {
     ),
 }
 OBSERVABLES = {
-    "displacement": Observable(displacement.square_displacement, ("square_displacement", "displacement_velocity")),
+    "square_displacement": Observable(
+        displacement.square_displacement, ("square_displacement", "displacement_velocity")
+    ),
     "velocity_autocorrelation": Observable(
         velocity.autocorrelation,
         ("velocity_autocorrelation", "velocity_displacement", "bath_velocity_autocorrelation"),
     ),
-    "kinetic_energy": Observable(velocity.kinetic_energy, ("species_energy",)),
+    "species_energy": Observable(velocity.species_energy, ("species_energy",)),
     "velocity_distribution": Observable(velocity.distribution, ("velocity_counts", "speed_counts")),
     "pair_distribution": Observable(pairs.distribution, ("pair_counts", "pair_snapshots", "pair_expected")),
 }
+
+RENAMED = {"displacement": "square_displacement", "kinetic_energy": "species_energy"}  # names of an earlier version
 
 
 def observe(scene: Scene, run, names: tuple[str, ...], average: str = "runs") -> dict[str, np.ndarray | int]:

@@ -43,7 +43,7 @@ def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray
     return np.array([product.mean() / disks for product in products])
 
 
-def kinetic_energy(scene: Scene, run, _) -> dict[str, np.ndarray]:
+def species_energy(scene: Scene, run, _) -> dict[str, np.ndarray]:
     """Kinetic energy per disk (T, K) of each kind: kT in equilibrium, whatever its mass (equipartition)."""
     kinds, square = species_table(scene), np.sum(run.whole.velocity**2, axis=-1)
     energy = [mass / 2 * square[:, kinds.label == k].mean(axis=1) for k, mass in enumerate(kinds.mass)]

@@ -8,6 +8,7 @@ programs may read differently (duplicate keys, numbers with leading zeros).
 import difflib
 import math
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -207,6 +208,15 @@ def choice(entry: Entry, options: tuple[str, ...]) -> str:
         hint = _did_you_mean(entry.value, options)
         refuse(entry, f"{_shown(entry.value)} is unknown; {hint}must be {' or '.join(options)}")
     return entry.value
+
+
+def current_name(entry: Entry, renamed: dict[str, str]) -> Entry:
+    """Return the entry with a name of an earlier version replaced by today's, saying so in one line on stderr."""
+    if not isinstance(entry.value, str) or entry.value not in renamed:
+        return entry
+    place, today = ": ".join(filter(None, (entry.file, entry.key))), renamed[entry.value]
+    print(f"brownpipe: {place} {entry.value}: now called {today}", file=sys.stderr)
+    return entry._replace(value=today)
 
 
 def name(entry: Entry) -> str:

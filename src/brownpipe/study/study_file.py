@@ -18,7 +18,7 @@ MOST_STUDY_BYTES = 2**20
 MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
 
 FOLLOWED, COUNTS = "a disk to follow", "two particle counts or more"
-TRACKED, SPREADING = "record: tracer", "record: tracer, or displacement among the observables"
+TRACKED, SPREADING = "record: tracer", "record: tracer, or square_displacement among the observables"
 FIGURES = {  # name: what it needs
     "msd": (FOLLOWED, SPREADING),
     "displacement_distribution": (FOLLOWED, TRACKED),
@@ -26,7 +26,7 @@ FIGURES = {  # name: what it needs
     "velocity_autocorrelation": ("the observable velocity_autocorrelation",),
     "velocity_distribution": ("the observable velocity_distribution",),
     "pair_distribution": ("the observable pair_distribution",),
-    "energy": ("the observable kinetic_energy",),
+    "energy": ("the observable species_energy",),
     "thermodynamics": (FOLLOWED,),
     "particle_counts": (COUNTS, SPREADING),
     "health": (),
@@ -196,7 +196,8 @@ def _instead_of(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[str, tupl
 def _measures(observables: Entry, average: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[str, ...], str]:
     """Return what is measured in each run, and the averages made there; every scene must have it."""
     listed = observables.value not in (None, []) and _one_or_more(observables)
-    names = tuple(reading.choice(one, tuple(measures.OBSERVABLES)) for one in listed or ())
+    current = [reading.current_name(name, measures.RENAMED) for name in listed or ()]
+    names = tuple(reading.choice(name, tuple(measures.OBSERVABLES)) for name in current)
     over = reading.choice(average, measures.AVERAGES)
     for case in cases:
         found = measures.problem(case, names, over)
@@ -213,7 +214,7 @@ def _figures(entry: Entry, cases: tuple[Scene, ...], record: str, observables: t
     there |= {FOLLOWED} if moving else set()
     there |= {COUNTS} if len(moving) > 1 else set()
     there |= {TRACKED} if record == "tracer" else set()
-    there |= {SPREADING} if record == "tracer" or "displacement" in observables else set()
+    there |= {SPREADING} if record == "tracer" or "square_displacement" in observables else set()
     lacking = {name: [one for one in needs if one not in there] for name, needs in FIGURES.items()}
     if entry.value is None:
         return tuple(name for name in FIGURES if not lacking[name])
