@@ -26,7 +26,7 @@ class Line(NamedTuple):
 
 def squared_displacement(position, image=None, size=(0.0, 0.0)):
     """Squared distance from the start, (S, T), of tracks `position` (T, S, 2), as measured in a run."""
-    return np.ascontiguousarray(of_a_run.from_start(position, image, size).T)
+    return np.ascontiguousarray(of_a_run.square_from_start(position, image, size).T)
 
 
 def line_weights(times, window):

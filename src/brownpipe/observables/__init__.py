@@ -1,11 +1,14 @@
-"""What is measured in a run itself, so that its tracks need not be kept: pure functions of one run's tracks.
+"""Observables: what is measured in a run while all its disks are in memory, so that trajectories need not be stored.
 
-`observe` makes arrays of a run; those of all runs are stacked and stored as /observables/run/NAME, (S, ...). ARRAYS
-says what each array is, `axes` the values along its dimensions: T sample times, K kinds of disks (the species, the
-tracer one of its own), P pairs of them.
+Each observable is a pure function of the tracks of one run that returns arrays. The arrays of all runs of a batch are
+stacked and stored as /observables/run/NAME, shape (S, ...). ARRAYS describes each array, `axes` gives the coordinates
+along its dimensions: T sample times, K species (the tracer is a species of its own), P pairs of species.
+
+A new observable is a function in a module of this package, an entry of OBSERVABLES, its arrays in ARRAYS and their
+dimensions in AXES. The command line, files, checkpoints, studies and forecasts of costs take it from there.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -34,37 +37,37 @@ __all__ = [
     "refuse_unfit",
 ]
 
-AVERAGES = ("runs", "origins", "disks")
-AVERAGED = ("square_displacement", "velocity_autocorrelation")  # observables that they apply to
-MOST_PAIR_COUNTS = 1_000_000  # numbers in a histogram
+AVERAGES = ("runs", "origins", "disks")  # over runs alone, and within each run over time origins or equal disks
+AVERAGED = ("square_displacement", "velocity_autocorrelation")  # observables to which these averages apply
+MOST_PAIR_COUNTS = 1_000_000  # bins of all pair-distance histograms of a run
 
 
 class RunArray(NamedTuple):
-    """One array of a run."""
+    """Description of an array that is measured in every run."""
 
-    dims: tuple[str, ...]  # names in AXES; that of the runs, seed, comes before them
+    dims: tuple[str, ...]  # names in AXES; in files the dimension of the runs, `seed`, comes first
     units: str
     long_name: str
 
 
 class Observable(NamedTuple):
-    """What can be asked for, and the arrays it makes."""
+    """An observable, and the arrays that it returns."""
 
-    measure: Callable  # (scene, run, average) -> {variable: array}
-    variables: tuple[str, ...]
+    measure: Callable  # (scene, run, average) -> {array name: values}
+    arrays: tuple[str, ...]  # names in ARRAYS; the first is there in every scene
 
 
 AXES = {  # dimension: units, meaning
     "time": ("time", "time since the start of the run, or since a time origin"),
-    "species": ("1", "kind of the disk"),
-    "species_pair": ("1", "kinds of the two disks"),
-    "velocity": ("sqrt(kT/mass)", "velocity component, middle of its bin; the outermost hold what lies beyond"),
-    "speed": ("sqrt(kT/mass)", "speed, middle of its bin; the last holds what lies beyond"),
-    "distance": ("length", "distance of the centres, middle of its bin"),
+    "species": ("1", "species of the disk"),
+    "species_pair": ("1", "species of the two disks"),
+    "velocity": ("sqrt(kT/mass)", "velocity component, centre of its bin; the outermost bins hold all beyond"),
+    "speed": ("sqrt(kT/mass)", "speed, centre of its bin; the last bin holds all beyond"),
+    "distance": ("length", "distance between the centres, centre of its bin"),
 }
 ARRAYS = {
     "square_displacement": RunArray(
-        ("time",), "length^2", "squared displacement of the tracer; /parameters says over what it is averaged"
+        ("time",), "length^2", "squared displacement of the tracer; for averages within the run see /parameters"
     ),
     "displacement_velocity": RunArray(
         ("time",), "length^2/time", "v(t).(r(t) - r(0)) of the tracer, half of d(r^2)/dt; averaged likewise"
@@ -77,12 +80,12 @@ ARRAYS = {
         ("time",), "length^2/time^2", "v(0).v(t), mean over the disks of the most numerous species but the tracer's"
     ),
     "species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk"),
-    "velocity_counts": RunArray(("species", "velocity"), "1", "velocity components of the disks, counted"),
-    "speed_counts": RunArray(("species", "speed"), "1", "speeds of the disks, counted"),
-    "pair_counts": RunArray(("species_pair", "distance"), "1", "pairs of disks, counted by their distance"),
-    "pair_snapshots": RunArray((), "1", "samples that pair_counts is summed over"),
+    "velocity_counts": RunArray(("species", "velocity"), "1", "histogram of the velocity components"),
+    "speed_counts": RunArray(("species", "speed"), "1", "histogram of the speeds"),
+    "pair_counts": RunArray(("species_pair", "distance"), "1", "histogram of the distances of pairs of disks"),
+    "pair_snapshots": RunArray((), "1", "number of samples that pair_counts is summed over"),
     "pair_expected": RunArray(
-        ("species_pair", "distance"), "1", "pairs that an ideal gas shows around a lone disk where it was; else NaN"
+        ("species_pair", "distance"), "1", "pair_counts of an ideal gas around a lone disk where that was; else NaN"
     ),
 }
 OBSERVABLES = {
@@ -97,56 +100,55 @@ OBSERVABLES = {
     "velocity_distribution": Observable(velocity.distribution, ("velocity_counts", "speed_counts")),
     "pair_distribution": Observable(pairs.distribution, ("pair_counts", "pair_snapshots", "pair_expected")),
 }
-
 RENAMED = {"displacement": "square_displacement", "kinetic_energy": "species_energy"}  # names of an earlier version
 
 
 def observe(scene: Scene, run, names: tuple[str, ...], average: str = "runs") -> dict[str, np.ndarray | int]:
-    """Return the arrays of one run (`batch.Run`) that the names ask for."""
-    found = {}
+    """Return the arrays of the named observables of one run (tracks as in `engines.state.Track`)."""
+    arrays = {}
     for name in names:
-        found |= OBSERVABLES[name].measure(scene, run, average)
-    return found
+        arrays |= OBSERVABLES[name].measure(scene, run, average)
+    return arrays
 
 
 def needs_every_disk(scene: Scene, names: tuple[str, ...], average: str = "runs") -> bool:
-    """Do the names need the tracks of all disks, or that of the tracer alone?"""
+    """Return whether these observables need the tracks of all disks; otherwise the tracer's is enough."""
     if average == "disks" or set(names) - set(AVERAGED):
         return bool(names)
     return "velocity_autocorrelation" in names and len(bath_disks(scene)) > 0
 
 
 def of_tracer(names: tuple[str, ...], average: str = "runs") -> tuple[tuple[str, ...], str]:
-    """Return the observables, and their average, that an engine has which follows the tracer alone."""
+    """Return those of the observables, and the average, that an engine of the tracer alone can measure."""
     names = tuple(name for name in names if name in AVERAGED)
     return names, average if names else "runs"
 
 
 def arrays_of(scene: Scene, names: tuple[str, ...]) -> tuple[str, ...]:
-    """The arrays that are made of a scene when the names are asked for."""
-    made = tuple(name for asked in names for name in OBSERVABLES[asked].variables)
+    """Return the names of the arrays that these observables yield in a scene."""
     lacking = set() if len(bath_disks(scene)) else {"bath_velocity_autocorrelation"}
     lacking |= set() if pairs.lone_pairs(scene, species_table(scene)) else {"pair_expected"}
-    return tuple(name for name in made if name not in lacking)
+    return tuple(array for name in names for array in OBSERVABLES[name].arrays if array not in lacking)
 
 
-def observables_making(variables) -> tuple[str, ...]:
-    """The names to ask for so that these arrays are made."""
-    return tuple(name for name, one in OBSERVABLES.items() if one.variables[0] in variables)
+def observables_making(arrays: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the observables that yield these arrays."""
+    return tuple(name for name, observable in OBSERVABLES.items() if observable.arrays[0] in arrays)
 
 
-def axes(scene: Scene, variable: str) -> dict[str, np.ndarray | list[str]]:
-    """The values along each dimension of an array."""
-    return {dim: _axis(scene, dim) for dim in ARRAYS[variable].dims}
+def axes(scene: Scene, array: str) -> dict[str, np.ndarray | list[str]]:
+    """Return the coordinates along each dimension of an array: numbers, or names of species."""
+    return {dim: _axis(scene, dim) for dim in ARRAYS[array].dims}
 
 
 def numbers_in(scene: Scene, names: tuple[str, ...]) -> int:
-    """How many numbers the arrays of one run hold."""
-    shapes = [[len(values) for values in axes(scene, one).values()] for one in arrays_of(scene, names)]
+    """Return how many numbers these observables yield in one run, all arrays together."""
+    shapes = [[len(values) for values in axes(scene, array).values()] for array in arrays_of(scene, names)]
     return int(sum(np.prod(shape) for shape in shapes))
 
 
 def _axis(scene: Scene, dim: str) -> np.ndarray | list[str]:
+    """Return the coordinates along one dimension; of histograms the centres of the bins."""
     if dim == "time":
         return scene.times
     if dim in ("velocity", "speed"):
@@ -155,31 +157,32 @@ def _axis(scene: Scene, dim: str) -> np.ndarray | list[str]:
     if dim == "distance":
         number, width = pairs.bins(scene)
         return (np.arange(number) + 0.5) * width
-    kinds = species_table(scene)
+    species = species_table(scene)
     if dim == "species":
-        return list(kinds.name)
-    return [f"{kinds.name[a]}:{kinds.name[b]}" for a, b in pairs.species_pairs(kinds)]
+        return list(species.name)
+    return [f"{species.name[a]}:{species.name[b]}" for a, b in pairs.species_pairs(species)]
 
 
-# -- what a scene does not have -------------------------------------------------------------------------------------
+# -- refusals -------------------------------------------------------------------------------------------------------
 
 
 def refuse_unfit(scene: Scene, names: tuple[str, ...], average: str = "runs") -> None:
-    """Raise RequestError for observables that are unknown, or that the scene does not have."""
+    """Raise RequestError if an observable is unknown, or observables or average make no sense in the scene."""
     found = problem(scene, names, average)
     if found is not None:
         raise RequestError(f"{scene.name}: {': '.join(found)}")
 
 
 def problem(scene: Scene, names: tuple[str, ...], average: str = "runs") -> tuple[str, str] | None:
-    """Return what is wrong, `observables` or `average`, and why; None if nothing is."""
-    for key, found in (("observables", _unfit(scene, names)), ("average", _unfit_average(scene, names, average))):
-        if found is not None:
-            return key, found
+    """Return which is wrong, "observables" or "average", and why; None if they fit the scene."""
+    for key, why in (("observables", _unfit(scene, names)), ("average", _unfit_average(scene, names, average))):
+        if why is not None:
+            return key, why
     return None
 
 
 def _unfit(scene: Scene, names: tuple[str, ...]) -> str | None:
+    """Return why the observables do not fit the scene, None if they do."""
     unknown = [name for name in names if name not in OBSERVABLES]
     if unknown:
         return f"{unknown[0]!r} is unknown; must be of {', '.join(OBSERVABLES)}"
@@ -197,6 +200,7 @@ def _unfit(scene: Scene, names: tuple[str, ...]) -> str | None:
 
 
 def _unfit_average(scene: Scene, names: tuple[str, ...], average: str) -> str | None:
+    """Return why the average does not fit the scene or the observables, None if it does."""
     if average not in AVERAGES:
         return f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
     if average == "runs":

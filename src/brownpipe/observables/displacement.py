@@ -1,7 +1,4 @@
-"""How far the tracer comes: squared displacements of one run, and how fast they grow.
-
-T sample times, M disks.
-"""
+"""Squared displacement of the tracer in one run, and its rate of change. T sample times, M disks."""
 
 import numpy as np
 
@@ -11,11 +8,11 @@ from brownpipe.scene import Scene
 
 
 def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
-    """Squared displacement and half of its rate of change, (T,) each, of one run (`batch.Run`).
+    """Return the squared displacement and half its rate of change, (T,) each, of one run (tracks of `engines.state`).
 
-    The run's share of <r^2(t)>, eq. (12), and of <v(t).(r(t) - r(0))>, which is d<r^2>/dt / 2 at that very time.
-    Of the tracer from its start (`runs`), of the tracer from every sample as far back (`origins`, Frenkel and Smit,
-    Understanding Molecular Simulation, section 4.4.2), or of all disks that are equal to it (`disks`).
+    Their means over runs are <r^2(t)>, eq. (12), and <v(t).(r(t) - r(0))> = (1/2) d<r^2>/dt, which needs no difference
+    quotient. `average`: of the tracer from t = 0 (`runs`), of the tracer from every sample as time origin (`origins`;
+    Frenkel and Smit, Understanding Molecular Simulation, section 4.4.2), or of all disks equal to it (`disks`).
     """
     track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
 
@@ -28,7 +25,7 @@ def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray
 
 
 def velocity_displacement(scene: Scene, run, average: str) -> np.ndarray:
-    """v(0).(r(t) - r(0)) (T,) of one run: exactly the integral of v(0).v(s) from 0 to t, averaged likewise."""
+    """Return v(0).(r(t) - r(0)) (T,) of one run: exactly the integral of v(0).v(s) over s from 0 to t."""
     track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
 
     def product(earlier: slice, later: slice) -> tuple[np.ndarray]:
@@ -45,20 +42,20 @@ def displacement(
     earlier: slice = slice(0, 1),
     later: slice = slice(None),
 ) -> np.ndarray:
-    """Displacement (T, M, 2) between samples, by default from the start, of tracks (T, M, 2) in a box of `size`.
+    """Return displacements (T, M, 2) between samples, by default from the first, of tracks (T, M, 2).
 
-    In a periodic box positions are unwrapped by the images crossed. The difference of positions and of images is taken
-    first, so that far images cost no digits.
+    `size` is (width, height) of the box; `image` counts the periodic images crossed, None between walls. Differences of
+    positions and of images are taken before they are added, so that a disk far from its first image loses no digits.
     """
     moved = position[later] - position[earlier]
     return moved if image is None else moved + (image[later] - image[earlier]) * np.asarray(size, float)
 
 
 def dot(moved: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Scalar products (T, M) of displacements (T, M, 2) and velocities (T, M, 2) or (1, M, 2)."""
+    """Return scalar products (T, M) of displacements (T, M, 2) and velocities (T, M, 2) or (1, M, 2)."""
     return np.einsum("tmc,tmc->tm", moved, velocity)
 
 
-def from_start(position: np.ndarray, image: np.ndarray | None, size: tuple[float, float]) -> np.ndarray:
-    """Squared distance (T, M) from the start, as in `displacement`; `size` is (width, height)."""
+def square_from_start(position: np.ndarray, image: np.ndarray | None, size: tuple[float, float]) -> np.ndarray:
+    """Return squared distances (T, M) from the first sample; arguments as of `displacement`."""
     return (displacement(position, image, size) ** 2).sum(axis=-1)

@@ -1,4 +1,4 @@
-"""The kinds of disks that a scene has, which measures tell apart."""
+"""Species of a scene: groups of disks of one radius and mass, which observables and estimators tell apart."""
 
 from typing import NamedTuple
 
@@ -8,37 +8,41 @@ from brownpipe.scene import Scene
 
 
 class SpeciesTable(NamedTuple):
-    """The K kinds of disks of which there are any: the species, the tracer one of its own."""
+    """The K species of which a scene has at least one disk; the tracer is a species of its own."""
 
-    name: tuple[str, ...]
-    number: np.ndarray  # (K,)
+    name: tuple[str, ...]  # K of them
+    number: np.ndarray  # (K,) int64 disks
     radius: np.ndarray  # (K,) [length]
     mass: np.ndarray  # (K,)
-    label: np.ndarray  # (N,) the kind of each disk
+    label: np.ndarray  # (N,) int64 the species of each disk
 
 
 def species_table(scene: Scene) -> SpeciesTable:
-    """Return the kinds of a scene; of a list of disks, one for every pair of radius and mass, by first appearance."""
+    """Return the species of a scene.
+
+    The disks of an explicit list have no species: every radius and mass makes one, kind-1, kind-2, ... by first
+    appearance.
+    """
     if scene.disks:
-        found = {pair: k for k, pair in enumerate(dict.fromkeys((disk.radius, disk.mass) for disk in scene.disks))}
-        names = tuple(f"kind-{k + 1}" for k in found.values())
-        label = np.array([found[disk.radius, disk.mass] for disk in scene.disks])
+        alike = {pair: k for k, pair in enumerate(dict.fromkeys((disk.radius, disk.mass) for disk in scene.disks))}
+        sizes, names = list(alike), tuple(f"kind-{k + 1}" for k in alike.values())
+        label = np.array([alike[disk.radius, disk.mass] for disk in scene.disks])
     else:
-        present = [one for one in scene.species if one.count]
-        found, names = [(one.radius, one.mass) for one in present], tuple(one.name for one in present)
-        label = np.repeat(np.arange(len(present)), [one.count for one in present])
-    radius, mass = np.array(list(found), float).reshape(-1, 2).T
+        present = [species for species in scene.species if species.count]
+        sizes, names = [(species.radius, species.mass) for species in present], tuple(s.name for s in present)
+        label = np.repeat(np.arange(len(present)), [species.count for species in present])
+    radius, mass = np.array(sizes, float).reshape(-1, 2).T
     return SpeciesTable(names, np.bincount(label, minlength=len(names)), radius, mass, label)
 
 
 def equal_disks(scene: Scene) -> np.ndarray:
-    """The indices of the disks of the tracer's radius and mass, its own (0) among them."""
+    """Return the indices (M,) of the disks with the radius and mass of the tracer, disk 0 among them."""
     radius, mass = scene.radius, scene.mass
     return np.flatnonzero((radius == radius[0]) & (mass == mass[0]))
 
 
 def tracer_tracks(scene: Scene, run, average: str):
-    """The `state.Track` of the tracer, M = 1, or in an average over `disks` that of all disks equal to it."""
+    """Return the `engines.state.Track` of the tracer, M = 1; for an average over `disks` of all disks equal to it."""
     if average != "disks":
         return run.tracer
     disks = equal_disks(scene)
@@ -46,7 +50,7 @@ def tracer_tracks(scene: Scene, run, average: str):
 
 
 def bath_disks(scene: Scene) -> np.ndarray:
-    """The indices of the disks of the most numerous kind that is not the tracer's; none where there is one kind."""
-    kinds = species_table(scene)
-    number = np.where(np.isin(np.arange(len(kinds.number)), kinds.label[:1]), 0, kinds.number)
-    return np.flatnonzero(kinds.label == np.argmax(number)) if number.any() else np.array([], int)
+    """Return the indices of the disks of the most numerous species but the tracer's; empty if there is no other."""
+    species = species_table(scene)
+    number = np.where(np.isin(np.arange(len(species.number)), species.label[:1]), 0, species.number)
+    return np.flatnonzero(species.label == np.argmax(number)) if number.any() else np.array([], int)

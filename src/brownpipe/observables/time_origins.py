@@ -1,4 +1,4 @@
-"""Averages over time origins: every sample of a stationary run is as good a beginning as t = 0."""
+"""Averages over time origins: in a stationary run every sample is as good a start as t = 0."""
 
 from collections.abc import Callable, Iterator
 
@@ -7,16 +7,19 @@ import numpy as np
 from brownpipe.scene import Scene
 from brownpipe.scene.sample_times import SAME
 
-MOST_SAMPLES = 20_000  # there are half as many pairs of samples as the square of this
+MOST_SAMPLES = 20_000  # of which half the square are pairs of samples
 
 
 def is_stationary(scene: Scene) -> bool:
-    """Are the runs in equilibrium from t = 0, so that all times are alike?"""
+    """Return whether the runs of a scene are in equilibrium from t = 0, so that their statistics do not depend on t."""
     return why_not_stationary(scene) is None
 
 
 def why_not_stationary(scene: Scene) -> str | None:
-    """Return what stands against it; None if all disks have one temperature and had time to mix."""
+    """Return why runs of the scene may not be stationary, None if they are.
+
+    They are if all disks are drawn at one temperature and equilibrate, the tracer included, before t = 0.
+    """
     if scene.velocities is None:
         return "its disks are listed one by one"
     if scene.velocities.temperature is None:
@@ -29,7 +32,7 @@ def why_not_stationary(scene: Scene) -> str | None:
 
 
 def unfit(scene: Scene) -> str | None:
-    """Return why a stationary scene has no average over origins; None if it has."""
+    """Return why a stationary scene has no average over time origins, None if it has one."""
     if scene.samples is not None:
         return "origins needs sample_interval, not samples: lags are differences of sample times"
     if len(scene.times) > MOST_SAMPLES:
@@ -38,9 +41,10 @@ def unfit(scene: Scene) -> str | None:
 
 
 def averaged(scene: Scene, average: str, products: Callable) -> np.ndarray:
-    """Means (K, T) over disks, and origins if these are asked for, of K products of two samples.
+    """Return K time correlation functions (K, T), averaged over disks and, for `origins`, over time origins.
 
-    `products` (earlier, later) yields arrays (T', M), one for each product, of the samples in two slices.
+    `products(earlier, later)` returns K arrays (T', M), the products of the samples in two slices of T' samples (of 1
+    and T' samples for a single origin) for M disks.
     """
     if average != "origins":
         return np.stack([product.mean(axis=1) for product in products(slice(0, 1), slice(None))])
@@ -48,9 +52,9 @@ def averaged(scene: Scene, average: str, products: Callable) -> np.ndarray:
 
 
 def lags(scene: Scene) -> Iterator[tuple[slice, slice]]:
-    """For each sample time the samples (earlier, later) that lie so far apart.
+    """For each sample time t yield the slices (earlier, later) of all pairs of samples that are t apart.
 
-    The times are multiples of the sample interval. An end that is none has t = 0 alone before it at its distance.
+    Sample times are multiples of the sample interval. If the duration is not one, only t = 0 lies that far before it.
     """
     times = scene.times
     count = len(times)

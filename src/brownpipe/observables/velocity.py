@@ -1,7 +1,4 @@
-"""How fast the disks are: autocorrelation, kinetic energies and distributions of the velocities of one run.
-
-T sample times, N disks, K kinds of them.
-"""
+"""Velocities of one run: autocorrelation, kinetic energies, histograms. T sample times, N disks, K species."""
 
 from collections.abc import Iterator
 
@@ -12,30 +9,31 @@ from brownpipe.observables.species import bath_disks, species_table, tracer_trac
 from brownpipe.observables.time_origins import is_stationary, lags
 from brownpipe.scene import Scene
 
-BIN = 0.1  # of velocities and speeds, in units of sqrt(kT/m)
-FASTEST = 6.0  # component, up or down, from which all is in one bin
+BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
+FASTEST = 6.0  # of velocity components, either sign, in these units: the outermost bins hold all beyond
 BINS = {"velocity": 120, "speed": 80}
-VALUES_AT_ONCE = 2**18  # so that what is computed on the way takes little memory
+VALUES_AT_ONCE = 2**18  # velocity components that are scaled and counted in one go, so that temporaries stay small
 
 
 def autocorrelation(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
-    """v(0).v(t) (T,) of the tracer and, averaged over its disks, of the most numerous other kind, if there is one.
+    """Return velocity autocorrelations v(0).v(t) (T,) of the tracer and of the bath, and the tracer's time integral.
 
-    With the tracer's v(0).(r(t) - r(0)), the integral of v(0).v(s) up to t: in the plane D is half of it (Green-Kubo).
-    `average` is that of `displacement.square_displacement`; over `disks` it is the mean over those equal to the tracer.
+    The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half its mean
+    (Green-Kubo). The bath's function is the mean over the disks of the most numerous species but the tracer's, if there
+    is one. `average` as in `displacement.square_displacement`.
     """
-    found = {
+    arrays = {
         "velocity_autocorrelation": _correlation(scene, tracer_tracks(scene, run, average).velocity, average),
         "velocity_displacement": velocity_displacement(scene, run, average),
     }
     bath = bath_disks(scene)
-    if len(bath) and run.whole is not None:  # not in a run of the tracer alone
-        found["bath_velocity_autocorrelation"] = _correlation(scene, run.whole.velocity[:, bath], average)
-    return found
+    if len(bath) and run.whole is not None:  # an engine of the tracer alone has no bath
+        arrays["bath_velocity_autocorrelation"] = _correlation(scene, run.whole.velocity[:, bath], average)
+    return arrays
 
 
 def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray:
-    """Mean (T,) over disks, and origins if these are asked for, of the product of velocities (T, M, 2)."""
+    """Return v(0).v(t) (T,), averaged over M disks and, for `origins`, over time origins; velocity: (T, M, 2)."""
     disks, flat = velocity.shape[1], velocity.reshape(len(velocity), -1)
     if average != "origins":
         return np.einsum("tm,m->t", flat, flat[0]) / disks
@@ -44,44 +42,45 @@ def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray
 
 
 def species_energy(scene: Scene, run, _) -> dict[str, np.ndarray]:
-    """Kinetic energy per disk (T, K) of each kind: kT in equilibrium, whatever its mass (equipartition)."""
-    kinds, square = species_table(scene), np.sum(run.whole.velocity**2, axis=-1)
-    energy = [mass / 2 * square[:, kinds.label == k].mean(axis=1) for k, mass in enumerate(kinds.mass)]
+    """Return the kinetic energy per disk (T, K) of each species: kT in equilibrium for any mass (equipartition)."""
+    species, square = species_table(scene), np.sum(run.whole.velocity**2, axis=-1)
+    energy = [mass / 2 * square[:, species.label == k].mean(axis=1) for k, mass in enumerate(species.mass)]
     return {"species_energy": np.stack(energy, axis=1)}
 
 
 def distribution(scene: Scene, run, _) -> dict[str, np.ndarray]:
-    """Counts of velocity components (K, 120) and of speeds (K, 80) in units of sqrt(kT/m).
+    """Return histograms of velocity components (K, 120) and of speeds (K, 80), in units of sqrt(kT/m).
 
-    kT is the scene's temperature; without one, the mean kinetic energy per disk of the samples that are counted. In
-    equilibrium the components are normal and the speeds have the density u exp(-u^2/2) (Maxwell-Boltzmann). Of all
-    samples if the run is stationary, of the last one otherwise. The outermost bins hold what lies beyond.
+    All samples of a stationary run are counted, otherwise the last one. kT is the scene's temperature or, if none is
+    given, the mean kinetic energy per disk of the counted samples. In equilibrium the components are standard normal
+    and the speeds have the density u exp(-u^2/2) (Maxwell-Boltzmann). The outermost bins hold all beyond.
     """
-    kinds, velocity = species_table(scene), run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
+    species = species_table(scene)
+    velocity = run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
     scale = np.sqrt(scene.mass / (_temperature(scene, velocity) or np.inf))[:, None]
-    counts = [np.zeros((len(kinds.name), each), np.int64) for each in BINS.values()]
+    components, speeds = (np.zeros((len(species.name), number), np.int64) for number in BINS.values())
     for part in _parts(velocity):
         scaled = part * scale
-        _count(counts[0], kinds.label[:, None], scaled + FASTEST)
-        _count(counts[1], kinds.label, np.hypot(scaled[..., 0], scaled[..., 1]))
-    return {"velocity_counts": counts[0], "speed_counts": counts[1]}
+        _count(components, species.label[:, None], scaled + FASTEST)
+        _count(speeds, species.label, np.hypot(scaled[..., 0], scaled[..., 1]))
+    return {"velocity_counts": components, "speed_counts": speeds}
 
 
 def _temperature(scene: Scene, velocity: np.ndarray) -> float:
-    given = scene.velocities and scene.velocities.temperature
-    if given is not None:
-        return given
-    return float(np.mean([(scene.mass / 2 * np.sum(one**2, axis=-1)).mean() for one in velocity]))
+    """Return kT [energy]: the scene's, or the mean kinetic energy per disk of the samples (T, N, 2)."""
+    if scene.velocities is not None and scene.velocities.temperature is not None:
+        return scene.velocities.temperature
+    return float(np.mean([(scene.mass / 2 * np.sum(sample**2, axis=-1)).mean() for sample in velocity]))
 
 
 def _parts(velocity: np.ndarray) -> Iterator[np.ndarray]:
-    """Cut (T, N, 2) into pieces along T."""
+    """Cut (T, N, 2) along T into parts of at most VALUES_AT_ONCE numbers, one sample at least."""
     step = max(1, VALUES_AT_ONCE // velocity[0].size)
     return (velocity[start : start + step] for start in range(0, len(velocity), step))
 
 
 def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:
-    """Add to counts (K, bins) the values >= 0, each in the row of its label."""
+    """Add values >= 0 to the histograms counts (K, bins), each to the row of its label."""
     last = counts.shape[1] - 1
-    place = np.clip(np.floor(value / BIN), 0, last).astype(np.int64) + label * (last + 1)
-    counts += np.bincount(place.ravel(), minlength=counts.size).reshape(counts.shape)
+    column = np.clip(np.floor(value / BIN), 0, last).astype(np.int64) + label * (last + 1)
+    counts += np.bincount(column.ravel(), minlength=counts.size).reshape(counts.shape)
