@@ -1,30 +1,32 @@
-"""Trajectories (HDF5) and datasets (netCDF4): written whole or not at all, verified whenever they are read.
+"""Storage of trajectories (HDF5) and datasets (netCDF4): files are written whole or not at all and verified when read.
 
-A trajectory file holds one batch of seeds and follows H5MD 1.1 in true 2D. T samples, S seeds, N disks, E events:
+A trajectory file holds a batch of runs, one for each of S seeds, in the layout of H5MD 1.1 in two dimensions. T sample
+times, N disks, E collisions:
 
     h5md/                            version [1, 1], author, creator
     particles/
-        tracer/                      the followed disk of every run: the runs are the particles of this group
+        tracer/                      disk 0 of every run: the runs are the particles of this group
             box/                     edges (2,), origin (2,); attributes dimension, boundary (none: walls, or periodic)
-            id (S,)                  the seed
+            id (S,)                  the seeds
             position/                value (T, S, 2), its scales time (T,), seed (S,), component (2,); step (T,)
-            velocity/, image/        the same, if recorded; unwrapped position = position + image * edges
-        seed_00017/                  one whole run, if recorded
+            velocity/, image/        likewise, if recorded; unwrapped position = position + image * edges
+        seed_00017/                  all disks of one run, if recorded
             box/, id (N,), radius (N,), mass (N,)
             position/, velocity/     value (T, N, 2), its scales time (T,), disk (N,), component (2,); step (T,)
-            image/                   the same, in a periodic box
+            image/                   likewise, in a periodic box
     observables/
-        run/                         seed (S,); pair_collisions (S,), energy_drift (S,), ...: one value per run;
-                                     arrays of every run, if measured: square_displacement (S, T), ... and their scales
-                                     time (T,), species, species_pair, velocity, speed, distance (brownpipe.observables)
-        events/seed_00017/           every collision of one run, if recorded: time (E,), a (E,), b (E,), impulse (E, 2)
+        run/                         seed (S,); pair_collisions (S,), energy_drift (S,), ...: one number per run;
+                                     arrays of observables (brownpipe.observables), if measured:
+                                     square_displacement (S, T), ... and their scales time (T,), species, species_pair,
+                                     velocity, speed, distance
+        events/seed_00017/           all collisions of one run, if recorded: time (E,), a (E,), b (E,), impulse (E, 2)
     parameters/                      scene, settings (JSON); attributes: format, scene_name, particles, engine, seeds,
                                      average (over runs, origins or disks), rerun (the command), versions,
                                      source_digest, contents_digest, seal
 
-Every dataset says its `units` (reduced units of the scene) and its meaning (`long_name`). Arrays of numbers are stored
-with gzip 4, shuffle and fletcher32; the seal, a SHA-256 of all other bytes of the file, covers the rest. Nothing in a
-file depends on when, where or by whom it was written: two runs give the same bytes.
+Every dataset has attributes `units` (reduced units of the scene) and `long_name` (its meaning). Numbers are stored with
+gzip 4, shuffle and fletcher32; `files` says what each checksum is for. Nothing in a file depends on when, where or by
+whom it was written: the same runs give the same bytes.
 """
 
 from brownpipe.errors import StorageError, WrongFileError

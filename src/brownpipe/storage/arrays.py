@@ -1,4 +1,4 @@
-"""Arrays that were measured in every run, in /observables/run beside its numbers, with the values along their axes."""
+"""Arrays that observables yield in every run: their place in /observables/run, with coordinates along their axes."""
 
 import h5py
 import numpy as np
@@ -10,37 +10,38 @@ from brownpipe.storage.hdf5 import Node
 
 
 def layout(group: str, scene: Scene, ensemble: Ensemble) -> dict[str, Node]:
-    """The nodes of all arrays, and of their scales: one for each dimension."""
-    measured = [name for name in ensemble.observables if name in ARRAYS]
-    scales = {dim: values for name in measured for dim, values in axes(scene, name).items()}
+    """Return the nodes of all arrays (S, ...) of an ensemble and of their scales, one for each dimension."""
+    names = [name for name in ensemble.observables if name in ARRAYS]
+    scales = {dim: values for name in names for dim, values in axes(scene, name).items()}
     nodes = {f"{group}/{dim}": _scale(dim, values, ensemble) for dim, values in scales.items()}
-    for name in measured:
-        variable = ARRAYS[name]
-        meaning = {"units": variable.units, "long_name": variable.long_name}
-        nodes[f"{group}/{name}"] = Node(ensemble.observables[name], meaning, ("seed", *variable.dims))
+    for name in names:
+        array = ARRAYS[name]
+        attributes = {"units": array.units, "long_name": array.long_name}
+        nodes[f"{group}/{name}"] = Node(ensemble.observables[name], attributes, ("seed", *array.dims))
     return nodes
 
 
-def _scale(dim: str, values, ensemble: Ensemble) -> Node:
+def _scale(dim: str, values: np.ndarray | list[str], ensemble: Ensemble) -> Node:
+    """Return the scale of a dimension; the times are those of the ensemble."""
     values = np.array(values, h5py.string_dtype()) if isinstance(values, list) else values
     units, long_name = AXES[dim]
     return Node(ensemble.times if dim == "time" else values, {"units": units, "long_name": long_name}, (dim,))
 
 
 def command_options(ensemble: Ensemble) -> str:
-    """The words of a command that measures the same."""
+    """Return the options of `brownpipe simulate` that measure the same arrays, or "" if there are none."""
     names = observables_making(ensemble.observables)
     average = f" --average {ensemble.average}" if ensemble.average != "runs" else ""
     return f" --observables {','.join(names)}{average}" if names else ""
 
 
 def listing(ensemble: Ensemble) -> list[str]:
-    """A line for each array: its shape and its meaning."""
-    found = {name: value for name, value in ensemble.observables.items() if name in ARRAYS}
-    over = f" (displacements and autocorrelations: average over {ensemble.average})"
-    lines = ["arrays" + (over if ensemble.average != "runs" else "")] if found else []
-    for name, value in found.items():
-        sizes = zip(("seed", *ARRAYS[name].dims), value.shape, strict=True)
+    """Return a heading and, for each array, a line with its name, meaning and shape; nothing if there are none."""
+    arrays = {name: values for name, values in ensemble.observables.items() if name in ARRAYS}
+    averaged = f" (displacements and autocorrelations: average over {ensemble.average})"
+    lines = ["arrays" + (averaged if ensemble.average != "runs" else "")] if arrays else []
+    for name, values in arrays.items():
+        sizes = zip(("seed", *ARRAYS[name].dims), values.shape, strict=True)
         shape = ", ".join(f"{dim} {size}" for dim, size in sizes)
         lines.append(f"  {name:<30} {ARRAYS[name].long_name} ({shape})")
     return lines

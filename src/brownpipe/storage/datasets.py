@@ -1,17 +1,22 @@
-"""Datasets: what an analysis found, one netCDF4 (HDF5) file per study, for xarray."""
+"""Datasets: the results of an analysis, one netCDF4 (HDF5) file per study, in memory as xarray.Dataset."""
 
 import io
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
 
+if TYPE_CHECKING:
+    import xarray
+
 FILTERS = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
 
 
-def write_dataset(path, dataset):
-    """Write an xarray.Dataset; its attributes stay as given, encodings left from another file are dropped.
+def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
+    """Write a dataset with its attributes; encodings left over from another file are dropped.
 
-    Raises StorageError if the file cannot be written or does not read back as what was given.
+    Raises StorageError if the file cannot be written, or if netCDF decodes another dataset from its bytes.
     """
     image = seal(_to_bytes(dataset.assign_attrs(seal=BLANK_SEAL)))
     if not _from_bytes(image).equals(dataset):
@@ -19,10 +24,10 @@ def write_dataset(path, dataset):
     write_file(path, image)
 
 
-def read_dataset(path):
-    """The xarray.Dataset in the file at `path`, in memory, after every byte is verified.
+def read_dataset(path: str | Path) -> "xarray.Dataset":
+    """Return the dataset of a file, loaded into memory after its seal is verified.
 
-    Raises StorageError naming the file and how to make it again, WrongFileError if it is another file or none.
+    Raises StorageError naming the file and how to make it again; WrongFileError if there is no file or another kind.
     """
     try:
         return _from_bytes(read_sealed(path))
@@ -32,17 +37,19 @@ def read_dataset(path):
         raise StorageError(f"{path}: {error}; delete it and rerun snakemake, or rerun brownpipe aggregate") from error
 
 
-def _to_bytes(dataset):
+def _to_bytes(dataset: "xarray.Dataset") -> bytes:
+    """Return the bytes of the netCDF4 file; numbers are compressed and have checksums."""
     dataset = dataset.drop_encoding()
     encoding = {name: FILTERS for name, variable in dataset.variables.items() if _takes_filters(variable)}
     return bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
 
 
-def _takes_filters(variable):
-    return variable.size and variable.ndim and variable.dtype.kind in "biufc"
+def _takes_filters(variable: "xarray.Variable") -> bool:
+    return bool(variable.size and variable.ndim and variable.dtype.kind in "biufc")
 
 
-def _from_bytes(image):
+def _from_bytes(image: bytes) -> "xarray.Dataset":
+    """Return the dataset without the seal among its attributes."""
     import xarray
 
     with xarray.open_dataset(io.BytesIO(image), engine="h5netcdf") as dataset:

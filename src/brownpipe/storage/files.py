@@ -1,4 +1,19 @@
-"""Files that appear whole or not at all, sealed so that damage is seen before anything reads them."""
+"""Files that appear whole or not at all, sealed with a checksum that is verified before they are read.
+
+Four checks protect the contents, each against faults at another place:
+
+    fletcher32   HDF5's checksum of each chunk of numbers. For readers other than brownpipe (h5py, xarray, h5dump): they
+                 fail at a damaged chunk. Brownpipe verifies the seal first, which covers all of these chunks.
+    digest       SHA-256 of names, types, shapes, values and attributes (`hdf5.digest`), taken from the arrays before
+                 HDF5 encodes them and compared with what HDF5 decodes, when a file is written and when it is read.
+                 Finds faults of memory, HDF5 or zlib between arrays and bytes. (Datasets are instead decoded and
+                 compared as xarray.Dataset when they are written.)
+    seal         SHA-256 of all bytes of the file but the seal's own digits. Finds damage, truncation and edits after
+                 the file was written, before HDF5 parses a byte of it.
+    read-back    The bytes are read again before the file gets its name. Finds a file system that returns other bytes
+                 than were written, while the runs are still in memory; later the seal finds that, too. After fsync the
+                 bytes usually come from the page cache: this is no test of the disk itself.
+"""
 
 import errno
 import hashlib
@@ -8,19 +23,19 @@ from pathlib import Path
 
 from brownpipe.errors import StorageError, WrongFileError
 
-HDF5 = b"\x89HDF\r\n\x1a\n"
+HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
 PREFIX = "brownpipe-sha256:"
 BLANK_SEAL = PREFIX + 64 * "0"
 SEAL = re.compile(PREFIX.encode() + b"[0-9a-f]{64}")
 
 
 def write_file(path: str | Path, contents: bytes) -> None:
-    """Write `contents` (bytes) to `path` such that a reader sees the old file or the whole new one, never a part.
+    """Write a file such that any reader sees the old file or the complete new one, never a part of it.
 
-    The bytes go to NAME.<pid>.part in the same folder (created if missing), reach the disk and are read back; only then
-    does the part take its name. Whatever happens before that, the part is removed.
+    The bytes go to NAME.<pid>.part in the same folder (created if missing), are flushed to the disk and read back; only
+    then is the part renamed. If anything fails before, the part is removed.
 
-    Raises StorageError if the disk is full, the folder cannot be written, or the file reads back differently.
+    Raises StorageError if the disk is full, the folder cannot be written to, or the file reads back differently.
     """
     path = Path(path)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
@@ -36,7 +51,8 @@ def write_file(path: str | Path, contents: bytes) -> None:
         raise StorageError(f"{path}: not written: {_reason(error)}") from error
 
 
-def _write_through(path, contents):
+def _write_through(path: Path, contents: bytes) -> None:
+    """Write the bytes, wait until they are on the disk, and read them back."""
     with open(path, "wb") as file:
         file.write(contents)
         file.flush()
@@ -45,7 +61,8 @@ def _write_through(path, contents):
         raise OSError(errno.EIO, "it reads back differently; check the disk and rerun")
 
 
-def _sync_folder(folder):
+def _sync_folder(folder: Path) -> None:
+    """Wait until the new name of a file is on the disk, too."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -53,8 +70,8 @@ def _sync_folder(folder):
         os.close(handle)
 
 
-def _reason(error):
-    """The cause and the cure."""
+def _reason(error: OSError) -> str:
+    """Return why a file was not written and, where it is known, what to do about it."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return f"{error.strerror}; free some space and rerun"
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
@@ -63,11 +80,10 @@ def _reason(error):
 
 
 def seal(contents: bytes) -> bytes:
-    """`contents` with its blank seal replaced by its SHA-256.
+    """Return the contents with their blank seal replaced by their SHA-256.
 
-    The checksums of HDF5 cover numbers, not its own bookkeeping: of 3,000 single-bit flips in a small file, 71 went
-    unseen and changed names, texts or numbers, and 2 made the library crash. The seal covers every byte of a file and
-    is checked before HDF5 sees any of them.
+    HDF5's checksums cover chunks of numbers, not its metadata. Of 3,000 single-bit flips in a small file, 71 went
+    unnoticed and changed names, texts or numbers, and 2 crashed the library; the seal covers every byte.
     """
     if contents.count(BLANK_SEAL.encode()) != 1:
         raise ValueError("the contents need exactly one blank seal")
@@ -75,10 +91,10 @@ def seal(contents: bytes) -> bytes:
 
 
 def read_sealed(path: str | Path) -> bytes:
-    """The bytes of a sealed HDF5 file.
+    """Return the bytes of a sealed HDF5 file after verifying its seal.
 
-    Raises StorageError, without the name of the file, if they cannot be trusted; WrongFileError if there are none, or
-    if nothing in them looks like brownpipe.
+    Raises StorageError, without the name of the file, if the seal is broken or missing; WrongFileError if there is no
+    file, or one without any mark of HDF5 and brownpipe.
     """
     try:
         contents = Path(path).read_bytes()

@@ -1,36 +1,40 @@
-"""An HDF5 file as a plain mapping from path to node: made into bytes, read back, and summed up in one digest."""
+"""HDF5 files as mappings from paths to nodes: encoded to bytes in memory, decoded, and summed up in one digest."""
 
 import hashlib
 import json
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import h5py
 import numpy as np
 
 CHUNK_BYTES = 2**18
-SUMS = {"contents_digest", "seal"}  # attributes that sum up the rest
+CHECKSUMS = {"contents_digest", "seal"}  # attributes that the digest leaves out
 SCALE_ATTRIBUTES = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}  # how HDF5 itself stores dimension scales
 
 
 class Node(NamedTuple):
-    """A dataset, or a group if `value` is None. Its dimensions are named after the scales, its siblings."""
+    """A dataset or, if `value` is None, a group."""
 
     value: np.ndarray | str | None
     attributes: dict
-    dims: tuple = ()
-    chunk_axes: tuple | None = None  # which axes a chunk spans first; default the last ones
+    dims: tuple[str, ...] = ()  # names of its scales, datasets in the same group; a scale is its own dimension
+    chunk_axes: tuple[int, ...] | None = None  # axes in the order in which a chunk spans them; None: the last one first
 
 
 class Link(NamedTuple):
-    """A second name of the dataset at `target`."""
+    """A hard link: a second path of the dataset at `target`."""
 
     target: str
 
 
-def digest(nodes: dict) -> str:
-    """The sha256 over all paths, types, shapes, values and attributes of a tree.
+Tree = dict[str, Node | Link]  # parents stand before their children
 
-    Unlike the bytes of the file it does not depend on the versions of HDF5 and zlib.
+
+def digest(nodes: Tree) -> str:
+    """Return the SHA-256 of all paths, types, shapes, values and attributes.
+
+    Unlike the bytes of a file it does not depend on the versions of HDF5 and zlib.
     """
     total = hashlib.sha256()
     for path in sorted(nodes):
@@ -38,13 +42,13 @@ def digest(nodes: dict) -> str:
         while isinstance(node, Link):
             node = nodes[node.target]
         _add(total, path, node.value)
-        for name in sorted(node.attributes.keys() - SUMS):
+        for name in sorted(node.attributes.keys() - CHECKSUMS):
             _add(total, name, node.attributes[name])
     return total.hexdigest()
 
 
-def _add(total, name, value):
-    """Add a named value; lengths go in as well, so that no two trees give the same sequence of bytes."""
+def _add(total, name: str, value) -> None:
+    """Add a named value to a hash, with its length, so that no two trees give the same sequence of bytes."""
     array = np.asarray("group" if value is None else value)
     if array.dtype.kind in "OSTU":
         kind, data = "text", json.dumps(array.tolist(), default=bytes.decode).encode()
@@ -54,8 +58,11 @@ def _add(total, name, value):
     total.update(data)
 
 
-def to_bytes(nodes: dict, compress: bool = True) -> bytes:
-    """The bytes of the HDF5 file that holds `nodes`; parents come before children in the mapping."""
+# -- encoding -------------------------------------------------------------------------------------------------------
+
+
+def to_bytes(nodes: Tree, compress: bool = True) -> bytes:
+    """Return the bytes of an HDF5 file with these nodes. Equal nodes give equal bytes: no time stamps are stored."""
     with h5py.File.in_memory(block_size=2**20) as file:
         for path, node in nodes.items():
             _create(file, path, node, compress)
@@ -65,7 +72,7 @@ def to_bytes(nodes: dict, compress: bool = True) -> bytes:
         return file.id.get_file_image()
 
 
-def _create(file, path, node, compress):
+def _create(file: h5py.File, path: str, node: Node | Link, compress: bool) -> None:
     if isinstance(node, Link):
         file[path] = file[node.target]
         return
@@ -79,7 +86,8 @@ def _create(file, path, node, compress):
         target.make_scale()
 
 
-def _filters(node):
+def _filters(node: Node) -> dict:
+    """Return the options of h5py for compression and checksums; none for scalars, empty arrays and text."""
     value = np.asarray(node.value)
     if value.ndim == 0 or value.size == 0 or value.dtype.kind in "OU":  # HDF5 cannot filter these
         return {}
@@ -87,48 +95,54 @@ def _filters(node):
     return {"chunks": chunks, "compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
 
 
-def _chunks(shape, itemsize, axes):
-    chunks, left = [1] * len(shape), CHUNK_BYTES // itemsize
+def _chunks(shape: tuple[int, ...], itemsize: int, axes: Iterable[int]) -> tuple[int, ...]:
+    """Return the shape of a chunk of at most CHUNK_BYTES that extends along the first of `axes` as far as it can."""
+    chunks, room = [1] * len(shape), CHUNK_BYTES // itemsize
     for axis in axes:
-        chunks[axis] = max(1, min(shape[axis], left))
-        left //= chunks[axis]
+        chunks[axis] = max(1, min(shape[axis], room))
+        room //= chunks[axis]
     return tuple(chunks)
 
 
-def _is_scale(path, node):
+def _is_scale(path: str, node: Node) -> bool:
+    """Return whether a dataset is the scale of the dimension that is named like it."""
     return node.dims == (path.rpartition("/")[2],)
 
 
-def _attach_scales(file, path, node):
+def _attach_scales(file: h5py.File, path: str, node: Node | Link) -> None:
     if isinstance(node, Link) or not node.dims or _is_scale(path, node):
         return
-    dataset, folder = file[path], path.rpartition("/")[0]
+    dataset, group = file[path], path.rpartition("/")[0]
     for axis, dim in enumerate(node.dims):
-        dataset.dims[axis].attach_scale(file[f"{folder}/{dim}"])
+        dataset.dims[axis].attach_scale(file[f"{group}/{dim}"])
 
 
-def from_bytes(image: bytes) -> dict:
-    """All nodes of an HDF5 file, given its bytes."""
+# -- decoding -------------------------------------------------------------------------------------------------------
+
+
+def from_bytes(image: bytes) -> dict[str, Node]:
+    """Return all nodes of an HDF5 file, given its bytes. Linked datasets appear at each of their paths."""
     nodes = {}
     with h5py.File.in_memory(image) as file:
-        _walk(file, "", nodes)
+        _collect(file, "", nodes)
     return nodes
 
 
-def some_from_bytes(image: bytes, paths) -> dict:
-    """The nodes of an HDF5 file at `paths`, those that are there; nothing else is unpacked."""
+def some_from_bytes(image: bytes, paths: Iterable[str]) -> dict[str, Node]:
+    """Return the nodes of an HDF5 file at those `paths` that it has; no other dataset is decompressed."""
     with h5py.File.in_memory(image) as file:
         return {path: Node(_value(file[path]), _attributes(file[path])) for path in paths if path in file}
 
 
-def _walk(group, prefix, nodes):
+def _collect(group: h5py.Group, prefix: str, nodes: dict[str, Node]) -> None:
+    """Add all nodes below a group, whose path is `prefix`, to `nodes`."""
     for name, item in group.items():
         nodes[prefix + name] = Node(_value(item), _attributes(item))
         if isinstance(item, h5py.Group):
-            _walk(item, f"{prefix}{name}/", nodes)
+            _collect(item, f"{prefix}{name}/", nodes)
 
 
-def _value(item):
+def _value(item: h5py.Group | h5py.Dataset) -> np.ndarray | str | None:
     if isinstance(item, h5py.Group):
         return None
     if h5py.check_string_dtype(item.dtype):
@@ -136,5 +150,5 @@ def _value(item):
     return item[()]
 
 
-def _attributes(item):
+def _attributes(item: h5py.Group | h5py.Dataset) -> dict:
     return {name: item.attrs[name] for name in item.attrs if name not in SCALE_ATTRIBUTES}

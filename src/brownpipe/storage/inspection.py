@@ -1,9 +1,12 @@
-"""What is in a file, and is it intact: `brownpipe inspect`."""
+"""Contents and integrity of a trajectory file or dataset: `brownpipe inspect`."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from brownpipe.engines.state import Ensemble
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.observables import ARRAYS
 from brownpipe.provenance import simulation_of, source_digest
@@ -12,9 +15,18 @@ from brownpipe.storage import arrays
 from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.trajectories import Trajectories, read_header, read_trajectories
 
+if TYPE_CHECKING:
+    import xarray
+
+HEALTH = {  # observable: as the report calls its largest absolute value
+    "energy_drift": "worst energy drift",
+    "worst_overlap": "worst overlap (sigma)",
+    "momentum_residual": "worst momentum residual",
+}
+
 
 def verify(path: str | Path) -> list[str]:
-    """The problems of a trajectory file or of a dataset, one line each; none if it is intact.
+    """Return the problems of a trajectory file or dataset, one line each; empty if it is intact.
 
     Raises WrongFileError if it is neither.
     """
@@ -28,19 +40,21 @@ def verify(path: str | Path) -> list[str]:
 
 
 def report(path: str | Path) -> str:
-    """What the file at `path` holds, as text for people; one line if it cannot be trusted."""
+    """Return what a trajectory file or dataset contains, as lines of text; one line if it is damaged."""
     try:
         contents = _read(path)
     except StorageError as error:
         return f"NOT INTACT  {error}"
-    report_on = _trajectories if isinstance(contents, Trajectories) else _dataset
+    lines = _trajectories(path, contents) if isinstance(contents, Trajectories) else _dataset(contents)
     size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
-    lines = [f"{path}  {size}", *report_on(path, contents), "intact       yes: every byte as it was written"]
-    return "\n".join(lines)
+    return "\n".join([f"{path}  {size}", *lines, "intact       yes: every byte as it was written"])
 
 
-def _read(path):
-    """What the file holds, whatever its name; the name decides how to make a broken one again."""
+def _read(path: str | Path) -> "Trajectories | xarray.Dataset":
+    """Return the contents of a file of either kind.
+
+    The extension decides which kind is tried first, and so which command a message about a damaged file names.
+    """
     readers = [read_trajectories, read_dataset]
     first, second = readers[::-1] if Path(path).suffix == ".nc" else readers
     try:
@@ -49,55 +63,54 @@ def _read(path):
         return second(path)
 
 
-def _trajectories(path, contents):
+def _trajectories(path: str | Path, contents: Trajectories) -> list[str]:
     scene, engine, ensemble = contents[:3]
-    times = ensemble.times
+    times, runs = ensemble.times, len(ensemble.seeds)
     box = f"{scene.box.boundary} box {scene.box.width:g} x {scene.box.height:g}"
     return [
         f"scene        {scene.name}: {scene.particles} disks in a {box}, packing fraction {scene.packing_fraction:.4g}",
         f"engine       {engine.options}",
-        f"seeds        {seed_text(ensemble.seeds)} ({len(ensemble.seeds)} runs)",
+        f"seeds        {seed_text(ensemble.seeds)} ({runs} {'run' if runs == 1 else 'runs'})",
         f"samples      {len(times)} from t = {times[0]:g} to {times[-1]:g}",
         f"recorded     {_recorded(ensemble)}",
-        *_health(ensemble.observables),
+        _health(ensemble.observables),
         *_statistics(ensemble.observables),
         *arrays.listing(ensemble),
-        *_origin(read_header(path)),
+        *_provenance(read_header(path)),
     ]
 
 
-def _recorded(ensemble):
-    tracer = "tracer positions" if ensemble.tracer is not None else "no tracer"
-    return f"{tracer}, {len(ensemble.whole)} whole runs, every collision of {len(ensemble.events)} runs"
+def _recorded(ensemble: Ensemble) -> str:
+    """Return whose tracks, and whether collisions, are in the file."""
+    parts = [] if ensemble.tracer is None else ["positions of the tracer"]
+    parts += [f"all disks (seeds {seed_text(sorted(ensemble.whole))})"] if ensemble.whole else []
+    parts += [f"every collision (seeds {seed_text(sorted(ensemble.events))})"] if ensemble.events else []
+    return "; ".join(parts or ["no trajectories"])
 
 
-def _health(observables):
-    worst = {name: np.max(np.abs(observables[name]), initial=0.0) for name in _HEALTH if name in observables}
+def _health(observables: dict[str, np.ndarray]) -> str:
+    """Return the number of failed runs, and the largest errors of all runs that the engine reports."""
+    worst = {name: np.max(np.abs(observables[name]), initial=0.0) for name in HEALTH if name in observables}
     failed = int(np.sum(observables["failed"]))
-    return [f"health       {failed} failed runs" + "".join(f"; {_HEALTH[name]} {worst[name]:.2g}" for name in worst)]
+    return f"health       {failed} failed runs" + "".join(f"; {HEALTH[name]} {worst[name]:.2g}" for name in worst)
 
 
-_HEALTH = {
-    "energy_drift": "worst energy drift",
-    "worst_overlap": "worst overlap (sigma)",
-    "momentum_residual": "worst momentum residual",
-}
+def _statistics(observables: dict[str, np.ndarray]) -> Iterator[str]:
+    """Yield a table of the observables with one number per run, over the runs that did not fail."""
+    yield f"{'per run':<22} {'mean':>12} {'min':>12} {'max':>12}"
+    for name, values in observables.items():
+        if name in ARRAYS or name == "failed":
+            continue
+        values = values[observables["failed"] == 0]
+        if values.size:
+            yield f"  {name:<20} {np.mean(values):12.6g} {np.min(values):12.6g} {np.max(values):12.6g}"
 
 
-def _statistics(observables):
-    """A table of the runs that did not fail."""
-    yield f"{'observables':<22} {'mean':>12} {'min':>12} {'max':>12}"
-    numbers = {name: value for name, value in observables.items() if name not in ARRAYS}
-    for name, value in numbers.items():
-        value = value[observables["failed"] == 0]
-        if value.size and name != "failed":
-            yield f"  {name:<20} {np.mean(value):12.6g} {np.min(value):12.6g} {np.max(value):12.6g}"
-
-
-def _origin(header):
+def _provenance(header: dict) -> list[str]:
+    """Return versions and digests, and whether this installation would run the same source."""
     names = ("brownpipe", "numpy", "numba", "h5py")
     now = source_digest(simulation_of(header["engine"]))
-    source = "as in this brownpipe" if header["source_digest"] == now else "not that of this brownpipe"
+    source = "that of this installation" if header["source_digest"] == now else "not that of this installation"
     return [
         "written by   " + ", ".join(f"{name} {header[f'{name}_version']}" for name in names),
         f"source       {header['source_digest'][:12]}, {source}",
@@ -105,7 +118,7 @@ def _origin(header):
     ]
 
 
-def _dataset(path, dataset):
+def _dataset(dataset: "xarray.Dataset") -> list[str]:
     sizes = ", ".join(f"{name} {size}" for name, size in dataset.sizes.items())
     return [
         f"title        {dataset.attrs.get('title', '-')}",

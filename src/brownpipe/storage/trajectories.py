@@ -1,7 +1,8 @@
-"""Trajectory files: one batch of seeds of one scene, by one engine."""
+"""Trajectory files: a batch of runs of one scene by one engine; their layout is drawn in `brownpipe.storage`."""
 
 import json
 import re
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -14,14 +15,14 @@ from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import ARRAYS, AXES
 from brownpipe.provenance import simulation_of, source_digest, versions
-from brownpipe.scene import Scene, parse_scene
+from brownpipe.scene import Box, Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage import arrays
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import Link, Node, digest, from_bytes, some_from_bytes, to_bytes
+from brownpipe.storage.hdf5 import Link, Node, Tree, digest, from_bytes, some_from_bytes, to_bytes
 
 FORMAT = 1
-OUTLINE = (  # what an outline is made of
+OUTLINE = (  # paths from which an Outline is made
     "parameters",
     "parameters/scene",
     "parameters/settings",
@@ -32,7 +33,7 @@ OUTLINE = (  # what an outline is made of
 )
 TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
 
-MEANING = {
+MEANING = {  # dataset: units, long_name
     "time": ("time", "time since the start of the run"),
     "step": ("1", "index of the sample"),
     "seed": ("1", "seed of the run"),
@@ -45,52 +46,52 @@ MEANING = {
     "mass": ("mass", "mass"),
     "edges": ("length", "width and height of the box"),
     "origin": ("length", "lower left corner of the box"),
-    "a": ("1", "disk that collides"),
-    "b": ("1", "its partner: a disk, or wall -1 left, -2 right, -3 bottom, -4 top"),
-    "impulse": ("mass*length/time", "momentum given to a"),
+    "a": ("1", "colliding disk"),
+    "b": ("1", "its partner: a disk, or a wall: -1 left, -2 right, -3 bottom, -4 top"),
+    "impulse": ("mass*length/time", "momentum transferred to disk a"),
     "pair_collisions": ("1", "collisions between disks"),
     "wall_collisions": ("1", "collisions of disks with walls"),
     "tracer_collisions": ("1", "collisions of the tracer with disks"),
     "energy_drift": ("1", "relative change of the kinetic energy over the run"),
-    "worst_overlap": ("1", "deepest overlap seen, in contact distances"),
-    "momentum_residual": ("1", "relative error of momentum change plus impulse given to the walls"),
-    "kinetic_energy": ("energy", "kinetic energy at t = 0, conserved; NaN if no floating-point number in these units"),
+    "worst_overlap": ("1", "deepest overlap of two disks, in contact distances"),
+    "momentum_residual": ("1", "relative residual of the momentum balance of disks and walls"),
+    "kinetic_energy": ("energy", "total kinetic energy at t = 0, conserved; NaN if not representable in these units"),
     "virial": ("energy*time", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
     "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
     "missed_collisions": ("1", "collisions missed because the pair met and separated within one time step"),
     "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
     "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
-    "failed": ("1", "1 if overlap or energy drift passed its bound, or a number is not finite: not to be averaged in"),
+    "failed": ("1", "1 if overlap or energy drift exceeds its bound or a number is not finite: exclude from averages"),
     "scene": ("1", "the scene as canonical JSON"),
     "settings": ("1", "settings of the engine as JSON"),
 }
 
 
 class Trajectories(NamedTuple):
-    """What a trajectory file holds."""
+    """Contents of a trajectory file."""
 
     scene: Scene
     engine: Engine
     ensemble: Ensemble
-    source: str = ""  # digest of the source that made the runs
+    source: str = ""  # digest of the source code that made the runs
 
 
 class Outline(NamedTuple):
-    """What a trajectory file is about: all but the runs themselves."""
+    """Contents of a trajectory file without its tracks and observables."""
 
     scene: Scene
     engine: Engine
-    seeds: np.ndarray  # (S,)
-    times: np.ndarray  # (T,)
-    tracer: bool  # whether it has the tracks of the tracer
-    source: str
+    seeds: np.ndarray  # (S,) int64
+    times: np.ndarray  # (T,) [time]
+    tracer: bool  # whether the tracks of the tracer are stored
+    source: str  # digest of the source code that made the runs
     average: str = "runs"  # as in Ensemble
 
 
 def write_trajectories(path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble) -> None:
-    """Write one batch of runs; layout in `brownpipe.storage`.
+    """Write a batch of runs to a trajectory file.
 
-    Raises StorageError if the file cannot be written or does not read back as what was given.
+    Raises StorageError if the file cannot be written, or if HDF5 decodes other values from its bytes.
     """
     nodes = _layout(Trajectories(scene, engine, ensemble))
     expected = digest(nodes)
@@ -102,18 +103,19 @@ def write_trajectories(path: str | Path, scene: Scene, engine: Engine, ensemble:
 
 
 def read_trajectories(path: str | Path) -> Trajectories:
-    """The Trajectories in the file at `path`, after every byte is verified.
+    """Return the contents of a trajectory file after verifying seal and digest.
 
-    Raises StorageError naming the file, the seeds concerned and how to make the file again.
+    Raises StorageError naming the file, its seeds and the command that makes them again; WrongFileError if there is no
+    file or another kind.
     """
     with _naming(path):
         return _trajectories(_contents(path))
 
 
 def read_outline(path: str | Path) -> Outline:
-    """The Outline of the file at `path`. Every byte is verified, but no track unpacked.
+    """Return the outline of a trajectory file after verifying its seal; no track is decompressed.
 
-    Raises StorageError like `read_trajectories`.
+    Raises StorageError and WrongFileError like `read_trajectories`.
     """
     with _naming(path):
         nodes = some_from_bytes(read_sealed(path), OUTLINE)
@@ -121,26 +123,27 @@ def read_outline(path: str | Path) -> Outline:
         scene, engine = _scene_and_engine(nodes)
         times = nodes.get("particles/tracer/position/time", nodes.get("observables/run/time"))
         return Outline(
-            scene,
-            engine,
-            nodes["observables/run/seed"].value,
-            scene.times if times is None else times.value,
-            "particles/tracer" in nodes,
-            parameters["source_digest"],
-            parameters.get("average", "runs"),
+            scene=scene,
+            engine=engine,
+            seeds=nodes["observables/run/seed"].value,
+            times=scene.times if times is None else times.value,
+            tracer="particles/tracer" in nodes,
+            source=parameters["source_digest"],
+            average=parameters.get("average", "runs"),
         )
 
 
 def read_header(path: str | Path) -> dict:
-    """The attributes of /parameters: names, versions and digests. Verified, with errors, like `read_trajectories`."""
+    """Return the attributes of /parameters (names, versions, digests); errors as of `read_trajectories`."""
     with _naming(path):
         return _contents(path)["parameters"].attributes
 
 
-# Layout: what goes where
+# -- layout ---------------------------------------------------------------------------------------------------------
 
 
-def _layout(trajectories):
+def _layout(trajectories: Trajectories) -> Tree:
+    """Return all nodes of a trajectory file."""
     scene, ensemble = trajectories.scene, trajectories.ensemble
     nodes = _header()
     if ensemble.tracer is not None:
@@ -156,7 +159,8 @@ def _layout(trajectories):
     return nodes | _parameters(trajectories)
 
 
-def _header():
+def _header() -> Tree:
+    """Return what H5MD requires of every file."""
     return {
         "h5md": Node(None, {"version": np.array([1, 1])}),
         "h5md/author": Node(None, {"name": "brownpipe"}),
@@ -165,30 +169,34 @@ def _header():
     }
 
 
-def _dataset(name, value, dims=(), chunk_axes=None):
+def _dataset(name: str, value, dims: tuple[str, ...] = (), chunk_axes: tuple[int, ...] | None = None) -> Node:
+    """Return a dataset with the units and the meaning that belong to its name."""
     units, long_name = MEANING.get(name, ("1", name.replace("_", " ")))
     return Node(value, {"units": units, "long_name": long_name}, dims, chunk_axes)
 
 
-def _particles(group, scene, times, track, dim, ids):
-    """One H5MD particles group; the elements share their steps and scales."""
+def _particles(group: str, scene: Scene, times: np.ndarray, track: Track, dim: str, ids: np.ndarray) -> Tree:
+    """Return a particles group of H5MD; `ids` are the values along `dim`, the dimension of the particles.
+
+    All elements (position, velocity, image) have the same steps and scales: those of the position, linked.
+    """
     nodes = {group: Node(None, {})} | _box(f"{group}/box", scene.box)
     nodes[f"{group}/id"] = _dataset(dim, ids, ("id",))
-    first = {"time": _dataset("time", times, ("time",)), dim: _dataset(dim, ids, (dim,))}
-    first |= {"component": Link(f"{group}/box/component"), "step": _dataset("step", np.arange(len(times)), ("time",))}
-    again = {name: Link(f"{group}/position/{name}") for name in first}
-    axes = TIME_FIRST if dim == "seed" else None
+    scales = {"time": _dataset("time", times, ("time",)), dim: _dataset(dim, ids, (dim,))}
+    scales |= {"component": Link(f"{group}/box/component"), "step": _dataset("step", np.arange(len(times)), ("time",))}
+    links = {name: Link(f"{group}/position/{name}") for name in scales}
+    chunk_axes = TIME_FIRST if dim == "seed" else None
     for element, value in track._asdict().items():
         if value is None:
             continue
         nodes[f"{group}/{element}"] = Node(None, {})
-        for name, node in (first if element == "position" else again).items():
+        for name, node in (scales if element == "position" else links).items():
             nodes[f"{group}/{element}/{name}"] = node
-        nodes[f"{group}/{element}/value"] = _dataset(element, value, ("time", dim, "component"), axes)
+        nodes[f"{group}/{element}/value"] = _dataset(element, value, ("time", dim, "component"), chunk_axes)
     return nodes
 
 
-def _box(group, box):
+def _box(group: str, box: Box) -> Tree:
     boundary = "periodic" if box.periodic else "none"
     return {
         group: Node(None, {"dimension": 2, "boundary": [boundary, boundary]}),
@@ -198,11 +206,13 @@ def _box(group, box):
     }
 
 
-def _components():
+def _components() -> Node:
+    """Return the scale of the Cartesian components."""
     return _dataset("component", np.array(["x", "y"], h5py.string_dtype()), ("component",))
 
 
-def _observables(scene, ensemble):
+def _observables(scene: Scene, ensemble: Ensemble) -> Tree:
+    """Return one number per run, and arrays, of every observable."""
     group = "observables/run"
     nodes = {
         "observables": Node(None, {}),
@@ -218,16 +228,18 @@ def _observables(scene, ensemble):
     return nodes
 
 
-def _events(group, events):
+def _events(group: str, events: Events) -> Tree:
+    """Return the collisions of one run."""
     nodes = {group: Node(None, {}), f"{group}/component": _components()}
     for name, value in events._asdict().items():
         nodes[f"{group}/{name}"] = _dataset(name, value, ("time", "component")[: value.ndim])
     return nodes
 
 
-def _parameters(trajectories):
+def _parameters(trajectories: Trajectories) -> Tree:
+    """Return what made the runs, and what makes them again."""
     scene, engine, ensemble = trajectories[:3]
-    names = {
+    attributes = {
         "format": FORMAT,
         "scene_name": scene.name,
         "particles": scene.particles,
@@ -238,14 +250,14 @@ def _parameters(trajectories):
         "source_digest": source_digest(simulation_of(engine.name)),
     }
     return {
-        "parameters": Node(None, names | versions()),
+        "parameters": Node(None, attributes | versions()),
         "parameters/scene": _dataset("scene", scene.text),
         "parameters/settings": _dataset("settings", json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False)),
     }
 
 
-def _command(scene, engine, ensemble):
-    """What makes these runs again; found in the raw bytes of a broken file by its backquotes."""
+def _command(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
+    """Return the command that makes these runs again, in backquotes, by which `_remedy` finds it in a damaged file."""
     particles = f" --particles {scene.particles}" if scene.species else ""
     words = ["all"] * bool(ensemble.whole) + ["events"] * bool(ensemble.events)
     nothing = ["none"] * (ensemble.tracer is None and scene.particles > 0)
@@ -255,19 +267,19 @@ def _command(scene, engine, ensemble):
     return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.options}{record}{observables}`"
 
 
-# Reading
+# -- reading --------------------------------------------------------------------------------------------------------
 
 
-def _contents(path):
-    """The verified nodes of a trajectory file."""
+def _contents(path: str | Path) -> dict[str, Node]:
+    """Return all nodes of a trajectory file after verifying seal and digest."""
     nodes = from_bytes(read_sealed(path))
     if _parameters_of(nodes)["contents_digest"] != digest(nodes):
         raise StorageError("HDF5 gives back other numbers than were written; check memory and the HDF5 library")
     return nodes
 
 
-def _parameters_of(nodes):
-    """The attributes of /parameters, if the nodes are of a trajectory file that this brownpipe reads."""
+def _parameters_of(nodes: dict[str, Node]) -> dict:
+    """Return the attributes of /parameters; raise an error if the nodes are not those of a file of this format."""
     if "parameters" not in nodes:
         raise WrongFileError("is a file of brownpipe, but not a trajectory file (of `brownpipe simulate`)")
     attributes = nodes["parameters"].attributes
@@ -276,74 +288,78 @@ def _parameters_of(nodes):
     return attributes
 
 
-def _scene_and_engine(nodes):
+def _scene_and_engine(nodes: dict[str, Node]) -> tuple[Scene, Engine]:
+    """Return scene and engine; raise StorageError if this version of brownpipe refuses one of them."""
     parameters = nodes["parameters"].attributes
-    settings = json.loads(nodes["parameters/settings"].value)
+    mapping, settings = (json.loads(nodes[f"parameters/{name}"].value) for name in ("scene", "settings"))
     try:
-        scene = parse_scene(json.loads(nodes["parameters/scene"].value), f"{parameters['scene_name']}.yaml")
+        scene = parse_scene(mapping, f"{parameters['scene_name']}.yaml")
         return scene, recorded({"name": parameters["engine"], **settings})
     except RequestError as error:
         raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
 
 
-def _trajectories(nodes):
+def _trajectories(nodes: dict[str, Node]) -> Trajectories:
     parameters = nodes["parameters"].attributes
     scene, engine = _scene_and_engine(nodes)
     ensemble = _ensemble(nodes, scene)._replace(average=parameters.get("average", "runs"))
     return Trajectories(scene, engine, ensemble, parameters["source_digest"])
 
 
-def _ensemble(nodes, scene):
-    run = {name: value for name, value in _children(nodes, "observables/run").items() if name not in AXES}
-    seeds = run.pop("seed")
+def _ensemble(nodes: dict[str, Node], scene: Scene) -> Ensemble:
+    """Return the runs; their times are those of the file, the scene's if it has neither tracks nor arrays."""
+    observables = {name: value for name, value in _children(nodes, "observables/run").items() if name not in AXES}
+    seeds = observables.pop("seed")
     whole = {_seed(name): _track(nodes, f"particles/{name}") for name in _runs(nodes, "particles")}
-    events = _runs(nodes, "observables/events")
-    events = {_seed(name): _read_events(nodes, f"observables/events/{name}") for name in events}
+    events = {_seed(name): _log(nodes, f"observables/events/{name}") for name in _runs(nodes, "observables/events")}
     tracer = _track(nodes, "particles/tracer") if "particles/tracer" in nodes else None
-    places = ("/position/time", "observables/run/time")
-    times = next((node.value for path, node in nodes.items() if path.endswith(places)), scene.times)
-    return Ensemble(seeds=seeds, times=times, tracer=tracer, observables=run, whole=whole, events=events)
+    ends = ("/position/time", "observables/run/time")
+    times = next((node.value for path, node in nodes.items() if path.endswith(ends)), scene.times)
+    return Ensemble(seeds=seeds, times=times, tracer=tracer, observables=observables, whole=whole, events=events)
 
 
-def _children(nodes, group):
+def _children(nodes: dict[str, Node], group: str) -> dict:
+    """Return the values of the datasets in a group by name, None for groups in it."""
     return {path.rpartition("/")[2]: node.value for path, node in nodes.items() if path.rpartition("/")[0] == group}
 
 
-def _runs(nodes, group):
+def _runs(nodes: dict[str, Node], group: str) -> list[str]:
+    """Return the names of the groups of single runs, seed_00017, ascending."""
     return sorted((name for name in _children(nodes, group) if name.startswith("seed_")), key=_seed)
 
 
-def _seed(name):
+def _seed(name: str) -> int:
     return int(name.removeprefix("seed_"))
 
 
-def _track(nodes, group):
-    values = (nodes.get(f"{group}/{name}/value") for name in Track._fields)
+def _track(nodes: dict[str, Node], group: str) -> Track:
+    values = (nodes.get(f"{group}/{element}/value") for element in Track._fields)
     return Track(*(node and node.value for node in values))
 
 
-def _read_events(nodes, group):
+def _log(nodes: dict[str, Node], group: str) -> Events:
+    """Return the collisions of one run."""
     return Events(*(nodes[f"{group}/{name}"].value for name in Events._fields))
 
 
 @contextmanager
-def _naming(path):
-    """Give an error the name of the file and, if it is broken, the cure."""
+def _naming(path: str | Path) -> Iterator[None]:
+    """Put the name of the file before errors and, if it is damaged, the remedy behind them."""
     try:
         yield
     except WrongFileError as error:
         raise WrongFileError(f"{path}: {error}") from error
     except StorageError as error:
-        raise StorageError(f"{path}: {error}; {_cure(path)}") from error
+        raise StorageError(f"{path}: {error}; {_remedy(path)}") from error
 
 
-def _cure(path):
-    """How to make a broken file again, as far as it can tell: HDF5 is not trusted with it."""
+def _remedy(path: str | Path) -> str:
+    """Return how to make a damaged file again: the command found in its raw bytes, without the help of HDF5."""
     try:
-        found = re.search(rb"`(brownpipe simulate [^`]* --seeds ([0-9,-]+)[^`]*)`", Path(path).read_bytes())
+        match = re.search(rb"`(brownpipe simulate [^`]* --seeds ([0-9,-]+)[^`]*)`", Path(path).read_bytes())
     except OSError:
         return "check that it is there and can be read"
-    if found is None:
+    if match is None:
         return "if brownpipe wrote it, delete it and rerun snakemake or brownpipe simulate"
-    command, seeds = (text.decode(errors="replace") for text in found.groups())
+    command, seeds = (text.decode(errors="replace") for text in match.groups())
     return f"seeds {seeds} are lost: delete it and rerun snakemake, or rerun {command} --output {path}"
