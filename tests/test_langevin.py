@@ -17,6 +17,7 @@ from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.engines.langevin.simulation import step_weights
 from brownpipe.errors import RequestError
 from brownpipe.scene import Velocities, parse_scene, read_scene
+from closed_forms import langevin_msd
 
 RUNS = 4000
 SCENES = Path(__file__).parents[1] / "config" / "scenes"
@@ -66,7 +67,7 @@ def test_msd_of_the_tracer(boundary):
     found = langevin.simulate(scene, range(RUNS))
     square = np.square(unwrapped(scene, found)).sum(axis=-1)
     mean, error = mean_and_error(square)
-    expected = theory.langevin_msd(found.times, gamma, 2 * 4.0, 2 * 1.6)
+    expected = langevin_msd(found.times, gamma, 2 * 4.0, 2 * 1.6)
     for t in (0.01, 0.03, 0.1, 0.3, 1.0, 4.0):
         k = round(t / 0.01)
         assert abs(mean[k] - expected[k]) < FAR * error[k]
@@ -88,7 +89,7 @@ def test_a_step_has_the_moments_of_the_langevin_equation(x):
     """To 1e-12, for gamma dt = x: those of a start at rest and those that a first velocity adds."""
     gamma, square_speed = 3.0, 1.6
     matrix, covariance = one_step(x / gamma, gamma, square_speed)
-    msd = theory.langevin_msd(x / gamma, gamma, 0.0, 2 * square_speed) / 2
+    msd = langevin_msd(x / gamma, gamma, 0.0, 2 * square_speed) / 2
     decay = math.exp(-x)
     expected = [[msd, square_speed / gamma * (1 - decay) ** 2], [0, -square_speed * math.expm1(-2 * x)]]
     assert np.allclose(np.triu(covariance), expected, rtol=1e-12, atol=1e-22)

@@ -1,55 +1,53 @@
-"""Closed forms that the simulation is compared with: diffusion, Langevin, Enskog, and the ideal gas in a box.
+"""Closed forms that the simulation is compared with: diffusion, ballistic flight, Enskog, and the ideal gas in a box.
 
-Every function takes scalars or arrays that broadcast against each other and returns the broadcast shape. All quantities
-are in the scene's own units of length, time and mass; `temperature` is kT, an energy. "Eq." is an equation of
-D. W. Harrison, "Brownian motion simulation" (2020), the note that brownpipe follows.
+Unless stated otherwise, a function takes scalars or arrays that broadcast against each other and returns an array of
+the broadcast shape. Quantities are in the scene's units of length, time and mass; `temperature` is kT, an energy.
+"Eq." is an equation of D. W. Harrison, "Brownian motion simulation" (2020), the note that brownpipe follows.
+docs/theory.md derives and explains the formulas; each docstring names its section.
 """
 
 import math
 
 import numpy as np
 
-# Below this D t / a^2 the walls of a square of half-width a change the MSD by less than round-off: the chance
+Numbers = float | np.ndarray
+
+# Below this D t / a^2 the walls of a square of half-width a change the MSD by less than round-off: the probability
 # erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
 _WALLS_UNSEEN = 0.0068
 _SERIES_TERMS = 24
-_NODES = 64  # of the quadrature over a quarter of a circle: 1e-15 for the narrowest density of the series
+_NODES = 64  # of the quadrature over a quarter circle; error 1e-15 for the narrowest density of the series
 
 
 # --- diffusion
 
 
-def propagator(r, t, diffusion):
-    """Probability per area [1/length^2] to be at distance `r` from the start after time `t > 0`; eq. (11).
+def diffusive_msd(t: Numbers, diffusion: Numbers) -> Numbers:
+    """Return the mean squared displacement [length^2] of free diffusion in the plane, 4 D t: eq. (12).
 
-    It solves the diffusion equation, eqs. (13)-(16), for a start at the origin, eq. (17).
+    docs/theory.md, section 2.
     """
-    spread = 4.0 * diffusion * np.asarray(t, float)
-    return np.exp(-np.square(r) / spread) / (np.pi * spread)
-
-
-def diffusive_msd(t, diffusion):
-    """Mean squared displacement [length^2] of free diffusion in the plane, 4 D t; eq. (12)."""
     return 4.0 * diffusion * np.asarray(t, float)
 
 
-def ring_probability(inner, outer, t, diffusion):
-    """Probability to end between the radii `inner` and `outer` (may be inf) after time `t > 0`.
+def ring_probability(inner: Numbers, outer: Numbers, t: Numbers, diffusion: Numbers) -> Numbers:
+    """Return the probability that free diffusion from the origin ends between two radii after time `t > 0`.
 
-    Eq. (18) counts runs between r and r + dr as N rho 2 pi r dr; here the ring is integrated, which is exact for any
-    width: exp(-inner^2 / 4Dt) - exp(-outer^2 / 4Dt).
+    Eq. (18) integrated over the ring, exact for any width: exp(-inner^2/4Dt) - exp(-outer^2/4Dt). `outer` may be inf.
+    docs/theory.md, section 2.
     """
-    spread = 4.0 * diffusion * np.asarray(t, float)
-    inside, outside = np.square(inner) / spread, np.square(outer) / spread
-    return np.exp(-inside) * -np.expm1(inside - outside)
+    square = 4.0 * diffusion * np.asarray(t, float)
+    inner_exponent, outer_exponent = np.square(inner) / square, np.square(outer) / square
+    return np.exp(-inner_exponent) * -np.expm1(inner_exponent - outer_exponent)
 
 
-def reflecting_square_msd(t, diffusion, half_width):
-    """MSD [length^2] of a diffusing point that starts in the centre of a reflecting square.
+def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -> Numbers:
+    """Return the MSD [length^2] of diffusion that starts at the centre of a reflecting square.
 
     `half_width` is that of the accessible square, a = w - R for a disk of radius R between walls at +-w. The two
     components are independent; each is the cosine series of the diffusion equation on [-a, a],
-    <x^2> = a^2/3 + (4 a^2/pi^2) sum_k (-1)^k k^-2 exp(-D k^2 pi^2 t / a^2): 2Dt at first, a^2/3 in the end.
+    <x^2> = a^2/3 + (4 a^2/pi^2) sum_k (-1)^k k^-2 exp(-D k^2 pi^2 t / a^2), which rises as 2Dt at first and
+    approaches a^2/3. docs/theory.md, section 2.
     """
     tau = np.asarray(diffusion * np.asarray(t, float) / np.square(half_width), float)
     k = np.arange(1, _SERIES_TERMS + 1)
@@ -59,13 +57,14 @@ def reflecting_square_msd(t, diffusion, half_width):
     return 2.0 * np.square(half_width) * component
 
 
-def reflecting_square_within(r, t, diffusion, half_width):
-    """Probability to be within `r` (K,) of the centre of a reflecting square after time `t > 0`, from the centre.
+def reflecting_square_within(r: Numbers, t: float, diffusion: float, half_width: float) -> np.ndarray:
+    """Return the probability (K,) that diffusion in a reflecting square ends within `r` (K,) of the centre.
 
-    `half_width` a is that of the accessible square. Both components have the density (1 + 2 sum_k cos(k pi x/a)
-    exp(-D k^2 pi^2 t/a^2)) / 2a on [-a, a], which integrated over [-h, h] is C(h); so with s^2 = r^2 - a^2, or 0,
-    the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx, here by Gauss-Legendre over the angle. Before
-    the walls are seen it is that of free diffusion; 1 from the corners on.
+    It starts at the centre, at time `t > 0` before; `half_width` a is that of the accessible square. Both components
+    have the density p(x) = (1 + 2 sum_k cos(k pi x/a) exp(-D k^2 pi^2 t/a^2)) / 2a on [-a, a], whose integral over
+    [-h, h] is C(h). With s = sqrt(max(r^2 - a^2, 0)) the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx,
+    by Gauss-Legendre quadrature over the angle. For D t/a^2 < 0.0068 it is that of free diffusion; for r beyond the
+    corners it is 1. docs/theory.md, section 2.
     """
     a, r = half_width, np.atleast_1d(np.asarray(r, float))
     tau = diffusion * t / a**2
@@ -81,21 +80,24 @@ def reflecting_square_within(r, t, diffusion, half_width):
 
 
 def _component_density(x, tau, a):
+    """Return the density [1/length] of one component at x after the time tau = D t/a^2."""
     k = np.arange(1, _SERIES_TERMS + 1)
     decay = np.exp(-(np.pi**2) * k**2 * tau)
     return (1.0 + 2.0 * (decay * np.cos(k * np.pi * x[..., None] / a)).sum(axis=-1)) / (2.0 * a)
 
 
 def _component_within(h, tau, a):
+    """Return the probability C(h) that one component is in [-h, h]."""
     k = np.arange(1, _SERIES_TERMS + 1)
     decay = np.exp(-(np.pi**2) * k**2 * tau) / (k * np.pi)
     return h / a + 2.0 * (decay * np.sin(k * np.pi * h[..., None] / a)).sum(axis=-1)
 
 
-def reflecting_square_diffusion(msd, t, half_width):
-    """The D [length^2/time] for which `reflecting_square_msd` at time `t > 0` is `msd`, a number.
+def reflecting_square_diffusion(msd: float, t: float, half_width: float) -> float:
+    """Return the D [length^2/time] for which `reflecting_square_msd` at time `t > 0` is `msd`.
 
-    NaN where there is none: `msd` is not positive, or not below 2 a^2/3 by more than round-off, where it ends.
+    NaN where there is none: `msd` is not positive, or not below its limit 2 a^2/3 by more than round-off. By bisection
+    to neighbouring floating-point numbers. docs/theory.md, section 2.
     """
     low, high = 0.0, 4.0 * np.square(half_width) / t
     if not 0.0 < msd < reflecting_square_msd(t, high, half_width):
@@ -110,61 +112,43 @@ def reflecting_square_diffusion(msd, t, half_width):
 # --- from ballistic flight to diffusion
 
 
-def ballistic_msd(t, mean_square_speed):
-    """MSD [length^2] before the first collision, <v0^2> t^2; `mean_square_speed` counts both components."""
-    return mean_square_speed * np.square(np.asarray(t, float))
+def ballistic_msd(t: Numbers, mean_square_speed: Numbers) -> Numbers:
+    """Return the MSD [length^2] before the first collision, <v0^2> t^2; `mean_square_speed` counts both components.
 
-
-def langevin_msd(t, friction_rate, initial_square_speed, equilibrium_square_speed):
-    """MSD [length^2] of the Langevin equation (Ornstein-Uhlenbeck velocity) in the plane.
-
-    `friction_rate` is gamma [1/time], 0 allowed; the square speeds count both components, `equilibrium_square_speed`
-    = 2 kT/m. With e = exp(-gamma t): (v0^2 - v_eq^2) ((1 - e)/gamma)^2 + (2 v_eq^2/gamma) (t - (1 - e)/gamma);
-    v0^2 t^2 at first, slope 2 v_eq^2/gamma = 4 kT/(m gamma) in the end.
+    docs/theory.md, section 4.
     """
-    t = np.asarray(t, float)
-    x = friction_rate * t
-    relaxing = np.square(_relaxed(x)) * (initial_square_speed - equilibrium_square_speed)
-    return np.square(t) * (relaxing + 2.0 * equilibrium_square_speed * _relaxed_twice(x))
-
-
-def _relaxed(x):
-    """(1 - exp(-x)) / x, 1 at x = 0."""
-    safe = np.where(x == 0.0, 1.0, x)
-    return np.where(x == 0.0, 1.0, -np.expm1(-safe) / safe)
-
-
-def _relaxed_twice(x):
-    """(x - (1 - exp(-x))) / x^2, 1/2 at x = 0; below 0.1 by its power series, where the closed form cancels."""
-    small = 0.5 + x * (-1 / 6 + x * (1 / 24 + x * (-1 / 120 + x * (1 / 720 + x * (-1 / 5040 + x * (1 / 40320))))))
-    small = small - x**7 / 362880 + x**8 / 3628800
-    safe = np.where(np.abs(x) < 0.1, 1.0, x)
-    return np.where(np.abs(x) < 0.1, small, (safe + np.expm1(-safe)) / safe**2)
+    return mean_square_speed * np.square(np.asarray(t, float))
 
 
 # --- hard disks in equilibrium: Enskog
 
 
-def contact_value_henderson(packing_fraction):
-    """Pair correlation at contact of equal disks; D. Henderson, Mol. Phys. 30, 971 (1975). 2 % high in Z at 0.65."""
+def contact_value_henderson(packing_fraction: Numbers) -> Numbers:
+    """Return Henderson's contact value g(sigma+) of equal disks; its Z is 2 % too high at a packing fraction of 0.65.
+
+    D. Henderson, Mol. Phys. 30, 971 (1975); docs/theory.md, section 3.
+    """
     return (1.0 - 7.0 / 16.0 * packing_fraction) / np.square(1.0 - packing_fraction)
 
 
-def contact_value(packing_fraction):
-    """Pair correlation at contact, chi = g(sigma+), of equal disks; S. Luding, Phys. Rev. E 63, 042201 (2001).
+def contact_value(packing_fraction: Numbers) -> Numbers:
+    """Return Luding's contact value chi = g(sigma+), the pair correlation function at contact, of equal disks.
 
-    Henderson's form less phi^3 / (128 (1 - phi)^4): within 0.1 % of simulation up to a packing fraction of 0.65, and
-    not defined for the dense phases above 0.7.
+    Henderson's form less phi^3 / (128 (1 - phi)^4): within 0.1 % of simulations up to a packing fraction of 0.65, not
+    applicable to the dense phases above 0.7. S. Luding, Phys. Rev. E 63, 042201 (2001); docs/theory.md, section 3.
     """
     crowding = packing_fraction**3 / (128.0 * (1.0 - packing_fraction) ** 4)
     return contact_value_henderson(packing_fraction) - crowding
 
 
-def contact_value_mixture(diameter_i, diameter_j, number_densities, diameters):
-    """Contact value g_ij of disks of two diameters in a mixture; J. T. Jenkins & F. Mancini, J. Appl. Mech. 54 (1987).
+def contact_value_mixture(
+    diameter_i: Numbers, diameter_j: Numbers, number_densities: np.ndarray, diameters: np.ndarray
+) -> Numbers:
+    """Return the contact value g_ij of disks of two diameters in a mixture of K species.
 
-    `number_densities` [1/length^2] and `diameters` have one entry per species, shape (K,). About 1 % high for a radius
-    ratio of 5; equals `contact_value_henderson` for one species.
+    `number_densities` [1/length^2] and `diameters` [length] have shape (K,). About 1 % too high for a radius ratio of
+    5; equal to `contact_value_henderson` for one species. J. T. Jenkins & F. Mancini, J. Appl. Mech. 54, 27 (1987);
+    docs/theory.md, section 3.
     """
     number_densities, diameters = np.asarray(number_densities, float), np.asarray(diameters, float)
     covered = np.pi / 4.0 * np.sum(number_densities * diameters**2)
@@ -173,56 +157,61 @@ def contact_value_mixture(diameter_i, diameter_j, number_densities, diameters):
     return 1.0 / (1.0 - covered) + 9.0 / 8.0 * reduced * surface / (1.0 - covered) ** 2
 
 
-def compressibility(packing_fraction, contact):
-    """Z = P/(n kT) of equal disks, 1 + 2 phi chi: the virial theorem in the plane."""
+def compressibility(packing_fraction: Numbers, contact: Numbers) -> Numbers:
+    """Return Z = P/(n kT) = 1 + 2 phi chi of equal disks, the virial theorem in the plane; docs/theory.md, section 3.
+
+    `contact` is the contact value chi.
+    """
     return 1.0 + 2.0 * packing_fraction * contact
 
 
-def reduced_mass(mass_a, mass_b):
-    """mu = m_a m_b / (m_a + m_b) [mass]; m/2 for equal masses. Light/(1 + light/heavy) never over- or underflows."""
+def reduced_mass(mass_a: Numbers, mass_b: Numbers) -> Numbers:
+    """Return mu = m_a m_b/(m_a + m_b) [mass], as light/(1 + light/heavy), which neither over- nor underflows."""
     light, heavy = np.minimum(mass_a, mass_b), np.maximum(mass_a, mass_b)
     return light / (1.0 + light / heavy)
 
 
-def collision_rate(number_density, distance, contact, mass, temperature):
-    """Collisions per time [1/time] of one disk with a species of `number_density` [1/length^2] in equilibrium.
+def collision_rate(
+    number_density: Numbers, distance: Numbers, contact: Numbers, mass: Numbers, temperature: Numbers
+) -> Numbers:
+    """Return the collisions per time [1/time] of one disk with a species in equilibrium, n chi sigma sqrt(2 pi kT/mu).
 
-    `distance` is the contact distance sigma = R_a + R_b, `contact` its contact value, `mass` the reduced mass:
-    n chi sigma sqrt(2 pi kT / mu). For equal disks this is 2 n s chi sqrt(pi kT / m).
+    n is the species' `number_density` [1/length^2], sigma = R_a + R_b the contact `distance` [length], chi the
+    `contact` value and mu the reduced `mass`. For equal disks of diameter s it is 2 n s chi sqrt(pi kT/m). Enskog's
+    theory, S. Chapman & T. G. Cowling, The Mathematical Theory of Non-Uniform Gases (1970); docs/theory.md, section 3.
     """
     return number_density * contact * distance * (np.sqrt(2.0 * np.pi) * np.sqrt(temperature) / np.sqrt(mass))
 
 
-def mean_root_chi_square(degrees):
-    """Mean of sqrt(X/d), X chi-square with d > 0 `degrees` of freedom: sqrt(2/d) Gamma((d + 1)/2)/Gamma(d/2).
+def mean_root_chi_square(degrees: float) -> float:
+    """Return the mean of sqrt(X/d), X chi-square with d > 0 `degrees` of freedom: sqrt(2/d) Gamma((d+1)/2)/Gamma(d/2).
 
-    The mean of sqrt(kT_run/kT) over runs whose kinetic energy has d degrees of freedom, about 1 - 1/(4 d). Its inverse
-    is the mean relative speed at fixed energy over that of the Maxwell-Boltzmann distribution of the same kT. A number.
+    This is the mean of sqrt(kT_run/kT) over runs whose kinetic energy has d degrees of freedom, about 1 - 1/(4 d). Its
+    inverse is the mean relative speed at fixed energy, divided by that of the Maxwell-Boltzmann distribution at the
+    same kT. docs/theory.md, section 3.
     """
     half = degrees / 2.0
     return math.exp(math.lgamma(half + 0.5) - math.lgamma(half)) / math.sqrt(half)
 
 
-def enskog_friction(number_density, distance, contact, mass, temperature):
-    """Friction coefficient zeta [mass/time] of a disk in a bath, first Sonine order: 2 n chi sigma sqrt(2 pi mu kT).
+def enskog_friction(
+    number_density: Numbers, distance: Numbers, contact: Numbers, mass: Numbers, temperature: Numbers
+) -> Numbers:
+    """Return the friction coefficient zeta = 2 n chi sigma sqrt(2 pi mu kT) [mass/time] of a disk in a bath.
 
-    Arguments as in `collision_rate`. The friction rate is gamma = zeta/m_a, exact for the initial decay of the velocity
-    autocorrelation; for several species the frictions add.
+    Enskog's theory in the first Sonine order; arguments and source as for `collision_rate`. The friction rate
+    gamma = zeta/m_a is exact for the initial decay of the velocity autocorrelation. The frictions of several species
+    add up. Enskog's diffusion coefficient is D_E = kT/zeta. It describes the times after a few collisions: in the plane
+    the velocity autocorrelation has a 1/t tail, so that D(t) goes on rising slowly. docs/theory.md, sections 3 and 4.
     """
     return 2.0 * number_density * contact * distance * (np.sqrt(2.0 * np.pi) * np.sqrt(mass) * np.sqrt(temperature))
 
 
-def enskog_diffusion(number_density, distance, contact, mass, temperature):
-    """Enskog's diffusion coefficient D_E = kT/zeta [length^2/time].
+def mixture_contact_values(number_densities: np.ndarray, diameters: np.ndarray) -> np.ndarray:
+    """Return the contact values (K, K) of all pairs of K species, from densities [1/length^2] and diameters (K,).
 
-    It describes the times after a few collisions. In the plane the true D(t) goes on rising slowly (the velocity
-    autocorrelation has a 1/t tail), so D_E is a reference for a stated window of time, not a limit.
+    `contact_value` if all diameters are equal, else `contact_value_mixture`. docs/theory.md, section 3.
     """
-    return temperature / enskog_friction(number_density, distance, contact, mass, temperature)
-
-
-def mixture_contact_values(number_densities, diameters):
-    """Contact values (K, K) of all pairs of K species: `contact_value` for one, `contact_value_mixture` for several."""
     number_densities, diameters = np.asarray(number_densities, float), np.asarray(diameters, float)
     if np.unique(diameters).size == 1:
         chi = contact_value(np.pi / 4.0 * np.sum(number_densities * diameters**2))
@@ -230,16 +219,24 @@ def mixture_contact_values(number_densities, diameters):
     return contact_value_mixture(diameters[:, None], diameters, number_densities, diameters)
 
 
-def mixture_collision_rates(number_densities, diameters, masses, temperature):
-    """Collisions per time (K, K) [1/time] of one disk of species i with all disks of species j; densities (K,)."""
+def mixture_collision_rates(
+    number_densities: np.ndarray, diameters: np.ndarray, masses: np.ndarray, temperature: float
+) -> np.ndarray:
+    """Return the collisions per time (K, K) [1/time] of one disk of species i with all disks of species j.
+
+    Densities [1/length^2], diameters and masses have shape (K,). `collision_rate`; docs/theory.md, section 3.
+    """
     chi = mixture_contact_values(number_densities, diameters)
     distance = np.add.outer(diameters, diameters) / 2.0
     mu = reduced_mass(np.asarray(masses, float)[:, None], np.asarray(masses, float))
     return collision_rate(np.asarray(number_densities, float), distance, chi, mu, temperature)
 
 
-def mixture_compressibility(number_densities, diameters):
-    """Z = P/(n kT) of a mixture, 1 + (pi/2n) sum_ij n_i n_j sigma_ij^2 chi_ij: the virial theorem in the plane."""
+def mixture_compressibility(number_densities: np.ndarray, diameters: np.ndarray) -> float:
+    """Return Z = P/(n kT) = 1 + (pi/2n) sum_ij n_i n_j sigma_ij^2 chi_ij of a mixture of K species.
+
+    The virial theorem in the plane, from densities [1/length^2] and diameters (K,). docs/theory.md, section 3.
+    """
     n, distance = np.asarray(number_densities, float), np.add.outer(diameters, diameters) / 2.0
     pairs = n[:, None] * n * distance**2 * mixture_contact_values(n, diameters)
     return 1.0 + np.pi / 2.0 * pairs.sum() / n.sum()
@@ -248,33 +245,15 @@ def mixture_compressibility(number_densities, diameters):
 # --- two uniform points in a box
 
 
-def pair_distance_density(r, width, height):
-    """Probability density [1/length] of the distance of two independent uniform points in a rectangle.
+def pair_distance_density_between(r: Numbers, first: tuple[float, float], second: tuple[float, float]) -> np.ndarray:
+    """Return the density [1/length] of the distance of two independent uniform points, one in each of two rectangles.
 
-    N (N - 1) times this is the pair count of an ideal gas between walls, the normaliser of g(r) there (`width` and
-    `height` are those of the accessible rectangle). Closed form, 0 beyond the diagonal: p(r) = 4 r / (w h)^2 times the
-    integral of (w - r cos q)(h - r sin q) over the directions q for which both factors are positive. For r up to the
-    side S of a square it is (2 r/S^2)(pi - 4 r/S + r^2/S^2).
-    """
-    r = np.asarray(r, float)
-    inside = (r > 0.0) & (r < np.hypot(width, height))
-    d = np.where(inside, r, 1.0)
-    first, last = np.arccos(np.minimum(1.0, width / d)), np.arcsin(np.minimum(1.0, height / d))
-
-    def antiderivative(q):
-        return width * height * q - height * d * np.sin(q) + width * d * np.cos(q) + 0.5 * (d * np.sin(q)) ** 2
-
-    ring = 4.0 * d / (width * height) ** 2 * (antiderivative(last) - antiderivative(first))
-    return np.where(inside, ring, 0.0)
-
-
-def pair_distance_density_between(r, first, second):
-    """The same of one uniform point in a rectangle `first` (width, height) and one in `second`, of the same centre.
-
-    Disks of two sizes between walls have accessible rectangles of two sizes. p(r) = 4 r times the integral over a
-    quarter of the directions q of f_x(r cos q) f_y(r sin q), where f is the density of the difference of two uniform
-    numbers: flat up to half the difference of the sides, then falling to 0 at half their sum. Integrated from kink to
-    kink by Gauss-Legendre, to round-off.
+    `first` and `second` are (width, height) of rectangles with the same centre: where the centres of disks of two sizes
+    can be between walls. The pair count of an ideal gas there is the number of pairs times this density; it normalises
+    g(r). p(r) = 4 r times the integral over a quarter circle of directions q of f_x(r cos q) f_y(r sin q), where f is
+    the density of the difference of two uniform numbers: constant up to half the difference of the sides, then falling
+    linearly to 0 at half their sum. Gauss-Legendre quadrature from kink to kink is exact to round-off. docs/theory.md,
+    section 3.
     """
     r = np.asarray(r, float)
     d = np.where(r > 0.0, r, 1.0)[..., None]
@@ -291,12 +270,15 @@ def pair_distance_density_between(r, first, second):
 
 
 def _difference_density(x, a, b):
-    """Density at x >= 0 of the difference of uniform numbers on intervals of lengths a and b with the same middle."""
+    """Return the density at x >= 0 of the difference of uniform numbers on concentric intervals of lengths a and b."""
     return np.clip((a + b) / 2 - x, 0.0, min(a, b)) / (a * b)
 
 
-def pair_distance_probability(edges, first, second):
-    """Probability (K,) that two such points are at a distance between edges[k] and edges[k + 1]."""
+def pair_distance_probability(edges: np.ndarray, first: tuple[float, float], second: tuple[float, float]) -> np.ndarray:
+    """Return the probability (K,) that the distance of two such points is between edges[k] and edges[k + 1].
+
+    `edges` has shape (K + 1,). `pair_distance_density_between` is integrated over each bin. docs/theory.md, section 3.
+    """
     edges = np.asarray(edges, float)
     node, weight = np.polynomial.legendre.leggauss(8)
     half = np.diff(edges)[:, None] / 2
@@ -307,25 +289,26 @@ def pair_distance_probability(edges, first, second):
 # --- an ideal gas around a disk in a box
 
 
-def disk_area_in_rectangle(r, x, y, width, height):
-    """Area [length^2] that a disk of radius `r` >= 0 around (x, y) shares with a rectangle around (0, 0).
+def disk_area_in_rectangle(r: Numbers, x: Numbers, y: Numbers, width: float, height: float) -> Numbers:
+    """Return the area [length^2] that a disk of radius `r` >= 0 around (x, y) shares with a rectangle around (0, 0).
 
-    N times its growth from r to r + dr, over width * height, is how many of N uniform points of the rectangle are at
-    such distances from (x, y), which may be outside. The sum over the four quadrants of the disk, with walls at (a, b),
-    of the integral over 0 <= u <= min(a, r) of min(b, sqrt(r^2 - u^2)): a b if the corner is within the disk, else
-    F(a) + F(b) - pi r^2/4, with F(u) = (u sqrt(r^2 - u^2) + r^2 asin(u/r))/2 the area up to u, all of it from r on.
-    Odd in a and in b, so that a wall on the far side takes away.
+    The centre may be outside the rectangle. Of N uniform points in the rectangle, N/(width height) times the growth of
+    this area from r to r + dr are expected at distances between r and r + dr from (x, y). The disk is cut into four
+    quadrants, each bounded by walls at the distances a and b. A quadrant has the area of 0 <= u <= min(a, r),
+    0 <= w <= min(b, sqrt(r^2 - u^2)): a b if the corner (a, b) is within the disk, else F(a) + F(b) - pi r^2/4, with
+    the area F(u) = (u sqrt(r^2 - u^2) + r^2 asin(u/r))/2 of the strip up to u, F(r) for u > r. It is odd in a and in b,
+    so that a wall on the other side of the centre subtracts. docs/theory.md, section 3.
     """
     r = np.asarray(r, float)
     square, safe = r**2, np.where(r > 0.0, r, 1.0)
     excess = np.pi / 8 * square
 
-    def less_half(wall):  # F less half a quarter of the disk
+    def strip(wall):  # F less half the area of a quarter disk
         u = np.minimum(abs(wall), r)
         return (u * np.sqrt(square - u**2) + square * np.arcsin(u / safe)) / 2 - excess
 
     def quadrant(a, b, half_a, half_b):
         return np.where(a**2 + b**2 <= square, a * b, np.sign(a) * np.sign(b) * (half_a + half_b))
 
-    across, along = ([(d, less_half(d)) for d in (s / 2 - at, s / 2 + at)] for s, at in ((width, x), (height, y)))
+    across, along = ([(d, strip(d)) for d in (s / 2 - at, s / 2 + at)] for s, at in ((width, x), (height, y)))
     return sum(quadrant(a, b, half_a, half_b) for a, half_a in across for b, half_b in along)
