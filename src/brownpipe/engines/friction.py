@@ -1,4 +1,4 @@
-"""The friction of a disk in a bath of others, by Enskog's and Boltzmann's theories."""
+"""Friction of a disk in a bath of other disks, by Enskog's and Boltzmann's theories: docs/theory.md, section 3."""
 
 import math
 from typing import NamedTuple
@@ -9,55 +9,55 @@ from brownpipe import theory
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene, Species
 
-SMALLEST = 2.3e-308  # floating-point number that has all its digits
+SMALLEST = 2.3e-308  # smallest floating-point number with all its digits
 DENSEST = 0.7  # packing fraction above which disks freeze; the contact value holds for the fluid
 
 
 class Bath(NamedTuple):
-    """All disks but the one that is followed, by species, shape (K,) each."""
+    """All disks but the tracer, as K species; arrays of shape (K,)."""
 
-    number: np.ndarray
-    radius: np.ndarray
-    mass: np.ndarray
+    number: np.ndarray  # of disks
+    radius: np.ndarray  # [length]
+    mass: np.ndarray  # [mass]
     temperature: float  # kT, the mean kinetic energy per disk
 
 
 class Partners(NamedTuple):
-    """Enskog's theory of the followed disk, by species of its bath, shape (K,) each."""
+    """Enskog's theory of the tracer, for each of the K species of its bath; arrays of shape (K,)."""
 
     contact_value: np.ndarray  # [1]
     friction: np.ndarray  # gamma = zeta/m_a [1/time]
-    rate: np.ndarray  # collisions of the followed disk with the species [1/time]
+    rate: np.ndarray  # the tracer's collisions with the species [1/time]
 
 
 def followed(scene: Scene) -> Species:
-    """Return the species of disk 0."""
-    return next(one for one in scene.species if one.count)
+    """Return the species of disk 0, the tracer."""
+    return next(species for species in scene.species if species.count)
 
 
 def bath_of(scene: Scene) -> Bath:
-    """Return the bath of a scene of species: all disks but the one that is followed."""
-    tracer, given = followed(scene), scene.velocities
-    counted = [(one, one.count - (one is tracer)) for one in scene.species]
-    rows = [(count, one.radius, one.mass) for one, count in counted if count]
+    """Return the bath of a scene of species: all disks but the tracer."""
+    tracer = followed(scene)
+    counts = [(species, species.count - (species is tracer)) for species in scene.species]
+    rows = [(count, species.radius, species.mass) for species, count in counts if count]
     number, radius, mass = np.array(rows, dtype=float).reshape(-1, 3).T
-    temperature = given.temperature
+    temperature = scene.velocities.temperature
     if temperature is None:
         unit = math.ldexp(1.0, math.frexp(mass.max(initial=0.0))[1] - 1)  # many masses of 1e300 add up to infinity
         mean = float((number * (mass / unit)).sum() / number.sum()) * unit
-        temperature = given.standard_deviation * given.standard_deviation * mean
+        temperature = scene.velocities.standard_deviation * scene.velocities.standard_deviation * mean
     return Bath(number, radius, mass, temperature)
 
 
 def friction_rate(scene: Scene, friction: str, measured: float | None = None) -> float:
-    """Return gamma [1/time] of the followed disk, dv/dt = -gamma v + noise.
+    """Return the tracer's friction rate gamma = zeta/m [1/time], dv/dt = -gamma v + noise.
 
-    `enskog`: the sum of the frictions of all species of the bath (`partners_of`). `boltzmann`: the same with contact
-    values 1, the limit of a thin bath. `measured`: Enskog's sum times the tracer's `measured` collision rate [1/time]
-    over Enskog's. For each species zeta = 2 n chi sigma sqrt(2 pi mu kT) = 2 mu times the rate
-    n chi sigma sqrt(2 pi kT/mu). With one species gamma is therefore 2 mu rate/m, the initial decay of the velocity
-    autocorrelation, whatever chi is; with several the measured rate is divided in Enskog's proportions. It includes the
-    density increase due to excluded volume at the walls.
+    `friction` is `enskog`, the sum of the frictions of all species of the bath (`partners_of`); `boltzmann`, the same
+    with contact values 1, the limit of a thin bath; or `measured`, Enskog's sum times the tracer's `measured` collision
+    rate [1/time] over Enskog's rate. A species has zeta = 2 n chi sigma sqrt(2 pi mu kT) = 2 mu times its collision
+    rate. With one species gamma is therefore 2 mu rate/m, the initial decay of the velocity autocorrelation, whatever
+    chi is. With several species the measured rate is divided in Enskog's proportions. It includes the density increase
+    due to excluded volume at the walls.
 
     Raises RequestError if gamma is beyond the floating-point numbers.
     """
@@ -65,7 +65,7 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
     gamma = partners.friction.sum()
     if friction == "measured" and gamma > 0:
         gamma *= measured / partners.rate.sum()
-    moves = scene.velocities.temperature or scene.velocities.standard_deviation
+    moves = bool(scene.velocities.temperature or scene.velocities.standard_deviation)
     if not (math.isfinite(gamma) and (gamma >= SMALLEST or not moves)):
         raise RequestError(
             f"{scene.name}, N = {scene.particles}: --engine langevin needs a friction rate from {SMALLEST:.3g} to "
@@ -75,22 +75,24 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
 
 
 def partners_of(scene: Scene, crowded: bool = True) -> Partners:
-    """Return contact values, frictions and collision rates of the followed disk with every species of its bath.
+    """Return contact values, frictions and collision rates of the tracer with every species of its bath.
 
-    A species of N_k disks, the followed one not counted, has the number density N_k/A. The contact values are those of
-    the whole box, the followed disk included (`theory.mixture_contact_values`), at a packing fraction of at most
-    DENSEST; 1 unless `crowded`. Walls are not considered. Masses and kT are divided by the mass of the followed disk
-    first: its friction coefficient zeta alone may be no floating-point number.
+    A species of N_k disks, the tracer not counted, has the number density N_k/A. The contact values are those of the
+    whole box, the tracer included (`theory.mixture_contact_values`), at a packing fraction of at most DENSEST; without
+    `crowded` they are 1. Walls are not considered. Masses and kT are divided by the tracer's mass first, because its
+    friction coefficient zeta alone may be beyond the floating-point numbers.
     """
-    tracer, bath = followed(scene), bath_of(scene)
-    present = [one for one in scene.species if one.count]
+    tracer = followed(scene)
+    bath = bath_of(scene)
+    present = [species for species in scene.species if species.count]
     chi = np.ones(len(bath.number))
     if crowded:
         fluid = min(1.0, DENSEST / scene.packing_fraction)
-        density = fluid * np.array([one.count for one in present]) / scene.box.area
-        contact = theory.mixture_contact_values(density, 2 * np.array([one.radius for one in present]))
-        met = np.array([one.count > (one is tracer) for one in present])
-        chi = contact[present.index(tracer), met]
+        density = fluid * np.array([species.count for species in present]) / scene.box.area
+        contact = theory.mixture_contact_values(density, 2 * np.array([species.radius for species in present]))
+        in_bath = np.array([species.count > (species is tracer) for species in present])
+        chi = contact[present.index(tracer), in_bath]
     mu = theory.reduced_mass(1.0, bath.mass / tracer.mass)
-    known = bath.number / scene.box.area, tracer.radius + bath.radius, chi, mu, bath.temperature / tracer.mass
-    return Partners(chi, theory.enskog_friction(*known), theory.collision_rate(*known))
+    density = bath.number / scene.box.area
+    arguments = (density, tracer.radius + bath.radius, chi, mu, bath.temperature / tracer.mass)
+    return Partners(chi, theory.enskog_friction(*arguments), theory.collision_rate(*arguments))
