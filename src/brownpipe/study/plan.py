@@ -23,9 +23,8 @@ from brownpipe.tradeoff import bias, compare, runs_for, runs_of, spread_of, timi
 PILOT_SEED = 2**40  # first seed of pilots, which no study shares
 PILOT_SECONDS = 4.0  # CPU time of a pilot, as expected
 MOST_PILOT, FEWEST_PILOT = 400, 10  # runs
-START_UP = 0.9  # CPU seconds of a job besides its runs: a process, its imports, a cached kernel, an empty file
 SECONDS_PER_BYTE = 4e-8  # to compress, verify and write trajectories
-JOB_SECONDS = 20 * START_UP  # of a job at least, so that starting it takes 5 % of its time at most
+JOB_SECONDS = 20 * forecast.START_UP  # of a job at least, so that starting it takes 5 % of its time at most
 LONG_JOB = 60.0  # CPU seconds that may be lost if a job is interrupted
 
 
@@ -196,7 +195,7 @@ def offer(cases: list[Case], engine: Engine, runs: int) -> Offer:
     jobs = int(np.clip(max(np.ceil(work / LONG_JOB), min(cores, work // JOB_SECONDS)), 1, min(runs, MOST_JOBS)))
     batch = -(-runs // jobs)
     jobs = -(-runs // batch)
-    seconds = [runs * price + jobs * START_UP for price in prices]
+    seconds = [runs * price + jobs * forecast.START_UP for price in prices]
     wall = max(sum(seconds) / cores, max(seconds) / jobs)
     error = max(float(np.sqrt(one.bias_square + one.spread**2 / runs)) for one in known)
     return Offer(engine, runs, error, sum(seconds), batch, wall, runs * sum(map(_recorded, cases)))
@@ -217,8 +216,8 @@ def _runs_for_tolerance(known: list[Known], tolerance: float) -> int | None:
 
 
 def _runs_for_budget(prices: list[float], budget: float) -> int | None:
-    left = budget - len(prices) * START_UP
-    runs = int(min(left / (sum(prices) * (1 + START_UP / JOB_SECONDS)), MOST_SEEDS))
+    left = budget - len(prices) * forecast.START_UP
+    runs = int(min(left / (sum(prices) * (1 + forecast.START_UP / JOB_SECONDS)), MOST_SEEDS))
     return runs if runs >= FEWEST_PILOT else None
 
 
