@@ -12,7 +12,7 @@ from brownpipe.analysis import thermodynamics
 from brownpipe.engines import friction
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw, draw_tracer, noise
-from brownpipe.engines.langevin import COLLISIONS, caution, refuse_unfit
+from brownpipe.engines.langevin import RATE_COLLISIONS, caution, refuse_unfit
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.engines.langevin.simulation import step_weights
 from brownpipe.errors import RequestError
@@ -327,7 +327,7 @@ def test_measured_friction_is_that_of_theory_in_a_thin_bath():
     scene = scene_of(width=60.0, particles=100)
     measured, expected = (langevin.rate_of(scene, which) for which in ("measured", "enskog"))
     assert measured == langevin.rate_of(replace(scene, duration=5.0), "measured")
-    assert abs(measured / expected - 1) < 0.007 + FAR / math.sqrt(COLLISIONS)
+    assert abs(measured / expected - 1) < 0.007 + FAR / math.sqrt(RATE_COLLISIONS)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""What is known of an engine before it runs: its settings, what it models and refuses, and what a run will cost."""
+"""What is known of an engine before it runs: its settings, its model, the scenes it refuses, and the cost of a run."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -9,21 +9,22 @@ from brownpipe.scene.scene import Scene
 
 
 class Setting(NamedTuple):
-    """One setting of an engine."""
+    """A setting of an engine."""
 
-    read: Callable[[Entry], object]  # raises RequestError for a value that is not allowed
+    read: Callable[[Entry], object]  # returns the value of an entry; raises RequestError if it is not allowed
     default: object = None  # None: it must be given
+    unrecorded: object = None  # its value in files written before the setting existed; None: `default`
 
 
 class Definition(NamedTuple):
-    """One engine. `settings` of the functions is a mapping with a value for each of its settings."""
+    """An engine. The functions take `settings`, a mapping with a value for each setting of the engine."""
 
     name: str
     simulation: str  # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
     settings: dict[str, Setting]
-    model: Callable[[Sequence[Scene], dict], str]  # (scenes, settings): what is modelled, in words
-    refuse_unfit: Callable[[Scene, dict, frozenset], None]  # (scene, settings, record): raises RequestError
-    caution: Callable[[Scene], str | None]  # one line on the limits of its results in this scene, None if there is none
-    forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): what one run costs
-    candidates: Callable[[Scene], list[dict]]  # settings worth a trial where a scene is planned; the first is typical
+    model: Callable[[Sequence[Scene], dict], str]  # (scenes, settings): the model, in a few words
+    refuse_unfit: Callable[[Scene, dict, frozenset[str]], None]  # (scene, settings, record): raises RequestError
+    caution: Callable[[Scene], str | None]  # one line on the limits of its results in the scene, or None
+    forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
+    candidates: Callable[[Scene], list[dict]]  # settings that `brownpipe plan` tries in the scene, a typical one first
     keeps_checkpoints: bool = False

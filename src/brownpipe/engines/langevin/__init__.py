@@ -1,15 +1,16 @@
-"""The Langevin engine: the tracer alone, its bath replaced by friction and noise.
+"""The Langevin engine: the tracer alone, friction and noise in place of its bath. Here is its `Definition`.
 
-The Langevin equation has one time scale, 1/gamma, and a noise without memory. It describes a disk that is much heavier
-than those that hit it, in a bath so thin that they do not come back: the collisions of a light disk turn its velocity
-too far at once, and in the plane the bath's own flow returns momentum, so that the velocity autocorrelation of hard
-disks has a tail 1/t (Alder & Wainwright, Phys. Rev. A 1, 18 (1970)); in a dense one the neighbours form a cage.
-Neither tail nor cage is modelled.
+The Langevin equation has one time scale, 1/gamma, and a noise without memory. It describes a disk much heavier than
+those of its bath, in a bath so thin that the same bath disk rarely hits it twice. A light disk changes its velocity too
+much in one collision. In the plane the flow of the bath returns momentum, so that the velocity autocorrelation of hard
+disks has a 1/t tail (B. J. Alder & T. E. Wainwright, Phys. Rev. A 1, 18 (1970)), and in a dense bath the neighbours
+form a cage; neither tail nor cage is modelled. docs/theory.md, section 4.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NoReturn
 
 from brownpipe.engines import forecast
 from brownpipe.engines.definition import Definition, Setting
@@ -18,22 +19,21 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import reading
 from brownpipe.scene.scene import Scene, Velocities
 
-LIGHTEST = 2.0  # tracer, in masses of the heaviest bath disk: below, a collision changes its velocity as a whole
-HEAVY = 10.0  # from here on, the Langevin equation is within some percent
-
-COLLISIONS = 4000  # of the tracer, that its rate is measured by: 1.6 % if they come at random
-RUNS = 8  # that they are shared out to
-SETTLING = 0.1  # of the time of such a run passes before it
-EACH_RUN = 4.5e-5  # CPU seconds; two streams of random numbers are begun
+LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
+HEAVY = 10.0  # mass ratio from which the Langevin equation is good to some percent
+RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
+RATE_RUNS = 8  # of the exact engine that share these collisions
+SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
+EACH_RUN = 4.5e-5  # CPU seconds, most of them to set up two random number generators
 SECONDS_PER_SAMPLE = 1.3e-7  # CPU seconds
 FRICTIONS = ("enskog", "boltzmann", "measured")
 
 
 def refuse_unfit(scene: Scene, settings: dict, record=frozenset({"tracer"})) -> None:
-    """Raise RequestError if the bath of a scene cannot be replaced by this friction and noise, or is to be recorded."""
-    if more := record & {"all", "events"}:
+    """Raise RequestError if the scene's bath cannot be replaced by this friction, or if `record` needs the bath."""
+    if bath_records := record & {"all", "events"}:
         raise RequestError(
-            f"--record {','.join(sorted(more))}: the langevin engine has no bath; must be tracer or none"
+            f"--record {','.join(sorted(bath_records))}: the langevin engine has no bath; must be tracer or none"
         )
     if scene.disks or scene.particles == 0:
         _refuse(scene, "needs a scene with species, of which the first disk is followed")
@@ -42,7 +42,8 @@ def refuse_unfit(scene: Scene, settings: dict, record=frozenset({"tracer"})) -> 
     if _mass_ratio(scene) < LIGHTEST:
         ratio = f"the disk that is followed has {_mass_ratio(scene):.3g} times the mass of the heaviest of the others"
         _refuse(scene, f"is for a heavy tracer: {ratio}; must be at least {LIGHTEST:g}")
-    temperature, moves = bath_of(scene).temperature, scene.velocities.temperature or scene.velocities.standard_deviation
+    temperature = bath_of(scene).temperature
+    moves = bool(scene.velocities.temperature or scene.velocities.standard_deviation)
     if not math.isfinite(temperature):
         _refuse(scene, "needs a temperature of the bath below 1.8e308")
     if moves and not min(temperature, temperature / followed(scene).mass) >= SMALLEST:
@@ -54,7 +55,7 @@ def refuse_unfit(scene: Scene, settings: dict, record=frozenset({"tracer"})) -> 
 
 
 def caution(scene: Scene) -> str | None:
-    """Return one line if the tracer is so light that the Langevin equation is only roughly right."""
+    """Return one line of caution if the tracer is so light that the Langevin equation is rough; otherwise None."""
     ratio = _mass_ratio(scene)
     if ratio >= HEAVY:
         return None
@@ -63,43 +64,48 @@ def caution(scene: Scene) -> str | None:
 
 
 def _mass_ratio(scene: Scene) -> float:
+    """Return the tracer's mass over that of the heaviest bath disk."""
     return followed(scene).mass / bath_of(scene).mass.max()
 
 
-def _refuse(scene: Scene, why: str):
+def _refuse(scene: Scene, why: str) -> NoReturn:
+    """Raise RequestError."""
     raise RequestError(f"{scene.name}, N = {scene.particles}: --engine langevin {why}")
 
 
 def _model(scenes: Sequence[Scene], settings: dict) -> str:
-    which = settings["friction"]
-    rates = [] if which == "measured" else sorted(friction_rate(one, which) for one in scenes)
+    """Return the model in a few words, with the range of the scenes' friction rates."""
+    friction = settings["friction"]
+    rates = [] if friction == "measured" else sorted(friction_rate(scene, friction) for scene in scenes)
     gamma = " to ".join(dict.fromkeys(f"{rate:.3g}" for rate in rates[:1] + rates[-1:])) or "as measured"
     return f"the tracer alone, gamma = {gamma}; no 1/t tail of the velocity autocorrelation, no cage"
 
 
 def _forecast(scene: Scene, settings: dict, record, observables, average: str) -> forecast.Cost:
+    """Return the cost of a run; measuring the friction by runs of the exact engine costs once per process."""
     seconds = EACH_RUN + SECONDS_PER_SAMPLE * len(scene.times)
     seconds += forecast.seconds_to_measure_tracer(scene, observables, average)
-    measuring = measuring_runs(scene) if settings["friction"] == "measured" else None
-    once = 0.0 if measuring is None else RUNS * forecast.of_run(measuring).seconds
+    rate_scene = scene_to_measure_rate(scene) if settings["friction"] == "measured" else None
+    once = 0.0 if rate_scene is None else RATE_RUNS * forecast.of_run(rate_scene).seconds
     recorded = forecast.of_run(scene, record, observables, average).recorded
     return forecast.Cost(0.0, 0.0, seconds, recorded, 0.0, once)
 
 
 def _candidates(scene: Scene) -> list[dict]:
+    """Return Enskog's friction, which needs no runs of the exact engine."""
     return [{"friction": "enskog"}]
 
 
-def measuring_runs(scene: Scene) -> Scene | None:
-    """Return the scene whose RUNS first seeds measure the rate of the tracer's collisions; None if nothing moves.
+def scene_to_measure_rate(scene: Scene) -> Scene | None:
+    """Return the scene in which the exact engine measures the tracer's collision rate; None if nothing moves.
 
-    All disks are in equilibrium at the temperature of the bath, and the tracer free: it is an average over where the
-    tracer comes to, and the same number whichever runs it is for.
+    All disks are in equilibrium at the temperature of the bath, and the tracer moves freely. The rate, from the first
+    RATE_RUNS seeds, is an average over the places that the tracer visits and does not depend on the seeds of the study.
     """
     expected = partners_of(scene).rate.sum()
     if expected == 0:
         return None
-    duration = float(COLLISIONS / (RUNS * expected))
+    duration = float(RATE_COLLISIONS / (RATE_RUNS * expected))
     return replace(
         scene,
         velocities=Velocities(None, bath_of(scene).temperature),

@@ -1,18 +1,18 @@
-"""The Langevin engine: the tracer alone, its bath replaced by friction and noise.
+"""Runs of the Langevin engine: the tracer alone, friction and noise in place of its bath.
 
-    dx = v dt,    dv = -gamma v dt + sqrt(2 gamma kT/m) dW        (Langevin 1908; Uhlenbeck & Ornstein 1930)
+    dx = v dt,    dv = -gamma v dt + sqrt(2 gamma kT/m) dW        (G. E. Uhlenbeck & L. S. Ornstein, 1930)
 
 The step is exact for any length (D. T. Gillespie, Phys. Rev. E 54, 2084 (1996)), so one step leads from sample to
-sample: there is no time step and no error of one. Hard walls need none either: the equation and its noise are the same
-in a mirror, so a path that a wall reflects is the mirror image of one that goes through it. The free path is followed
-and, where a sample is taken, folded into the region that the tracer's centre can reach.
+sample: there is no time-step error. Walls need no extra step: equation and noise are the same in a mirror, so that a
+reflected path is the mirror image of a path through the wall. The free path is computed and, at each sample, folded
+into the region that the tracer's centre can reach. docs/theory.md, section 4.
 
-What gamma is and where this means anything: `engines.friction`. Not modelled are the 1/t tail of the velocity
-autocorrelation, cages of neighbours, and that walls change the friction near them.
-
-The noise is a stream of its own for each (N, seed). Another sample interval therefore gives other paths of the same
-law; nothing else does.
+gamma is explained in `engines.friction`, the limits of the model in `engines.langevin`; walls are taken not to change
+the friction near them. The noise is one random stream for each (N, seed). With other sample times the same seed
+gives another path, of the same distribution.
 """
+
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -21,25 +21,31 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
 from brownpipe.engines.kernels import one_compiler
-from brownpipe.engines.langevin import RUNS, measuring_runs, refuse_unfit
+from brownpipe.engines.langevin import RATE_RUNS, refuse_unfit, scene_to_measure_rate
 from brownpipe.engines.langevin.step import follow, step_weights
 from brownpipe.engines.state import Ensemble, Track
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
 from brownpipe.scene import Scene
 
-MOST_BOXES = 2.0**30  # away from the first one
+MOST_BOXES = 2.0**30  # greatest distance of the free path from the box, in sides of the box
 
 
 def simulate(
-    scene: Scene, seeds, record=frozenset({"tracer"}), *, observables=(), average="runs", friction: str = "enskog"
+    scene: Scene,
+    seeds: Iterable[int],
+    record: Iterable[str] = frozenset({"tracer"}),
+    *,
+    observables: Iterable[str] = (),
+    average: str = "runs",
+    friction: str = "enskog",
 ) -> Ensemble:
     """Follow the tracer of the scene once for every seed; `friction` as in `friction.friction_rate`.
 
-    It begins with the velocity that it has in the exact engine, and where the scene puts it, or anywhere in the
-    accessible box. If it is free while the scene equilibrates, it moves for that time before t = 0.
-    Of `observables` it has those of the tracer alone; the others are left out.
-    Raises RequestError where the Langevin equation is not to be used.
+    A run starts with the tracer's velocity of the same seed in the exact engine, at the position that the scene gives
+    or at a uniform position in the accessible box. If the tracer is free while the scene equilibrates, it first moves
+    for that time. Of `observables`, those that need other disks are left out.
+    Raises RequestError for a scene or record that the engine refuses, RunError if measuring the friction fails.
     """
     refuse_unfit(scene, {"friction": friction}, record)
     gamma = rate_of(scene, friction)
@@ -54,28 +60,31 @@ def simulate(
         follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4)))
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         path = _path(scene, mass, seed, weights)
-        found = {"friction_rate": gamma, "failed": np.uint8(not is_known(scene, path))}
-        add_run(batch, column, RunResult(folded(scene, path), None, None, found))
+        report = {"friction_rate": gamma, "failed": np.uint8(not is_known(scene, path))}
+        add_run(batch, column, RunResult(folded(scene, path), None, None, report))
     return batch.ensemble
 
 
 def rate_of(scene: Scene, friction: str) -> float:
-    """Return gamma [1/time] as `friction.friction_rate`, measured by runs of the exact engine if that is asked for."""
-    measuring = measuring_runs(scene) if friction == "measured" else None
-    return friction_rate(scene, friction, None if measuring is None else _collision_rate(measuring))
+    """Return gamma [1/time] as `friction.friction_rate` does; for `measured`, after runs of the exact engine."""
+    rate_scene = scene_to_measure_rate(scene) if friction == "measured" else None
+    return friction_rate(scene, friction, None if rate_scene is None else _collision_rate(rate_scene))
 
 
 def _collision_rate(scene: Scene) -> float:
-    """Return the collisions of the tracer per time [1/time] in the runs that are made to measure it."""
-    found = exact.simulate(scene, range(RUNS), frozenset({"none"})).observables
-    if found["failed"].any():
+    """Return the tracer's collisions per time [1/time] in RATE_RUNS runs of the exact engine.
+
+    Each run is brought to the scene's temperature by its own: rates go as the square root of the temperature.
+    """
+    reports = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"})).observables
+    if reports["failed"].any():
         raise RunError(f"{scene.name}: the runs that measure the friction failed their health check")
-    heat = found["kinetic_energy"] / (scene.particles * scene.velocities.temperature)  # of a run; rates go as its root
-    return float(np.sum(found["tracer_collisions"] / np.sqrt(heat)) / (RUNS * scene.duration))
+    heat = reports["kinetic_energy"] / (scene.particles * scene.velocities.temperature)  # kT of a run / kT of the scene
+    return float(np.sum(reports["tracer_collisions"] / np.sqrt(heat)) / (RATE_RUNS * scene.duration))
 
 
 def _path(scene: Scene, mass: np.ndarray, seed: int, weights: np.ndarray) -> np.ndarray:
-    """Return position and velocity (T, 2, 2) at the sample times, as if there were no walls."""
+    """Return positions and velocities (T, 2, 2) at the sample times as if there were no walls."""
     stream = noise(scene, seed)
     path = np.empty((len(weights) + 1, 2, 2))
     path[0] = draw_tracer(scene, mass, seed, stream)
@@ -84,27 +93,30 @@ def _path(scene: Scene, mass: np.ndarray, seed: int, weights: np.ndarray) -> np.
 
 
 def is_known(scene: Scene, path: np.ndarray) -> bool:
-    """Whether it is known where in the box a path (T, 2, 2) leads: it stays within MOST_BOXES of the first one.
+    """Whether a free path (T, 2, 2) determines the place in the box: it stays within MOST_BOXES of it.
 
-    Further away round-off is more than 2e-7 of the box, and soon an int32 cannot count the images.
+    Further away round-off exceeds 2e-7 of the box, and soon an int32 cannot count the images.
     """
-    box, margin = scene.box, 0.0 if scene.box.periodic else followed(scene).radius
+    box = scene.box
+    margin = 0.0 if box.periodic else followed(scene).radius
     low, size = np.array(box.origin) + margin, np.array((box.width, box.height)) - 2 * margin
     with np.errstate(over="ignore", invalid="ignore"):
-        away = np.abs(path[:, 0] - low)
-        return bool(np.isfinite(path).all() and np.all((size <= 0) | (away < MOST_BOXES * size)))
+        distance = np.abs(path[:, 0] - low)
+        return bool(np.isfinite(path).all() and np.all((size <= 0) | (distance < MOST_BOXES * size)))
 
 
 def folded(scene: Scene, path: np.ndarray) -> Track:
-    """Return the track, M = 1, in the box: wrapped with images, or mirrored at the accessible walls."""
-    box, position, velocity = scene.box, path[:, None, 0], path[:, None, 1]
+    """Return the track (M = 1) in the box: wrapped with images, or mirrored at the walls of the accessible region."""
+    box = scene.box
+    position, velocity = path[:, None, 0], path[:, None, 1]
     margin = 0.0 if box.periodic else followed(scene).radius
     low, size = np.array(box.origin) + margin, np.array((box.width, box.height)) - 2 * margin
     image = np.floor(np.divide(position - low, size, out=np.zeros_like(position), where=size > 0))
-    image = np.clip(np.nan_to_num(image), -MOST_BOXES, MOST_BOXES)  # beyond, the run has failed
+    image = np.clip(np.nan_to_num(image), -MOST_BOXES, MOST_BOXES)  # beyond these bounds the run has failed
     if box.periodic:
         inside = np.clip(position - image * size, low, np.nextafter(low + size, low))
         return Track(inside, velocity, (image - image[0]).astype(np.int32))
-    turned, inside = image % 2 == 1, position - low - image * size
-    inside = np.clip(np.where(turned, size - inside, inside), 0.0, np.maximum(size, 0.0))
-    return Track(low + inside, np.where(turned, -velocity, velocity))
+    mirrored = image % 2 == 1
+    inside = position - low - image * size
+    inside = np.clip(np.where(mirrored, size - inside, inside), 0.0, np.maximum(size, 0.0))
+    return Track(low + inside, np.where(mirrored, -velocity, velocity))

@@ -4,33 +4,36 @@ import numpy as np
 
 from brownpipe.engines.kernels import entry_point
 
-FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) is summed as a series: the closed form cancels
+FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) cancels and is summed as a power series
 
 
-def step_weights(dt, gamma: float, square_speed: float) -> np.ndarray:
-    """Return (steps, 4) weights of the exact step of length `dt` (steps,); `square_speed` is kT/m, of one component.
+def step_weights(dt: np.ndarray, gamma: float, square_speed: float) -> np.ndarray:
+    """Return the weights (steps, 4) e, w1, w2, w3 of exact steps of lengths `dt` (steps,) [time].
+
+    `gamma` is the friction rate [1/time], `square_speed` the variance kT/m of a velocity component [length^2/time^2].
 
     v' = e v + w1 xi and x' = x + w2 (v + v') + w3 eta with independent standard normal xi, eta, where X = gamma dt,
     e = exp(-X), w1^2 = kT/m (1 - e^2), w2 = tanh(X/2)/gamma, w3^2 = 2 kT/(m gamma^2) (X - 2 tanh(X/2)). This is
-    Gillespie's pair of correlated numbers, written so that x' is that of the middle of v and v' plus what v and v'
-    leave open. Without friction it is x' = x + v dt.
+    Gillespie's pair of correlated numbers, with v + v' for what v and v' determine of x', and eta for the rest. Without
+    friction x' = x + v dt. docs/theory.md, section 4.
     """
     dt = np.asarray(dt, float)
     x = gamma * dt
     speed = np.sqrt(square_speed)
-    spread = speed * np.sqrt(-np.expm1(-2 * x))
-    middle = dt / 2 * _tanh_ratio(x / 2)
-    return np.stack([np.exp(-x), spread, middle, dt * np.sqrt(2 * _left_open(x)) * speed], axis=-1)
+    w1 = speed * np.sqrt(-np.expm1(-2 * x))
+    w2 = dt / 2 * _tanh_ratio(x / 2)
+    w3 = dt * np.sqrt(2 * _undetermined(x)) * speed
+    return np.stack([np.exp(-x), w1, w2, w3], axis=-1)
 
 
 def _tanh_ratio(y):
-    """tanh(y) / y, 1 at 0."""
+    """Return tanh(y)/y, 1 at y = 0."""
     safe = np.where(y == 0.0, 1.0, y)
     return np.where(y == 0.0, 1.0, np.tanh(safe) / safe)
 
 
-def _left_open(x):
-    """(x - 2 tanh(x/2)) / x^2; below FLAT by the power series of tanh, of which 5 terms are enough."""
+def _undetermined(x):
+    """Return (x - 2 tanh(x/2))/x^2; below FLAT by five terms of the power series of tanh, exact to round-off."""
     y2 = (np.minimum(x, FLAT) / 2) ** 2
     series = x / 12 * (1 + y2 * (-2 / 5 + y2 * (17 / 105 + y2 * (-62 / 945 + y2 * 1382 / 51975))))
     safe = np.where(x < FLAT, 1.0, x)
@@ -39,11 +42,15 @@ def _left_open(x):
 
 @entry_point
 def follow(path, normal, weights):
-    """Continue a path from its first entry: path (T, 2, 2) holds position and velocity, normal (T - 1, 2, 2)."""
+    """Continue a path from its first entry, in place.
+
+    path (T, 2, 2) holds positions and velocities; normal (T - 1, 2, 2) standard normal numbers xi and eta for each
+    step and coordinate; weights (T - 1, 4) is from `step_weights`.
+    """
     for k in range(len(normal)):
-        decay, spread, middle, loose = weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3]
+        decay, w1, w2, w3 = weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3]
         for c in range(2):
             v = path[k, 1, c]
-            after = decay * v + spread * normal[k, 0, c]
+            after = decay * v + w1 * normal[k, 0, c]
             path[k + 1, 1, c] = after
-            path[k + 1, 0, c] = path[k, 0, c] + middle * (v + after) + loose * normal[k, 1, c]
+            path[k + 1, 0, c] = path[k, 0, c] + w2 * (v + after) + w3 * normal[k, 1, c]

@@ -1,4 +1,7 @@
-"""The time-stepping engine: all disks move straight for a fixed time; those that met on the way then collide."""
+"""The time-stepping engine, for comparison: all disks fly for a fixed time, then the pairs that met collide.
+
+Here is its `Definition`; how it works: `simulation`.
+"""
 
 from collections.abc import Sequence
 
@@ -9,15 +12,17 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import reading
 from brownpipe.scene.scene import Scene
 
-SECONDS_PER_DISK_STEP = 8e-10  # CPU seconds of a disk in a time step
-TRIAL_STEPS = (0.5, 0.15, 0.05)  # of the largest time step allowed
+SECONDS_PER_DISK_STEP = 8e-10  # CPU seconds per disk and time step
+TRIAL_STEPS = (0.5, 0.15, 0.05)  # time steps that `brownpipe plan` tries, in units of the largest allowed one
 
 
 def _model(scenes: Sequence[Scene], settings: dict) -> str:
+    """Return the model in a few words."""
     return "all disks, in time steps"
 
 
 def _refuse_unfit(scene: Scene, settings: dict, record: frozenset) -> None:
+    """Raise RequestError for a time step that does not fit the scene, or a record of events."""
     refuse_bad_step(scene, **settings)
     if "events" in record:
         raise RequestError(
@@ -26,14 +31,15 @@ def _refuse_unfit(scene: Scene, settings: dict, record: frozenset) -> None:
 
 
 def _forecast(scene: Scene, settings: dict, record, observables, average: str) -> forecast.Cost:
-    """As of the exact engine, whose collisions cost as much, and the steps."""
+    """Return the cost of a run of the exact engine, whose collisions cost as much, plus that of the time steps."""
     exact = forecast.of_run(scene, record, observables, average)
     steps = scene.duration / settings["time_step"]
     return exact._replace(seconds=exact.seconds + SECONDS_PER_DISK_STEP * scene.particles * steps)
 
 
 def _candidates(scene: Scene) -> list[dict]:
-    return [{"time_step": float(f"{largest_step(scene) * share:.1g}")} for share in TRIAL_STEPS]
+    """Return TRIAL_STEPS, rounded to one digit."""
+    return [{"time_step": float(f"{largest_step(scene) * step:.1g}")} for step in TRIAL_STEPS]
 
 
 TIMESTEP = Definition(
@@ -42,7 +48,7 @@ TIMESTEP = Definition(
     settings={
         "time_step": Setting(lambda entry: reading.number(entry, above=0)),
         "precision": Setting(lambda entry: reading.choice(entry, tuple(PRECISIONS)), "double"),
-        "collisions": Setting(lambda entry: reading.choice(entry, COLLISIONS), "at_contact"),
+        "collisions": Setting(lambda entry: reading.choice(entry, COLLISIONS), "at_contact", unrecorded="late"),
     },
     model=_model,
     refuse_unfit=_refuse_unfit,

@@ -1,4 +1,4 @@
-"""Which time steps, precisions and collisions a scene can be run with."""
+"""The time steps, precisions and kinds of collisions that a scene can be run with."""
 
 import math
 
@@ -10,12 +10,12 @@ from brownpipe.scene import Scene
 
 PRECISIONS = {"double": np.float64, "single": np.float32}
 COLLISIONS = ("at_contact", "late")
-MOST_STEPS = 1e10
-FINEST = 64  # in units of round-off of the largest coordinate: disks that move less in a step stand still, or nearly so
+MOST_STEPS = 1e10  # in a run
+FINEST = 64  # least path of a disk in a step, in units of round-off of the largest coordinate; less is lost in rounding
 
 
 def refuse_bad_step(scene: Scene, time_step: float, precision: str, collisions: str) -> None:
-    """Raise RequestError, one line, for settings that a scene cannot be run with."""
+    """Raise RequestError, in one line, for settings that the scene cannot be run with."""
     if collisions not in COLLISIONS:
         raise RequestError(f"collisions: must be one of {', '.join(COLLISIONS)}, found {collisions!r}")
     if precision not in PRECISIONS:
@@ -38,7 +38,10 @@ def refuse_bad_step(scene: Scene, time_step: float, precision: str, collisions: 
 
 
 def largest_step(scene: Scene) -> float:
-    """Return the shortest time in which a disk at its thermal speed, sqrt(2 kT/m), covers its own radius."""
+    """Return the shortest time [time] in which a disk at its thermal speed, sqrt(2 kT/m), covers its own radius.
+
+    In a longer step two disks could pass through each other. inf if nothing moves.
+    """
     speed = thermal_speed(scene)
     if speed == 0.0 or scene.particles == 0:
         return math.inf
@@ -46,7 +49,10 @@ def largest_step(scene: Scene) -> float:
 
 
 def smallest_step(scene: Scene, precision: str) -> float:
-    """Return the time step below which there are too many steps, or disks at thermal speed hardly move in one."""
+    """Return the time step [time] below which a run has too many steps, or a step is lost in round-off.
+
+    That is, a disk at the thermal speed moves by less than FINEST roundings of a coordinate in a step.
+    """
     speed, size = thermal_speed(scene), max(scene.box.width, scene.box.height)
     moving = FINEST * float(np.finfo(PRECISIONS[precision]).eps) * size / speed if speed > 0 else 0.0
     return max(scene.duration / MOST_STEPS, moving)
