@@ -1,4 +1,4 @@
-"""From a state to a workspace, and what is reported of a run."""
+"""The workspace for the runs of a scene, and its initial values from a state."""
 
 import math
 
@@ -6,65 +6,70 @@ import numpy as np
 
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.settings import PRECISIONS
-from brownpipe.engines.timestep.workspace import Pairs, Room, Workspace
+from brownpipe.engines.timestep.workspace import Box, PairList, Workspace
 from brownpipe.engines.units import Frame, common_radius, thermal_speed
 from brownpipe.scene import Scene
 
-REAL_ARRAYS = ("x", "y", "vx", "vy", "made_x", "made_y", "near_x", "near_y", "near_radius")
-WHOLE_ARRAYS = ("disk", "image_x", "image_y", "order", "cell", "spare")
-SKIN = 3.2  # see `skin_of`
+REAL_ARRAYS = ("x", "y", "vx", "vy", "x_at_build", "y_at_build", "sorted_x", "sorted_y", "sorted_radius")
+INT_ARRAYS = ("disk", "image_x", "image_y", "order", "cell", "scratch")
+SKIN = 3.2  # measured factor of `skin_of`
 
 
-def prepare(scene: Scene, frame: Frame, time_step: float, precision: str, collisions: str, room: int = 0) -> Workspace:
-    """Lay out a workspace for the runs of a scene; `room` for pairs on a list where the usual proves too small."""
+def prepare(
+    scene: Scene, frame: Frame, time_step: float, precision: str, collisions: str, capacity: int = 0
+) -> Workspace:
+    """Return a workspace for the runs of a scene; `capacity` of the lists of pairs where the default was too small."""
     real, n, box = PRECISIONS[precision], scene.particles, scene.box
     radius = scene.radius[frame.order] / frame.length
     common = common_radius(radius) if n else 0.5
     corner = (np.array((box.x[0], box.y[0])) - frame.origin) / frame.length
-    inner = Room(float(corner[0]), float(corner[1]), box.width / frame.length, box.height / frame.length, box.periodic)
+    inner = Box(float(corner[0]), float(corner[1]), box.width / frame.length, box.height / frame.length, box.periodic)
     dt = time_step / frame.time
     reals = np.zeros(ws.REALS, real)
     reals[ws.DT] = dt
     reals[[ws.LEFT, ws.BOTTOM]] = corner
     reals[[ws.RIGHT, ws.TOP]] = corner + np.array((inner.width, inner.height))
-    room = max(room, 16 * n + 64)
+    capacity = max(capacity, 16 * n + 64)
     return Workspace(
         box=inner,
         step=dt,
         late=collisions == "late",
         skin=2 * common * skin_of(scene, time_step),
-        largest=float(common),
+        common_radius=float(common),
         big=int(np.count_nonzero(radius > common)),
         tracer=int(frame.back[0]) if n else 0,
         **{name: np.zeros(n, real) for name in REAL_ARRAYS},
         radius=radius.astype(real),
-        **{name: np.zeros(n, np.int32) for name in WHOLE_ARRAYS},
+        **{name: np.zeros(n, np.int32) for name in INT_ARRAYS},
         mass=scene.mass[frame.order] / frame.mass,
-        course=np.zeros(n),
-        first=np.zeros(4 * n + 9, np.int32),
+        straight_since=np.zeros(n),
+        cell_start=np.zeros(4 * n + 9, np.int32),
         real=reals,
-        within=_pairs(room, real),
-        across=_pairs(room if box.periodic else 0, real),
-        hit=np.zeros(2 * room, np.uint32),
-        contact_time=np.zeros(2 * room),
-        contact_key=np.zeros(2 * room, np.int64),
-        contact_pair=np.zeros(2 * room, np.uint32),
+        within=_pair_list(capacity, real),
+        across=_pair_list(capacity if box.periodic else 0, real),
+        candidate=np.zeros(2 * capacity, np.uint32),
+        contact_time=np.zeros(2 * capacity),
+        contact_key=np.zeros(2 * capacity, np.int64),
+        contact_pair=np.zeros(2 * capacity, np.uint32),
         clock=np.zeros(ws.CLOCK, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
         tally=np.zeros(ws.TALLY),
     )
 
 
-def _pairs(room: int, real) -> Pairs:
-    disks, places = (np.zeros(room, np.uint32) for _ in range(2)), (np.zeros(room, real) for _ in range(3))
-    return Pairs(*disks, *places)
+def _pair_list(capacity: int, real) -> PairList:
+    """Return an empty list of pairs."""
+    disks = (np.zeros(capacity, np.uint32) for _ in range(2))
+    lengths = (np.zeros(capacity, real) for _ in range(3))
+    return PairList(*disks, *lengths)
 
 
 def skin_of(scene: Scene, time_step: float) -> float:
-    """Return the skin of the lists, in contact distances, that costs least.
+    """Return the skin of the lists, in contact distances, at which a run costs least.
 
-    A step costs pairs in proportion to phi skin, making lists steps/skin: the sum is least for a skin in proportion to
-    sqrt(path per step/phi). The factor is measured.
+    The cost of a step grows with the number of listed pairs, in proportion to phi skin; the cost of building lists per
+    step falls as 1/skin in units of the path of a step. Their sum is least for a skin in proportion to
+    sqrt(path per step/phi).
     """
     sigma = 2 * common_radius(scene.radius) if scene.particles else 1.0
     path = thermal_speed(scene) * time_step / sigma
@@ -73,13 +78,15 @@ def skin_of(scene: Scene, time_step: float) -> float:
 
 
 def begin(w: Workspace, motion: np.ndarray) -> None:
-    """Set a workspace to the beginning of a run from positions and velocities (N, 4), as of `exact.setup.motion_of`."""
+    """Set a workspace to the start of a run with positions and velocities (N, 4), as `engines.units.motion_of` returns.
+
+    BUDGET is negative, so that the first step builds the lists.
+    """
     w.x[:], w.y[:], w.vx[:], w.vy[:] = motion.T
-    w.made_x[:], w.made_y[:] = w.x, w.y
-    in_order = np.argsort(w.disk, kind="stable")
-    w.radius[:] = w.radius[in_order]
+    w.x_at_build[:], w.y_at_build[:] = w.x, w.y
+    w.radius[:] = w.radius[np.argsort(w.disk, kind="stable")]
     w.disk[:] = np.arange(len(w.disk))
-    w.image_x[:], w.image_y[:], w.course[:] = 0, 0, 0.0
+    w.image_x[:], w.image_y[:], w.straight_since[:] = 0, 0, 0.0
     w.clock[:], w.count[:], w.tally[:] = 0, 0, 0.0
     w.clock[ws.TRACER] = w.tracer
     w.tally[ws.BUDGET], w.tally[ws.NEAREST] = -1.0, 1.0

@@ -1,4 +1,4 @@
-"""Samples of a run by time steps, and what is reported of it."""
+"""Memory for the samples of a run, and the scalar observables that the time-stepping engine reports."""
 
 import math
 
@@ -12,11 +12,11 @@ from brownpipe.engines.units import Frame
 from brownpipe.scene import Scene
 
 ENERGY_BOUND = {np.float64: HEALTH_BOUND, np.float32: 1e-4}  # energy drift beyond which a run has failed
-REACHES = 4.0  # steps of the fastest disk: one that is further beyond a wall has escaped
+REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
 
 
 def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record) -> Recorder:
-    """Return room for samples: each a free flight after the last step before it, so that no step depends on it."""
+    """Return memory for samples, free flights after the last step before each: no step depends on sample times."""
     n, t = scene.particles, len(times)
     m = n if "all" in record else 0
     steps = times / time_step
@@ -52,7 +52,7 @@ def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> 
 
 
 def _inside(w: Workspace) -> bool:
-    """Whether all disks are somewhere, and between walls not further beyond one than a few steps of the fastest."""
+    """Return whether all positions are finite and, between walls, no disk has escaped (REACHES)."""
     place = np.stack([w.x, w.y]).astype(float)
     if w.box.periodic:
         return bool(np.all(np.isfinite(place)))

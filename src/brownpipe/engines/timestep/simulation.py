@@ -1,11 +1,12 @@
-"""The time-stepping engine: all disks move straight for a fixed time; those that met on the way then collide.
+"""Runs of the time-stepping engine: all disks fly for a fixed time, then the pairs that met collide.
 
-Collisions are worked out at the moment of contact, in closed form; only what happens to three disks within a step is
-approximate. Or, as simpler programs do, late: where disks overlap at the end of a step. Such collisions are up to a
-step late, a little displaced, and short ones are missed. Energy and momentum, including what the walls take, are
-conserved as by the exact engine.
+A collision is computed at the moment of contact, in closed form; only encounters of three disks within a step are
+approximate. Or, as simpler programs do, late: where disks overlap at the end of a step. Late collisions happen up to a
+step after contact and displaced from it, and short ones are missed. Energy and momentum are conserved as by the exact
+engine, including the momentum given to the walls.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,13 +25,13 @@ from brownpipe.engines.units import Frame, frame_of, motion_of
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-__all__ = ["Engine", "largest_step", "prepared", "run", "simulate", "smallest_step"]
+__all__ = ["SteppingSetup", "largest_step", "prepared", "run", "simulate", "smallest_step"]
 
-DISK_STEPS_PER_CALL = 100_000_000  # then Python may look at signals
+DISK_STEPS_PER_CALL = 100_000_000  # between two chances for Python to handle signals
 
 
-class Engine(NamedTuple):
-    """A scene, and the workspace for its runs."""
+class SteppingSetup(NamedTuple):
+    """A scene with the workspace for its runs, which every run overwrites."""
 
     scene: Scene
     frame: Frame
@@ -42,10 +43,10 @@ class Engine(NamedTuple):
 
 def simulate(
     scene: Scene,
-    seeds,
-    record=frozenset({"tracer"}),
+    seeds: Iterable[int],
+    record: Iterable[str] = frozenset({"tracer"}),
     *,
-    observables=(),
+    observables: Iterable[str] = (),
     average: str = "runs",
     time_step: float,
     precision: str = "double",
@@ -53,51 +54,52 @@ def simulate(
 ) -> Ensemble:
     """Run the scene once for every seed, from the same initial states as the exact engine.
 
-    `record` holds words: "tracer" (disk 0 of all runs), "all" (every disk of every run). `precision` is "double" or
-    "single": of positions, velocities and all that is computed for every disk and pair. `collisions` are "at_contact",
-    where a pair met within the step, or "late", where it overlaps at the end of the step.
-    A sample is a free flight from the last step before it, so that no step depends on when samples are taken.
-    Raises RequestError for a time step that is no positive number, or too long or too short (`refuse_bad_step`), for a
-    record of events, and if disks cannot be placed; RunError if the time to equilibrate fails.
+    `record`: "tracer" (disk 0) and "all" (every disk). `precision`: "double" or "single", of positions, velocities and
+    all work on every disk and pair. `collisions`: "at_contact", where a pair met within the step, or "late", where it
+    overlaps at the end of the step. A sample is a free flight from the last step before it, so that no step depends on
+    the sample times.
+    Raises RequestError for settings that the scene cannot be run with (`refuse_bad_step`), for a record of events, and
+    if disks cannot be placed; RunError if the time to equilibrate fails.
     """
     if "events" in record:
         raise RequestError("record: must be tracer, all or none, as collisions happen between time steps; found events")
     batch = new_batch(scene, seeds, record, observables, average)
     initial_state = states(scene)
-    engine = prepared(scene, time_step, precision, collisions)
+    setup = prepared(scene, time_step, precision, collisions)
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         with errors_name_run(scene, seed):
-            add_run(batch, column, run(engine, initial_state(seed), scene.times, batch.needed_record))
+            add_run(batch, column, run(setup, initial_state(seed), scene.times, batch.needed_record))
     return batch.ensemble
 
 
-def prepared(scene: Scene, time_step: float, precision: str = "double", collisions: str = "at_contact") -> Engine:
-    """Return what runs of a scene need, with its kernels compiled."""
+def prepared(
+    scene: Scene, time_step: float, precision: str = "double", collisions: str = "at_contact"
+) -> SteppingSetup:
+    """Return the setup for runs of a scene, with its kernels compiled. Raises RequestError for unfit settings."""
     refuse_bad_step(scene, time_step, precision, collisions)
     frame = frame_of(scene)
     w = prepare(scene, frame, time_step, precision, collisions)
     with one_compiler(w):
         advance(w, recorder(scene, frame, time_step, scene.times[:0], ()), 0)
-    return Engine(scene, frame, time_step, precision, collisions, w)
+    return SteppingSetup(scene, frame, time_step, precision, collisions, w)
 
 
-def run(engine: Engine, state: State, times: np.ndarray, record=frozenset()) -> RunResult:
-    """Run from a state and sample at the given times."""
-    scene, frame, time_step, w = engine.scene, engine.frame, engine.time_step, engine.workspace
-    room = recorder(scene, frame, time_step, times, record)
+def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Iterable[str] = frozenset()) -> RunResult:
+    """Run from a state and sample at the given times (T,); lists that are full get twice the capacity."""
+    scene, frame, w = setup.scene, setup.frame, setup.workspace
+    samples = recorder(scene, frame, setup.time_step, times, record)
     begin(w, motion_of(state, frame))
-    first = np.stack([w.vx, w.vy], axis=1).astype(float)
-    most = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
-    while (outcome := advance(w, room, most)) != ws.DONE:
-        if outcome == ws.NO_ROOM:
-            w = _with_more_room(engine, w)
-    found = observables(scene, frame, w, first)
-    return RunResult(tracer_track(scene, frame, room), whole_track(scene, frame, room), None, found)
+    first_velocity = np.stack([w.vx, w.vy], axis=1).astype(float)
+    steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
+    while (outcome := advance(w, samples, steps)) != ws.DONE:
+        if outcome == ws.LISTS_FULL:
+            w = _with_twice_the_capacity(setup, w)
+    report = observables(scene, frame, w, first_velocity)
+    return RunResult(tracer_track(scene, frame, samples), whole_track(scene, frame, samples), None, report)
 
 
-def _with_more_room(engine: Engine, w: ws.Workspace) -> ws.Workspace:
-    """Return the workspace as it is, with twice the room for pairs on the lists."""
-    scene, frame, time_step, precision, collisions, _ = engine
-    more = prepare(scene, frame, time_step, precision, collisions, 2 * len(w.within.a))
-    names = ("within", "across", "hit", "contact_time", "contact_key", "contact_pair")
-    return w._replace(**{name: getattr(more, name) for name in names})
+def _with_twice_the_capacity(setup: SteppingSetup, w: ws.Workspace) -> ws.Workspace:
+    """Return the workspace in its present state with lists of twice the capacity."""
+    larger = prepare(*setup[:-1], capacity=2 * len(w.within.a))
+    names = ("within", "across", "candidate", "contact_time", "contact_key", "contact_pair")
+    return w._replace(**{name: getattr(larger, name) for name in names})

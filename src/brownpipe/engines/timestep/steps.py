@@ -1,12 +1,13 @@
-"""A time step: all disks move straight, then those that met exchange momentum; and the loop over steps.
+"""A time step: all disks fly straight, then the pairs that met exchange momentum; and the loop over steps.
 
-Collisions at contact: a pair that met on the way is taken back along its straight courses to the moment of contact,
-exchanges momentum there, and flies on with its new velocities until the end of the step. Late: pairs that overlap at
-the end of the step and approach exchange momentum where they are.
+Collisions at contact: a pair that met in the step is taken back along its straight paths to the moment of contact,
+exchanges momentum there, and flies on with its new velocities to the end of the step. Late collisions: pairs that
+overlap at the end of the step and approach exchange momentum where they are.
 
-What is done for every disk and every pair is done in the precision of the run; a collision is worked out in double
-precision (np.float64, as float() of Numba keeps a single one) and only its outcome rounded. Collisions of a step are
-taken by their times, then by their disks' numbers, so that results do not depend on how neighbours are found.
+Work on every disk and every pair is done in the precision of the run. A collision is computed in double precision, and
+its outcome is rounded; `np.float64` converts, because Numba's float() leaves a single-precision number as it is. The
+collisions of a step are handled in the order of their times, then of their disks' numbers, so that results do not
+depend on how the lists are built. Equations (1)-(10): docs/theory.md, section 1.
 """
 
 import math
@@ -17,40 +18,15 @@ from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import local_copy
 from brownpipe.engines.timestep import verlet_lists
-from brownpipe.engines.timestep.workspace import (
-    ACROSS,
-    BEYOND,
-    BOTTOM,
-    BUDGET,
-    DONE,
-    DT,
-    FASTEST,
-    LEFT,
-    MISSED,
-    NEAREST,
-    NO_ROOM,
-    PAIRS,
-    PAUSED,
-    RIGHT,
-    SAMPLE,
-    SLACK,
-    STEP,
-    TOP,
-    TRACER,
-    TRACER_PAIRS,
-    VIRIAL,
-    WALL_IMPULSE,
-    WALLS,
-    WITHIN,
-)
+from brownpipe.engines.timestep import workspace as ws
 
-MOST_HITS = 1e6  # of walls by a disk in a step: with less room it has none
+MOST_HITS = 1e6  # of walls by a disk in a step; a gap so narrow that there are more is no room to move
 
 
 @kernel
 def fly(w, x, y, vx, vy, radius):
-    """Move all disks straight for a time step; return how many then reach beyond a wall."""
-    dt, left, right, bottom, top = w.real[DT], w.real[LEFT], w.real[RIGHT], w.real[BOTTOM], w.real[TOP]
+    """Move all disks straight for a time step; return how many of them then reach beyond a wall."""
+    dt, left, right, bottom, top = w.real[ws.DT], w.real[ws.LEFT], w.real[ws.RIGHT], w.real[ws.BOTTOM], w.real[ws.TOP]
     beyond = 0
     for i in range(len(x)):
         x[i] += vx[i] * dt
@@ -61,41 +37,48 @@ def fly(w, x, y, vx, vy, radius):
 
 @kernel
 def reaches_beyond(x, y, r, left, right, bottom, top):
-    """Whether a disk reaches beyond a wall."""
+    """Return whether a disk reaches beyond a wall."""
     return (x - r < left) | (x + r > right) | (y - r < bottom) | (y + r > top)
 
 
 @kernel
-def near_within(x, y, a, b, contact, number, slack, hit):
-    """Find the pairs of a list that overlap, or passed each other in the last step; return how many."""
+def candidates_within(x, y, a, b, contact, number, slack, candidate):
+    """Write the pairs of a list that overlap, or did within the last two steps, to `candidate`; return their number.
+
+    Every pair is written and counted only if it is close enough: there is no branch to predict.
+    """
     m = 0
     for j in range(number):
         dx, dy = x[b[j]] - x[a[j]], y[b[j]] - y[a[j]]
-        hit[m] = j
+        candidate[m] = j
         m += dx * dx + dy * dy < contact[j] + slack
     return m
 
 
 @kernel
-def near_across(w, pairs, number, slack, offset, m):
-    """As `near_within`, for pairs of a disk and an image, which are numbered on from `offset`; return the sum."""
+def candidates_across(w, pairs, number, slack, offset, m):
+    """Append pairs of a disk and a periodic image, numbered from `offset`, to m candidates; return the new number."""
     for j in range(number):
         dx = w.x[pairs.b[j]] - w.x[pairs.a[j]] + pairs.shift_x[j]
         dy = w.y[pairs.b[j]] - w.y[pairs.a[j]] + pairs.shift_y[j]
-        w.hit[m] = offset + j
+        w.candidate[m] = offset + j
         m += dx * dx + dy * dy < pairs.contact[j] + slack
     return m
 
 
 @kernel
 def relative(w, pair):
-    """Return a pair, the disk with the lower number first, and place and velocity of its disk b as seen from a."""
-    j, room = pair, len(w.within.a)
-    if j < room:
+    """Return disks a and b of a pair, and the position and velocity of b relative to a.
+
+    `pair` is a place in the list within the box or, from its capacity on, in the list across its sides. Disk a has the
+    lower number in the engine.
+    """
+    j, capacity = pair, len(w.within.a)
+    if j < capacity:
         a, b = int(w.within.a[j]), int(w.within.b[j])
         x, y = np.float64(w.x[b]) - np.float64(w.x[a]), np.float64(w.y[b]) - np.float64(w.y[a])
     else:
-        j -= room
+        j -= capacity
         a, b = int(w.across.a[j]), int(w.across.b[j])
         x = np.float64(w.x[b]) - np.float64(w.x[a]) + np.float64(w.across.shift_x[j])
         y = np.float64(w.y[b]) - np.float64(w.y[a]) + np.float64(w.across.shift_y[j])
@@ -106,16 +89,17 @@ def relative(w, pair):
 
 @kernel
 def squared_contact(w, pair):
-    """Return sigma^2 of a pair on a list."""
-    room = len(w.within.a)
-    return np.float64(w.within.contact[pair] if pair < room else w.across.contact[pair - room])
+    """Return sigma^2 of a listed pair."""
+    capacity = len(w.within.a)
+    return np.float64(w.within.contact[pair] if pair < capacity else w.across.contact[pair - capacity])
 
 
 @kernel
 def time_since_contact(x, y, u, v, sigma2):
-    """Return how long ago two disks that now are at (x, y) and flew straight at (u, v) came into contact, eqs. (1)-(3).
+    """Return how long ago two disks came into contact, eqs. (1)-(3); negative if they did not.
 
-    Negative if they have not. Of the two roots it is the one at which they approached, written without cancellation.
+    Now their relative position is (x, y) and their relative velocity (u, v). Of the two roots of the quadratic equation
+    it is the one at which they approached, in a form without cancellation.
     """
     approach, speed2, cross = x * u + y * v, u * u + v * v, x * v - y * u
     root = speed2 * sigma2 - cross * cross
@@ -127,23 +111,23 @@ def time_since_contact(x, y, u, v, sigma2):
 
 @kernel
 def met_late(w, x, y, u, v, sigma2):
-    """Whether two disks overlap; if not, count them as missed if they met and parted within the step."""
+    """Return whether two disks overlap; if not, count them as missed if they met and separated within the step."""
     approach, speed2, cross = x * u + y * v, u * u + v * v, x * v - y * u
     if x * x + y * y < sigma2:
         return True
-    w.count[MISSED] += (approach > 0.0) & (approach < speed2 * w.step) & (cross * cross < sigma2 * speed2)
+    w.count[ws.MISSED] += (approach > 0.0) & (approach < speed2 * w.step) & (cross * cross < sigma2 * speed2)
     return False
 
 
 @kernel
-def judge(w, hits, now):
-    """Among the pairs found near, gather those that met by the time `now`, and when; return how many they are."""
+def gather_contacts(w, candidates, now):
+    """Write those candidates that met by the time `now`, with the time of contact; return their number."""
     n, m = len(w.x), 0
-    for h in range(hits):
-        pair = int(w.hit[h])
+    for c in range(candidates):
+        pair = int(w.candidate[c])
         a, b, x, y, u, v = relative(w, pair)
         sigma2, i, k = squared_contact(w, pair), int(w.disk[a]), int(w.disk[b])
-        w.tally[NEAREST] = min(w.tally[NEAREST], (x * x + y * y) / sigma2)
+        w.tally[ws.NEAREST] = min(w.tally[ws.NEAREST], (x * x + y * y) / sigma2)
         if w.late:
             met, since = met_late(w, x, y, u, v, sigma2), 0.0
         else:
@@ -156,22 +140,23 @@ def judge(w, hits, now):
 
 @kernel
 def meeting(w, i, k, now, x, y, u, v, sigma2):
-    """Return whether two disks, numbers i and k of the engine, met on their courses, and how long ago.
+    """Return whether disks i and k (the engine's numbers) met on their straight paths, and how long ago.
 
-    A pair that overlapped when its later course began, pushed together by a third disk, meets then, if it approached.
-    What happened more than two steps ago and is over would be seen or not, depending on the neighbour lists.
+    A straight path begins at a disk's last collision. A pair that already overlapped when the later of its two paths
+    began, because a third disk pushed it together, meets at that moment if it approached. Contacts that ended more
+    than two steps ago are ignored: whether they are found would depend on the lists.
     """
-    since, straight = time_since_contact(x, y, u, v, sigma2), now - max(w.course[i], w.course[k])
+    since, straight = time_since_contact(x, y, u, v, sigma2), now - max(w.straight_since[i], w.straight_since[k])
     if since < 0.0 or since > straight:
-        since, begun_x, begun_y = straight, x - u * straight, y - v * straight
-        if begun_x * begun_x + begun_y * begun_y >= sigma2 or begun_x * u + begun_y * v >= 0.0:
+        since, start_x, start_y = straight, x - u * straight, y - v * straight
+        if start_x * start_x + start_y * start_y >= sigma2 or start_x * u + start_y * v >= 0.0:
             return False, since
     return since <= 2.0 * w.step or x * x + y * y < sigma2, since
 
 
 @kernel
 def earlier(w, i, k):
-    """Whether contact i comes before contact k: by time, then by the numbers of the disks."""
+    """Return whether contact i comes before contact k: by time, then by the numbers of the disks."""
     if w.contact_time[i] != w.contact_time[k]:
         return w.contact_time[i] < w.contact_time[k]
     return w.contact_key[i] < w.contact_key[k]
@@ -179,7 +164,7 @@ def earlier(w, i, k):
 
 @kernel
 def sort_contacts(w, m):
-    """Sort the first m contacts (D. L. Shell, Commun. ACM 2 (7), 30 (1959)); few of them exchange places."""
+    """Sort the first m contacts by time and disks: shell sort, D. L. Shell, Commun. ACM 2 (7), 30 (1959)."""
     gap = 1
     while 3 * gap + 1 < m:
         gap = 3 * gap + 1
@@ -197,40 +182,43 @@ def sort_contacts(w, m):
 @kernel
 def swap(values, i, k):
     """Exchange two entries."""
-    kept = values[i]
+    value = values[i]
     values[i] = values[k]
-    values[k] = kept
+    values[k] = value
 
 
 @kernel
 def collide(w, pair, now):
-    """Let a pair that met exchange momentum, eqs. (5)-(8): at contact, from where both fly on until now, or late."""
+    """Let a pair that met exchange momentum, eqs. (5)-(8): at contact, flying on from there until `now`, or late.
+
+    An earlier collision of the same step may have changed a path; if the pair then no longer meets, nothing happens.
+    """
     a, b, x, y, u, v = relative(w, pair)
     i, k, back = int(w.disk[a]), int(w.disk[b]), 0.0
     if w.late:
         met = x * u + y * v < 0.0
     else:
         met, back = meeting(w, i, k, now, x, y, u, v, squared_contact(w, pair))
-    if not met:  # an earlier collision of the step has changed a course
+    if not met:
         return
     x, y = x - u * back, y - v * back
     fx, fy = exchange(x, y, u, v)
     whole_a, part_a, whole_b, part_b, impulse = shares(w.mass[i], w.mass[k])
-    way = max(
-        turn(w, a, whole_a * fx, whole_a * fy, part_a * fx, part_a * fy, back),
-        turn(w, b, -whole_b * fx, -whole_b * fy, -part_b * fx, -part_b * fy, back),
+    shift = max(
+        deflect(w, a, whole_a * fx, whole_a * fy, part_a * fx, part_a * fy, back),
+        deflect(w, b, -whole_b * fx, -whole_b * fy, -part_b * fx, -part_b * fy, back),
     )
-    if now - max(w.course[i], w.course[k]) < w.step or back > w.step:
-        w.tally[BUDGET] -= way  # it is not part of a path that began with this step
-    w.course[i] = w.course[k] = now - back
-    w.count[PAIRS] += 1
-    w.count[TRACER_PAIRS] += (a == w.clock[TRACER]) | (b == w.clock[TRACER])
-    w.tally[VIRIAL] -= impulse * (x * fx + y * fy)
+    if now - max(w.straight_since[i], w.straight_since[k]) < w.step or back > w.step:
+        w.tally[ws.BUDGET] -= shift  # beyond the path of a step, which `step` subtracts
+    w.straight_since[i] = w.straight_since[k] = now - back
+    w.count[ws.PAIRS] += 1
+    w.count[ws.TRACER_PAIRS] += (a == w.clock[ws.TRACER]) | (b == w.clock[ws.TRACER])
+    w.tally[ws.VIRIAL] -= impulse * (x * fx + y * fy)
 
 
 @kernel
-def turn(w, i, fx, fy, gx, gy, back):
-    """Add f + g to the velocity of disk i as of a time `back` ago; return how far that takes it from where it was."""
+def deflect(w, i, fx, fy, gx, gy, back):
+    """Change the velocity of disk i by f + g as of a time `back` ago; return the distance by which that shifts it."""
     ux, uy = np.float64(w.vx[i]), np.float64(w.vy[i])
     w.vx[i] = ux + fx + gx
     w.vy[i] = uy + fy + gy
@@ -240,26 +228,26 @@ def turn(w, i, fx, fy, gx, gy, back):
     dx, dy = (np.float64(w.vx[i]) - ux) * back, (np.float64(w.vy[i]) - uy) * back
     w.x[i] = np.float64(w.x[i]) + dx
     w.y[i] = np.float64(w.y[i]) + dy
-    left, right, bottom, top = w.real[LEFT], w.real[RIGHT], w.real[BOTTOM], w.real[TOP]
-    w.clock[BEYOND] += reaches_beyond(w.x[i], w.y[i], w.radius[i], left, right, bottom, top)
+    left, right, bottom, top = w.real[ws.LEFT], w.real[ws.RIGHT], w.real[ws.BOTTOM], w.real[ws.TOP]
+    w.clock[ws.BEYOND] += reaches_beyond(w.x[i], w.y[i], w.radius[i], left, right, bottom, top)
     return math.sqrt(dx * dx + dy * dy)
 
 
 @kernel
 def raise_speed_bound(w, i):
-    """Let the bound on all speeds hold for disk i, too."""
+    """Raise the upper bound on all speeds if disk i exceeds it."""
     speed = math.sqrt(np.float64(w.vx[i]) * np.float64(w.vx[i]) + np.float64(w.vy[i]) * np.float64(w.vy[i]))
-    if speed > w.tally[FASTEST]:
-        w.tally[FASTEST] = speed
-        w.real[SLACK] = verlet_lists.slack(speed * w.step)
+    if speed > w.tally[ws.FASTEST]:
+        w.tally[ws.FASTEST] = speed
+        w.real[ws.SLACK] = verlet_lists.slack(speed * w.step)
 
 
 @kernel
 def bounce(w, place, velocity, i, before, after, gap, wall, now):
-    """Reverse a component of the velocity of disk i if its edge is beyond a wall that it moves to, eqs. (9)-(10).
+    """Reflect disk i where it reaches beyond the wall that it moves towards: one velocity component, eqs. (9)-(10).
 
-    `before` and `after` are how far it reaches beyond the lower and the upper wall, `gap` is the room between them.
-    Unless walls are met late, its way is folded into the gap: it may have met both walls, several times.
+    `before` and `after` are how far its edge is beyond the lower and the upper wall, `gap` is the range of its centre
+    between them. Unless collisions are late, its path is folded into the gap: it may have met both walls several times.
     """
     v = np.float64(velocity[i])
     beyond = before if v < 0.0 else after
@@ -275,22 +263,22 @@ def bounce(w, place, velocity, i, before, after, gap, wall, now):
             place[i] = at_wall + inward * (gap - rest if turns % 2 else rest)
         else:  # it has no room to move
             place[i] = at_wall + inward * 0.5 * gap
-        w.course[w.disk[i]] = max(w.course[w.disk[i]], now - rest / abs(v))
+        w.straight_since[w.disk[i]] = max(w.straight_since[w.disk[i]], now - rest / abs(v))
         if beyond > abs(v) * w.step:
-            w.tally[BUDGET] -= 2.0 * beyond  # it was pushed there by another disk
+            w.tally[ws.BUDGET] -= 2.0 * beyond  # another disk pushed it there
     if hits % 2:
         velocity[i] = -velocity[i]
     impulse = 2.0 * w.mass[w.disk[i]] * abs(v)
-    w.count[WALLS] += hits
-    w.tally[WALL_IMPULSE + wall + (v > 0.0)] += (hits + 1) // 2 * impulse
-    w.tally[WALL_IMPULSE + wall + (v < 0.0)] += hits // 2 * impulse
+    w.count[ws.WALLS] += hits
+    w.tally[ws.WALL_IMPULSE + wall + (v > 0.0)] += (hits + 1) // 2 * impulse
+    w.tally[ws.WALL_IMPULSE + wall + (v < 0.0)] += hits // 2 * impulse
 
 
 @kernel
 def bounce_all(w, now):
-    """Reflect the disks that are beyond a wall."""
-    left, right = np.float64(w.real[LEFT]), np.float64(w.real[RIGHT])
-    bottom, top = np.float64(w.real[BOTTOM]), np.float64(w.real[TOP])
+    """Reflect all disks that reach beyond a wall."""
+    left, right = np.float64(w.real[ws.LEFT]), np.float64(w.real[ws.RIGHT])
+    bottom, top = np.float64(w.real[ws.BOTTOM]), np.float64(w.real[ws.TOP])
     for i in range(len(w.x)):
         x, y, r = np.float64(w.x[i]), np.float64(w.y[i]), np.float64(w.radius[i])
         bounce(w, w.x, w.vx, i, left - (x - r), x + r - right, right - left - 2.0 * r, 0, now)
@@ -299,25 +287,25 @@ def bounce_all(w, now):
 
 @kernel
 def step(w):
-    """Take a time step."""
-    w.clock[BEYOND] = fly(w, w.x, w.y, w.vx, w.vy, w.radius)
-    one, slack, now = w.within, w.real[SLACK], (w.clock[STEP] + 1) * w.step
-    hits = near_within(w.x, w.y, one.a, one.b, one.contact, w.clock[WITHIN], slack, w.hit)
-    hits = near_across(w, w.across, w.clock[ACROSS], slack, len(one.a), hits)
-    if hits > 0:
-        m = judge(w, hits, now)
+    """Take a time step: flight, pair collisions in the order of time, wall collisions."""
+    w.clock[ws.BEYOND] = fly(w, w.x, w.y, w.vx, w.vy, w.radius)
+    pairs, slack, now = w.within, w.real[ws.SLACK], (w.clock[ws.STEP] + 1) * w.step
+    m = candidates_within(w.x, w.y, pairs.a, pairs.b, pairs.contact, w.clock[ws.WITHIN], slack, w.candidate)
+    m = candidates_across(w, w.across, w.clock[ws.ACROSS], slack, len(pairs.a), m)
+    if m > 0:
+        m = gather_contacts(w, m, now)
         sort_contacts(w, m)
         for j in range(m):
             collide(w, int(w.contact_pair[j]), now)
-    if w.clock[BEYOND] > 0 and not w.box.periodic:
+    if w.clock[ws.BEYOND] > 0 and not w.box.periodic:
         bounce_all(w, now)
-    w.tally[BUDGET] -= w.tally[FASTEST] * w.step
-    w.clock[STEP] += 1
+    w.tally[ws.BUDGET] -= w.tally[ws.FASTEST] * w.step
+    w.clock[ws.STEP] += 1
 
 
 @kernel
-def note(w, i, rest, position, velocity, images, row, column):
-    """Write where disk i is, a time `rest` after the step, into a row of a record."""
+def write_sample(w, i, rest, position, velocity, images, row, column):
+    """Write position, velocity and image of disk i, a time `rest` after the last step, to [row, column] of a record."""
     vx, vy = np.float64(w.vx[i]), np.float64(w.vy[i])
     x, y = np.float64(w.x[i]) + vx * rest, np.float64(w.y[i]) + vy * rest
     velocity[row, column, 0], velocity[row, column, 1] = vx, vy
@@ -330,28 +318,31 @@ def note(w, i, rest, position, velocity, images, row, column):
 
 @kernel
 def sample(w, r, rest):
-    """Take a sample."""
-    row = w.clock[SAMPLE]
-    w.clock[SAMPLE] = row + 1
+    """Sample the tracer and, if they are recorded, all disks, a time `rest` after the last step."""
+    row = w.clock[ws.SAMPLE]
+    w.clock[ws.SAMPLE] = row + 1
     if len(w.x) == 0:
         return
-    note(w, w.clock[TRACER], rest, r.position, r.velocity, r.image, row, 0)
+    write_sample(w, w.clock[ws.TRACER], rest, r.position, r.velocity, r.image, row, 0)
     if r.whole_position.shape[1] > 0:
         for i in range(len(w.x)):
-            note(w, i, rest, r.whole_position, r.whole_velocity, r.whole_image, row, w.disk[i])
+            write_sample(w, i, rest, r.whole_position, r.whole_velocity, r.whole_image, row, w.disk[i])
 
 
 @entry_point
 def advance(w, r, most):
-    """Run until all samples are taken or so many steps are; return why it stopped. To go on, call it again."""
+    """Run until all samples are taken, `most` steps are done, or the lists are full; return DONE, PAUSED or LISTS_FULL.
+
+    Call it again to continue: in the last case with a workspace whose lists have twice the capacity.
+    """
     w, r = local_copy(w), local_copy(r)
-    while w.clock[SAMPLE] < len(r.step):
-        while w.clock[STEP] < r.step[w.clock[SAMPLE]]:
+    while w.clock[ws.SAMPLE] < len(r.step):
+        while w.clock[ws.STEP] < r.step[w.clock[ws.SAMPLE]]:
             if most == 0:
-                return PAUSED
-            if w.tally[BUDGET] < w.tally[FASTEST] * w.step and not verlet_lists.renew(w):
-                return NO_ROOM
+                return ws.PAUSED
+            if w.tally[ws.BUDGET] < w.tally[ws.FASTEST] * w.step and not verlet_lists.renew(w):
+                return ws.LISTS_FULL
             step(w)
             most -= 1
-        sample(w, r, r.rest[w.clock[SAMPLE]])
-    return DONE
+        sample(w, r, r.rest[w.clock[ws.SAMPLE]])
+    return ws.DONE

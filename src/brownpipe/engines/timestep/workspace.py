@@ -1,7 +1,7 @@
-"""What the time-stepping kernels work on: numbers and arrays in the engine's units, by structure of arrays.
+"""The memory that the time-stepping kernels work on: numbers and arrays in the engine's units, one array per quantity.
 
-`real` is float64 or float32, the precision of a run. Disks stand roughly in the order of their cells, much bigger
-ones first; `disk` says which is where.
+`real` below is float64 or float32, the precision of the run. Disks stand in memory roughly in the order of their cells,
+much bigger ones first; `disk` says which disk of the engine stands at each place.
 """
 
 from typing import NamedTuple
@@ -10,22 +10,24 @@ import numpy as np
 
 from brownpipe.engines.records import by_reference
 
-# w.clock
+# w.clock: steps done, samples taken, the tracer's place in memory, pairs listed within the box and across its sides,
+# disks that reach beyond a wall, whether a list has no room for all pairs, how often lists were built
 STEP, SAMPLE, TRACER, WITHIN, ACROSS, BEYOND, OVERFULL, LISTS_MADE, CLOCK = range(9)
-# w.count
+# w.count: collisions of pairs, of the tracer, with walls, and missed ones
 PAIRS, TRACER_PAIRS, WALLS, MISSED, COUNTS = range(5)
-# w.tally; the last four are the impulses given by the walls left, right, bottom, top
+# w.tally: the distance a disk may move before the lists are checked, an upper bound on all speeds, the skin, the least
+# squared distance of a pair / sigma^2, the sum of |impulse| sigma, impulses given to the walls left, right, bottom, top
 BUDGET, FASTEST, SKIN, NEAREST, VIRIAL, WALL_IMPULSE = range(6)
 TALLY = WALL_IMPULSE + 4
-# w.real
-DT, SLACK, FAR, LEFT, RIGHT, BOTTOM, TOP, REALS = range(8)
+# w.real: the time step, by how much the squared distance of candidates may exceed sigma^2, the skin, the walls
+DT, SLACK, REAL_SKIN, LEFT, RIGHT, BOTTOM, TOP, REALS = range(8)
 
-DONE, PAUSED, NO_ROOM = range(3)
+DONE, PAUSED, LISTS_FULL = range(3)  # why `advance` returned
 
 
 @by_reference
-class Room(NamedTuple):
-    """The box."""
+class Box(NamedTuple):
+    """The box in the engine's units."""
 
     x: float  # lower left corner
     y: float
@@ -35,71 +37,68 @@ class Room(NamedTuple):
 
 
 @by_reference
-class Pairs(NamedTuple):
-    """Pairs of disks that may touch before the lists are made anew, as many as the clock says."""
+class PairList(NamedTuple):
+    """Pairs of disks that may touch before the list is built again; w.clock has their number. Shape (capacity,)."""
 
-    a: np.ndarray  # uint32, places in the order of the disks
-    b: np.ndarray
+    a: np.ndarray  # uint32, places of the disks in memory
+    b: np.ndarray  # uint32
     contact: np.ndarray  # real, sigma^2
-    shift_x: np.ndarray  # real, from disk b to its image; not filled for pairs within the box
-    shift_y: np.ndarray
+    shift_x: np.ndarray  # real, from disk b to its image; unused for pairs within the box
+    shift_y: np.ndarray  # real
 
 
 @by_reference
 class Workspace(NamedTuple):
-    """A run."""
+    """Everything that a run changes, and the settings it needs. N disks; capacity C of each list of pairs."""
 
-    box: Room
+    box: Box
     step: float  # the time step
-    late: bool  # whether pairs and walls are met where they are found, and not at contact
-    skin: float  # by how much pairs on the lists may be further apart than contact; more for very fast disks
-    largest: float  # radius of all but the big disks, which are the first `big`
+    late: bool  # collisions happen where a pair or wall is found overlapped, not at contact
+    skin: float  # listed pairs are closer than contact plus this; more if disks are very fast
+    common_radius: float  # the largest radius without the big disks, which are the first `big`
     big: int
-    tracer: int  # the engine's number
-    x: np.ndarray  # (N,) real
+    tracer: int  # the engine's number of the tracer
+    x: np.ndarray  # (N,) real, centres
     y: np.ndarray
     vx: np.ndarray
     vy: np.ndarray
     radius: np.ndarray  # (N,) real
-    disk: np.ndarray  # (N,) int32, the engine's number of each
-    image_x: np.ndarray  # (N,) int32, how often it went round the box
-    image_y: np.ndarray
+    disk: np.ndarray  # (N,) int32, the engine's number of the disk at each place
+    image_x: np.ndarray  # (N,) int32, net number of times it left a periodic box to the right
+    image_y: np.ndarray  # and at the top
     mass: np.ndarray  # (N,) float64, by the engine's number
-    course: (
-        np.ndarray
-    )  # (N,) float64, by the engine's number: the time of its last collision, from where it flies straight
-    made_x: np.ndarray  # (N,) real, where each was when the lists were made
-    made_y: np.ndarray
-    order: np.ndarray  # (N,) int32, by cells
-    near_x: np.ndarray  # (N,) real, copies in this order
-    near_y: np.ndarray
-    near_radius: np.ndarray
+    straight_since: np.ndarray  # (N,) float64, by the engine's number: time of the last collision
+    x_at_build: np.ndarray  # (N,) real, positions when the lists were built
+    y_at_build: np.ndarray
+    order: np.ndarray  # (N,) int32, places sorted by cell
+    sorted_x: np.ndarray  # (N,) real, copies in this order
+    sorted_y: np.ndarray
+    sorted_radius: np.ndarray
     cell: np.ndarray  # (N,) int32, the cell of each disk
-    first: np.ndarray  # int32, of each cell the first of its disks in the order
-    spare: np.ndarray  # (N,) int32
-    real: np.ndarray  # the time step, the walls, and by how much the squared distance of a pair that has just passed
-    # may exceed that of contact
-    within: Pairs
-    across: Pairs
-    hit: np.ndarray  # uint32, pairs that are looked at more closely
-    contact_time: np.ndarray  # float64, pairs that met: when
-    contact_key: np.ndarray  # int64, the numbers of their disks in one
-    contact_pair: np.ndarray  # uint32
-    clock: np.ndarray
-    count: np.ndarray
-    tally: np.ndarray
+    cell_start: np.ndarray  # (4 N + 9,) int32, where each cell starts in `order`
+    scratch: np.ndarray  # (N,) int32
+    real: np.ndarray  # (REALS,) real
+    within: PairList  # pairs of disks in the box
+    across: PairList  # pairs of a disk and a periodic image
+    candidate: np.ndarray  # (2 C,) uint32, listed pairs close enough to have met
+    contact_time: np.ndarray  # (2 C,) float64, time of contact of pairs that met, 0 at the end of the step
+    contact_key: np.ndarray  # (2 C,) int64, the numbers of both disks in one
+    contact_pair: np.ndarray  # (2 C,) uint32
+    clock: np.ndarray  # (CLOCK,) int64
+    count: np.ndarray  # (COUNTS,) int64
+    tally: np.ndarray  # (TALLY,) float64
 
 
 @by_reference
 class Recorder(NamedTuple):
-    """Where samples go; the names of exact.workspace.Recorder."""
+    """Where samples are written; fields of the same names as in exact.workspace.Recorder. T samples, M = N or 0."""
 
-    tracer: int
-    step: np.ndarray  # (T,) int64, the last step before a sample
-    rest: np.ndarray  # (T,) the time from there
-    position: np.ndarray  # (T, 1, 2)
+    tracer: int  # the engine's number of the tracer
+    step: np.ndarray  # (T,) int64, the last step before each sample
+    rest: np.ndarray  # (T,) float64, the time from that step to the sample
+    position: np.ndarray  # (T, 1, 2) of the tracer
     velocity: np.ndarray
-    image: np.ndarray
-    whole_position: np.ndarray  # (T, M, 2), M = N or 0
+    image: np.ndarray  # int32
+    whole_position: np.ndarray  # (T, M, 2) of all disks
     whole_velocity: np.ndarray
     whole_image: np.ndarray
