@@ -1,10 +1,11 @@
-"""What can go wrong, and the exit status of the command line for it. Every message is one line."""
+"""The exceptions of brownpipe, with the exit status of the command line. Every message is one line."""
 
-WRONG_REQUEST, FAILED = 2, 1
+FAILED = 1
+WRONG_REQUEST = 2
 
 
 class BrownpipeError(Exception):
-    """Something is wrong with a request, a run or a file."""
+    """An error in a request, a run or a file. `exit_status` is that of the command line."""
 
     exit_status = FAILED
 
@@ -13,32 +14,32 @@ class BrownpipeError(Exception):
 
 
 class RequestError(BrownpipeError, ValueError):
-    """A scene, a study, an option or a seed is wrong. Nothing has been computed or written."""
+    """A scene, study, option or seed is not valid. Nothing has been computed or written."""
 
     exit_status = WRONG_REQUEST
 
 
 class AnalysisError(BrownpipeError, ValueError):
-    """The trajectory files given do not make one study."""
+    """The trajectory files do not belong to one study."""
 
     exit_status = WRONG_REQUEST
 
 
 class FigureError(BrownpipeError, ValueError):
-    """The dataset or file lacks what a figure is to show."""
+    """The dataset or file lacks the data of a figure."""
 
     exit_status = WRONG_REQUEST
 
 
 class RunError(BrownpipeError):
-    """A run cannot go on."""
+    """A run cannot continue."""
 
 
 class StorageError(BrownpipeError):
-    """A file cannot be written, or what it holds cannot be trusted; the message names the file and the cure."""
+    """A file cannot be written, or its contents are damaged; the message names the file and a remedy."""
 
 
 class WrongFileError(StorageError):
-    """There is no such file, or it is of another kind; nothing is known to be damaged."""
+    """The file does not exist or is of another kind; nothing is known to be damaged."""
 
     exit_status = WRONG_REQUEST

@@ -1,6 +1,6 @@
-"""What results are made with: the source code and the package versions that decide them. Imports nothing heavy.
+"""What results are made with: the source files and package versions that decide them. Imports nothing heavy.
 
-Which source files decide a result is read from their imports: a module, and everything of brownpipe that it imports,
+The source files of a result are found by their imports: a module and every module of brownpipe that it imports,
 directly or not, at the head of a file or inside a function.
 """
 
@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 PACKAGE = Path(__file__).parent
 NAME = PACKAGE.name
-CATALOGUE = f"{NAME}.engines"  # leads to all engines, of which only the one that runs decides its results
+CATALOGUE = f"{NAME}.engines"  # imports all engines, of which only the one that runs decides the results
 IMPORT = re.compile(rf"^[ \t]*(?:from ({NAME}[\w.]*) import (\([^)]*\)|[^\n#]*)|import ({NAME}[\w.]*))", re.MULTILINE)
 
 
 class Step(NamedTuple):
-    """What decides the outcome of a step of the pipeline, besides what the step is given."""
+    """What decides the output of a step of the pipeline, besides its input and options."""
 
-    modules: tuple[str, ...]  # of brownpipe, with all that they import
-    packages: tuple[str, ...]
+    modules: tuple[str, ...]  # of brownpipe, without the name of the package; with all modules that they import
+    packages: tuple[str, ...]  # whose versions count
 
 
 STEPS = {
@@ -33,9 +33,9 @@ STEPS = {
 
 
 def made_with(step: str, engine: str | None = None) -> dict[str, str]:
-    """The digest of a step's source and the versions of its packages: when one of them changes, it is run again.
+    """Return the digest of a step's source and the versions of its packages; if one changes, the step is run again.
 
-    The source of the engine is part of the step that runs it.
+    With an `engine`, its source is part of the step.
     """
     modules, packages = STEPS[step]
     roots = modules if engine is None else (*modules, simulation_of(engine))
@@ -43,14 +43,14 @@ def made_with(step: str, engine: str | None = None) -> dict[str, str]:
 
 
 def simulation_of(engine: str) -> str:
-    """The module that runs an engine, without the name of the package."""
+    """Return the module that runs an engine, without the name of the package."""
     return f"engines.{engine}.simulation"
 
 
 def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
-    """The sha256 over the source text of modules and of all that they import; line ends do not count.
+    """Return the SHA-256 over the source text of modules and of all that they import, whatever the line ends.
 
-    Raises FileNotFoundError for a module that is not there.
+    Raises FileNotFoundError for a missing module.
     """
     total = hashlib.sha256()
     for file in sources(*modules, folder=folder):
@@ -62,25 +62,26 @@ def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
 
 @cache
 def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
-    """The files of modules and of all that they import, sorted; the list of engines is not followed.
+    """Return the files of modules and of all that they import, sorted; imports of the list of engines are not followed.
 
-    Raises FileNotFoundError for a module that is not there.
+    Raises FileNotFoundError for a missing module.
     """
-    found, waiting = {}, [f"{NAME}.{one}" for one in modules]
+    files: dict[str, Path] = {}
+    waiting = [f"{NAME}.{module}" for module in modules]
     while waiting:
         module = waiting.pop()
-        if module in found or module == CATALOGUE:
+        if module in files or module == CATALOGUE:
             continue
         file = _file(folder, module)
         if file is None:
             raise FileNotFoundError(f"{folder}: has no module {module}")
-        found[module] = file
+        files[module] = file
         waiting += _imported(folder, file)
-    return tuple(sorted(found.values()))
+    return tuple(sorted(files.values()))
 
 
 def _imported(folder: Path, file: Path) -> list[str]:
-    """The modules that a file imports, or whose names it imports."""
+    """Return the modules that a file imports, or imports names from."""
     modules = []
     for package, names, module in IMPORT.findall(file.read_text(encoding="utf-8")):
         for name in re.findall(r"(\w+)(?: as \w+)?", names):
@@ -90,18 +91,20 @@ def _imported(folder: Path, file: Path) -> list[str]:
 
 
 def _file(folder: Path, module: str) -> Path | None:
+    """Return the file of a module below the folder of the package, None if there is none."""
     path = folder.joinpath(*module.split(".")[1:])
     candidates = (path / "__init__.py", path.with_suffix(".py")) if path != folder else (path / "__init__.py",)
-    return next((one for one in candidates if one.is_file()), None)
+    return next((file for file in candidates if file.is_file()), None)
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of brownpipe and of the packages that decide its numbers and its files."""
+    """Return the versions of brownpipe and of the packages that decide its numbers and its files."""
     return {f"{name}_version": _version(name) for name in ("brownpipe", "numpy", "numba", "h5py")}
 
 
-def _version(name):
+def _version(name: str) -> str:
+    """Return the version of an installed package."""
     from importlib.metadata import PackageNotFoundError, version  # takes 15 ms
 
     try:

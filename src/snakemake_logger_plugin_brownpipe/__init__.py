@@ -1,8 +1,8 @@
-"""What a study shows on the screen while Snakemake runs it: how far it is, how long still, and whatever goes wrong.
+"""What a study shows on the screen while Snakemake runs it: progress, time left, and errors.
 
-Snakemake finds this package by its name, and profiles/default chooses it. Snakemake's own messages, every command among
-them, are in the log file that it keeps under .snakemake/log; warnings and errors are shown here, too. With -n or
---verbose everything is shown as Snakemake has it.
+Snakemake finds this package by its name; profiles/default selects it. Snakemake's own messages, with every command, go
+to its log file below .snakemake/log; warnings and errors are shown here, too. With -n or --verbose all messages are
+shown as Snakemake formats them.
 """
 
 import logging
@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -19,40 +20,49 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
 CHATTER = ("Assuming unrestricted", "Building DAG", "Using shell", "Select jobs", "Execute ", "Complete log", "Elapsed")
-ANSWERS = ("all", "tradeoff_figures")  # rules that print the answer: nothing else is written meanwhile
-GO_ON = "brownpipe: interrupted; the same command goes on from here"
-OFTEN, SELDOM = 0.5, 10.0  # seconds between two looks, and between two lines where there is no terminal
+ANSWER_RULES = ("all", "tradeoff_figures")  # rules that print results: no progress is shown while one runs
+INTERRUPTED = "brownpipe: interrupted; the same command goes on from here"
+LOOK_INTERVAL = 0.5  # seconds between two looks at the logs of running jobs
+LINE_INTERVAL = 10.0  # seconds between two lines of progress if the output is no terminal
 
 
-class Job(NamedTuple):
-    """A job that is running."""
+class RunningJob(NamedTuple):
+    """A job of Snakemake that is running."""
 
     rule: str
-    runs: int  # that it simulates
-    logs: tuple[str, ...]  # files
-    began: float  # s
+    runs: int  # simulated by it
+    logs: tuple[str, ...]  # its log files
+    started: float  # time.monotonic() [s]
 
 
 class LogHandler(LogHandlerBase):
-    """Snakemake's handler of messages, for the screen."""
+    """Handler of Snakemake's log messages that writes to the screen."""
 
-    writes_to_stream, writes_to_file, has_filter, has_formatter, needs_rulegraph = True, False, False, False, False
+    writes_to_stream = True
+    writes_to_file = has_filter = has_formatter = needs_rulegraph = False
 
     def __post_init__(self):
         settings = self.common_settings
-        self.everything = settings.dryrun or settings.verbose or settings.debug_dag
+        self.verbatim = settings.dryrun or settings.verbose or settings.debug_dag
         self.stream = sys.stdout if settings.stdout else sys.stderr
         self.terminal = self.stream.isatty()
-        self.planned, self.done, self.runs, self.running, self.took = Counter(), Counter(), 0, {}, []
-        self.began = self.last = time.monotonic()
-        self.compiled = 0.0  # when a job last said so: it and those that wait for it take longer than others
-        self.heard, self.shown, self.failures, self.over = set(), set(), [], threading.Event()
+        self.planned: Counter[str] = Counter()  # jobs by rule
+        self.done: Counter[str] = Counter()
+        self.runs = 0  # simulated by finished jobs
+        self.running: dict[int, RunningJob] = {}  # by Snakemake's number of the job
+        self.durations: list[float] = []  # of simulate jobs that did not wait for the compiler [s]
+        self.started = self.last_line = time.monotonic()
+        self.last_compilation = 0.0  # when a job last announced one: jobs started before it take longer than others
+        self.remarks: set[str] = set()  # shown before
+        self.shown_rules: set[str] = set()  # rules that had a line of progress, if the output is no terminal
+        self.failures: list[str] = []  # explanations, shown at the end
+        self.closed = threading.Event()
         self.interrupted = False
 
-    def emit(self, record):
-        """Take note of a message of Snakemake, and show it if it is for the user."""
+    def emit(self, record: logging.LogRecord) -> None:
+        """Evaluate a message of Snakemake; show it if it concerns the user."""
         event = getattr(record, "event", None)
-        if self.everything:
+        if self.verbatim:
             self.write(self.format(record))
         elif event == LogEvent.RUN_INFO:
             self.start(record.stats)
@@ -71,111 +81,116 @@ class LogHandler(LogHandlerBase):
             if self.failures or record.levelno > logging.INFO or not text.startswith(CHATTER):
                 self.write(text)
 
-    def start(self, stats):
-        """Begin to count and to look at the logs of running jobs."""
+    def start(self, stats: dict[str, int]) -> None:
+        """Start to count jobs and to watch the logs of running ones; `stats` has the planned jobs of each rule."""
         self.planned = Counter({rule: count for rule, count in stats.items() if rule != "total"})
-        self.began = self.last = time.monotonic()
+        self.started = self.last_line = time.monotonic()
         threading.Thread(target=self.watch, daemon=True).start()
 
-    def watch(self):
-        """Look again and again at what running jobs say, and show how far all is."""
-        while not self.over.wait(OFTEN):
+    def watch(self) -> None:
+        """Every LOOK_INTERVAL, show new remarks of running jobs and the progress of all."""
+        while not self.closed.wait(LOOK_INTERVAL):
             with self.lock:
                 self.listen()
                 self.show()
 
-    def listen(self):
-        """Show what running jobs say, each line once, whichever of them says it."""
-        for line in (line for job in self.running.values() for line in spoken(job)):
-            if line not in self.heard:
-                self.heard.add(line)
+    def listen(self) -> None:
+        """Show the remarks in the logs of running jobs, identical ones once."""
+        for line in (line for job in self.running.values() for line in remarks_of(job)):
+            if line not in self.remarks:
+                self.remarks.add(line)
                 self.write(line)
                 if "compiling" in line:
-                    self.compiled = time.monotonic()
+                    self.last_compilation = time.monotonic()
 
-    def finish(self, number):
+    def finish(self, number: int) -> None:
+        """Count a finished job."""
         self.listen()
         job = self.running.pop(number, None)
         if job is not None:
             self.done[job.rule] += 1
             self.runs += job.runs
-            if job.rule == "simulate" and job.began > self.compiled:
-                self.took.append(time.monotonic() - job.began)
+            if job.rule == "simulate" and job.started > self.last_compilation:
+                self.durations.append(time.monotonic() - job.started)
         self.show()
 
-    def show(self):
-        """Show how far the jobs are: in a line that is written over on a terminal, else now and then in a new line."""
+    def show(self) -> None:
+        """Show the progress: on a terminal in one line that is overwritten, else every LINE_INTERVAL in a new line."""
         rules = {job.rule for job in self.running.values()}
-        if not rules or rules & set(ANSWERS):
+        if not rules or rules & set(ANSWER_RULES):
             self.erase()
             return
-        seconds = time.monotonic() - self.began
+        seconds = time.monotonic() - self.started
         text = progress(self.planned, self.done, self.runs, rules, seconds, self.left())
         if self.terminal:
             self.stream.write(f"\r\033[K{text[: shutil.get_terminal_size().columns - 1]}")
             self.stream.flush()
-        elif not rules <= self.shown or time.monotonic() - self.last > SELDOM:
+        elif not rules <= self.shown_rules or time.monotonic() - self.last_line > LINE_INTERVAL:
             self.write(text)
-            self.shown |= rules
-            self.last = time.monotonic()
+            self.shown_rules |= rules
+            self.last_line = time.monotonic()
 
-    def left(self):
-        """Return how long the simulations will still take [s] if jobs take as long as until now, None if unknown."""
+    def left(self) -> float | None:
+        """Return the time left for the simulations [s], from the mean duration of finished jobs; None if unknown."""
         running = sum(job.rule == "simulate" for job in self.running.values())
-        if not self.took or not running:
+        if not self.durations or not running:
             return None
-        rest = self.planned["simulate"] - self.done["simulate"] - running / 2
-        return rest / running * sum(self.took) / len(self.took)
+        jobs = self.planned["simulate"] - self.done["simulate"] - running / 2  # running ones are half done on average
+        return jobs / running * sum(self.durations) / len(self.durations)
 
-    def write(self, text):
+    def write(self, text: str) -> None:
+        """Write a line in place of the line of progress."""
         if text and text != "None":
             self.erase()
             self.stream.write(f"{text}\n")
             self.stream.flush()
 
-    def erase(self):
+    def erase(self) -> None:
+        """Erase the line of progress on a terminal."""
         if self.terminal:
             self.stream.write("\r\033[K")
             self.stream.flush()
 
-    def close(self):
-        """End with why jobs failed, below all that Snakemake says of it."""
-        self.over.set()
+    def close(self) -> None:
+        """Stop, and explain at the end, below Snakemake's own messages, why jobs failed."""
+        self.closed.set()
         with self.lock:
             self.erase()
-            for text in [GO_ON] if self.interrupted else self.failures:
+            for text in [INTERRUPTED] if self.interrupted else self.failures:
                 self.write(text)
             self.failures, self.interrupted = [], False
         super().close()
 
 
-def job_of(record):
+def job_of(record: logging.LogRecord) -> RunningJob:
     """Return the job that a message of Snakemake announces."""
     seeds = record.wildcards or {}
     runs = int(seeds["last"]) - int(seeds["first"]) + 1 if "last" in seeds else 0
-    return Job(record.rule_name, runs, tuple(map(str, record.log or ())), time.monotonic())
+    return RunningJob(record.rule_name, runs, tuple(map(str, record.log or ())), time.monotonic())
 
 
-def spoken(job):
-    """Return the lines in a job's log that are for the user: brownpipe's own remarks."""
+def remarks_of(job: RunningJob) -> Iterator[str]:
+    """Yield the lines of a job's log that brownpipe wrote for the user."""
     for log in job.logs:
         with suppress(OSError):
             text = Path(log).read_text(errors="replace")
             yield from (line for line in text.splitlines() if line.startswith("brownpipe: "))
 
 
-def progress(planned, done, runs, running, seconds, left):
-    """Return in words which rules are running, how far and, where it is known, for how long still."""
+def progress(
+    planned: Counter[str], done: Counter[str], runs: int, rules: set[str], seconds: float, left: float | None
+) -> str:
+    """Return a line on the running rules: jobs and runs that are done, time since the start and time left [s]."""
     parts = []
-    if "simulate" in running:
+    if "simulate" in rules:
         jobs = f"{done['simulate']} of {planned['simulate']} jobs ({runs:,} runs)"
-        still = "" if left is None else f", about {left:.0f} s to go"
-        parts.append(f"simulate: {jobs} done in {seconds:.0f} s{still}")
-    return "; ".join([*parts, *(f"{rule}: {seconds:.0f} s after the start" for rule in sorted(running - {"simulate"}))])
+        to_go = "" if left is None else f", about {left:.0f} s to go"
+        parts.append(f"simulate: {jobs} done in {seconds:.0f} s{to_go}")
+    return "; ".join([*parts, *(f"{rule}: {seconds:.0f} s after the start" for rule in sorted(rules - {"simulate"}))])
 
 
-def failure(record):
-    """Return what is to be said of a job that failed: which, its command, and last what it had to say."""
+def failure(record: logging.LogRecord) -> str:
+    """Return an explanation of a failed job: the rule, its command, and its log."""
     lines = [f"brownpipe: the rule {record.rule_name} failed: {record.shellcmd}"]
     for log in map(str, record.log or ()):
         with suppress(OSError):
