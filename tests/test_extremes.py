@@ -420,7 +420,7 @@ def test_images_that_no_int32_can_count_fail_the_run():
         one.workspace.clock[BLOCK] = int(share * longest / one.workspace.calendar.block)
         assert recording.observables(scene, one.frame, one.workspace, first[:, 2:])["failed"] == failed
         timestep.begin(step.workspace, first)
-        step.workspace.clock[STEP] = int(share * longest / step.workspace.step)
+        step.workspace.counters[STEP] = int(share * longest / step.workspace.step)
         assert timestep.observables(scene, step.frame, step.workspace, first[:, 2:])["failed"] == failed
 
 

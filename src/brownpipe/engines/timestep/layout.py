@@ -51,7 +51,7 @@ def prepare(
         contact_time=np.zeros(2 * capacity),
         contact_key=np.zeros(2 * capacity, np.int64),
         contact_pair=np.zeros(2 * capacity, np.uint32),
-        clock=np.zeros(ws.CLOCK, np.int64),
+        counters=np.zeros(ws.COUNTERS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
         tally=np.zeros(ws.TALLY),
     )
@@ -87,6 +87,6 @@ def begin(w: Workspace, motion: np.ndarray) -> None:
     w.radius[:] = w.radius[np.argsort(w.disk, kind="stable")]
     w.disk[:] = np.arange(len(w.disk))
     w.image_x[:], w.image_y[:], w.straight_since[:] = 0, 0, 0.0
-    w.clock[:], w.count[:], w.tally[:] = 0, 0, 0.0
-    w.clock[ws.TRACER] = w.tracer
+    w.counters[:], w.count[:], w.tally[:] = 0, 0, 0.0
+    w.counters[ws.TRACER] = w.tracer
     w.tally[ws.BUDGET], w.tally[ws.NEAREST] = -1.0, 1.0

@@ -43,7 +43,7 @@ def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> 
     conserved = conservation(w.mass, first, last, w.tally[ws.WALL_IMPULSE :])
     sound = abs(conserved.energy_drift) <= ENERGY_BOUND[w.x.dtype.type] and _inside(w)
     sound &= all_finite(conserved.twice_energy, last, conserved.momentum_residual, w.tally[ws.VIRIAL :])
-    steps = w.clock[ws.STEP]
+    steps = w.counters[ws.STEP]
     sound &= images_fit(scene, frame, int(steps), conserved.fastest * steps * w.step)
     collisions = w.count[[ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
     overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])

@@ -212,7 +212,7 @@ def collide(w, pair, now):
         w.tally[ws.BUDGET] -= shift  # beyond the path of a step, which `step` subtracts
     w.straight_since[i] = w.straight_since[k] = now - back
     w.count[ws.PAIRS] += 1
-    w.count[ws.TRACER_PAIRS] += (a == w.clock[ws.TRACER]) | (b == w.clock[ws.TRACER])
+    w.count[ws.TRACER_PAIRS] += (a == w.counters[ws.TRACER]) | (b == w.counters[ws.TRACER])
     w.tally[ws.VIRIAL] -= impulse * (x * fx + y * fy)
 
 
@@ -229,7 +229,7 @@ def deflect(w, i, fx, fy, gx, gy, back):
     w.x[i] = np.float64(w.x[i]) + dx
     w.y[i] = np.float64(w.y[i]) + dy
     left, right, bottom, top = w.real[ws.LEFT], w.real[ws.RIGHT], w.real[ws.BOTTOM], w.real[ws.TOP]
-    w.clock[ws.BEYOND] += reaches_beyond(w.x[i], w.y[i], w.radius[i], left, right, bottom, top)
+    w.counters[ws.BEYOND] += reaches_beyond(w.x[i], w.y[i], w.radius[i], left, right, bottom, top)
     return math.sqrt(dx * dx + dy * dy)
 
 
@@ -288,19 +288,19 @@ def bounce_all(w, now):
 @kernel
 def step(w):
     """Take a time step: flight, pair collisions in the order of time, wall collisions."""
-    w.clock[ws.BEYOND] = fly(w, w.x, w.y, w.vx, w.vy, w.radius)
-    pairs, slack, now = w.within, w.real[ws.SLACK], (w.clock[ws.STEP] + 1) * w.step
-    m = candidates_within(w.x, w.y, pairs.a, pairs.b, pairs.contact, w.clock[ws.WITHIN], slack, w.candidate)
-    m = candidates_across(w, w.across, w.clock[ws.ACROSS], slack, len(pairs.a), m)
+    w.counters[ws.BEYOND] = fly(w, w.x, w.y, w.vx, w.vy, w.radius)
+    pairs, slack, now = w.within, w.real[ws.SLACK], (w.counters[ws.STEP] + 1) * w.step
+    m = candidates_within(w.x, w.y, pairs.a, pairs.b, pairs.contact, w.counters[ws.WITHIN], slack, w.candidate)
+    m = candidates_across(w, w.across, w.counters[ws.ACROSS], slack, len(pairs.a), m)
     if m > 0:
         m = gather_contacts(w, m, now)
         sort_contacts(w, m)
         for j in range(m):
             collide(w, int(w.contact_pair[j]), now)
-    if w.clock[ws.BEYOND] > 0 and not w.box.periodic:
+    if w.counters[ws.BEYOND] > 0 and not w.box.periodic:
         bounce_all(w, now)
     w.tally[ws.BUDGET] -= w.tally[ws.FASTEST] * w.step
-    w.clock[ws.STEP] += 1
+    w.counters[ws.STEP] += 1
 
 
 @kernel
@@ -319,11 +319,11 @@ def write_sample(w, i, rest, position, velocity, images, row, column):
 @kernel
 def sample(w, r, rest):
     """Sample the tracer and, if they are recorded, all disks, a time `rest` after the last step."""
-    row = w.clock[ws.SAMPLE]
-    w.clock[ws.SAMPLE] = row + 1
+    row = w.counters[ws.SAMPLE]
+    w.counters[ws.SAMPLE] = row + 1
     if len(w.x) == 0:
         return
-    write_sample(w, w.clock[ws.TRACER], rest, r.position, r.velocity, r.image, row, 0)
+    write_sample(w, w.counters[ws.TRACER], rest, r.position, r.velocity, r.image, row, 0)
     if r.whole_position.shape[1] > 0:
         for i in range(len(w.x)):
             write_sample(w, i, rest, r.whole_position, r.whole_velocity, r.whole_image, row, w.disk[i])
@@ -336,13 +336,13 @@ def advance(w, r, most):
     Call it again to continue: in the last case with a workspace whose lists have twice the capacity.
     """
     w, r = local_copy(w), local_copy(r)
-    while w.clock[ws.SAMPLE] < len(r.step):
-        while w.clock[ws.STEP] < r.step[w.clock[ws.SAMPLE]]:
+    while w.counters[ws.SAMPLE] < len(r.step):
+        while w.counters[ws.STEP] < r.step[w.counters[ws.SAMPLE]]:
             if most == 0:
                 return ws.PAUSED
             if w.tally[ws.BUDGET] < w.tally[ws.FASTEST] * w.step and not verlet_lists.renew(w):
                 return ws.LISTS_FULL
             step(w)
             most -= 1
-        sample(w, r, r.rest[w.clock[ws.SAMPLE]])
+        sample(w, r, r.rest[w.counters[ws.SAMPLE]])
     return ws.DONE

@@ -45,12 +45,12 @@ def renew(w):
     limit = 2.0 * fastest * w.step  # by how much a pair may come nearer in a step
     w.real[ws.SLACK] = slack(fastest * w.step)
     free = 0.5 * SAFE * w.tally[ws.SKIN] - furthest
-    if free < max(0.5 * WORTH * w.tally[ws.SKIN], limit) or w.clock[ws.OVERFULL]:
+    if free < max(0.5 * WORTH * w.tally[ws.SKIN], limit) or w.counters[ws.OVERFULL]:
         w.tally[ws.SKIN] = w.real[ws.REAL_SKIN] = max(w.skin, 1.5 * limit)
         free = 0.5 * SAFE * w.tally[ws.SKIN]
         make(w)
-    w.tally[ws.BUDGET] = -1.0 if w.clock[ws.OVERFULL] else free
-    return w.clock[ws.OVERFULL] == 0
+    w.tally[ws.BUDGET] = -1.0 if w.counters[ws.OVERFULL] else free
+    return w.counters[ws.OVERFULL] == 0
 
 
 @kernel
@@ -59,7 +59,7 @@ def make(w):
     columns, rows = cells_along_side(w, w.box.width), cells_along_side(w, w.box.height)
     wrap(w)
     sort(w, columns, rows)
-    w.clock[ws.WITHIN] = w.clock[ws.ACROSS] = w.clock[ws.OVERFULL] = 0
+    w.counters[ws.WITHIN] = w.counters[ws.ACROSS] = w.counters[ws.OVERFULL] = 0
     for row in range(rows):
         pairs_of_row(w, columns, rows, row)
         for column in range(columns if w.box.periodic else 0):
@@ -67,11 +67,11 @@ def make(w):
                 pairs_across_sides(w, columns, rows, column, row)
     for i in range(w.big):
         pairs_of_big(w, i)
-    finish_list(w, w.within, w.clock[ws.WITHIN])
-    finish_list(w, w.across, w.clock[ws.ACROSS])
+    finish_list(w, w.within, w.counters[ws.WITHIN])
+    finish_list(w, w.across, w.counters[ws.ACROSS])
     for i in range(len(w.x)):
         w.x_at_build[i], w.y_at_build[i] = w.x[i], w.y[i]
-    w.clock[ws.LISTS_MADE] += 1
+    w.counters[ws.LISTS_BUILT] += 1
 
 
 @kernel
@@ -149,7 +149,7 @@ def sort(w, columns, rows):
     for cell in range(columns * rows, 0, -1):
         cell_start[cell] = cell_start[cell - 1]
     cell_start[0] = w.big
-    if w.clock[ws.LISTS_MADE] % KEEP_ORDER == 0:
+    if w.counters[ws.LISTS_BUILT] % KEEP_ORDER == 0:
         sort_in_memory(w)
     for i in range(n):
         w.sorted_x[i], w.sorted_y[i], w.sorted_radius[i] = w.x[order[i]], w.y[order[i]], w.radius[order[i]]
@@ -165,7 +165,7 @@ def sort_in_memory(w):
     for i in range(len(w.x)):
         w.order[i] = i
         if w.disk[i] == w.tracer:
-            w.clock[ws.TRACER] = i
+            w.counters[ws.TRACER] = i
 
 
 @kernel
@@ -180,7 +180,7 @@ def permute(values, order, scratch):
 @kernel
 def pairs_of_row(w, columns, rows, row):
     """List the pairs of the disks in a row of cells: in the same cell, the next one, and the three in the row above."""
-    pairs, cell_start, m = w.within, w.cell_start, w.clock[ws.WITHIN]
+    pairs, cell_start, m = w.within, w.cell_start, w.counters[ws.WITHIN]
     begin, end = row * columns, (row + 1) * columns
     x, y, radius, skin = w.sorted_x, w.sorted_y, w.sorted_radius, w.real[ws.REAL_SKIN]
     for i in range(cell_start[begin], cell_start[end]):
@@ -189,7 +189,7 @@ def pairs_of_row(w, columns, rows, row):
         above = cell_start[max(cell + columns - 1, end)] if row + 1 < rows else 0
         number = cell_start[min(cell + columns + 2, end + columns)] - above if row + 1 < rows else 0
         if m + beside + number > len(pairs.a):
-            w.clock[ws.OVERFULL] = 1
+            w.counters[ws.OVERFULL] = 1
             return
         xi, yi, far = x[i], y[i], radius[i] + skin
         for j in range(beside + number):  # one loop over two intervals: one branch misprediction at its end
@@ -197,7 +197,7 @@ def pairs_of_row(w, columns, rows, row):
             dx, dy, most = x[k] - xi, y[k] - yi, radius[k] + far
             pairs.a[m], pairs.b[m] = i, k
             m += dx * dx + dy * dy < most * most
-    w.clock[ws.WITHIN] = m
+    w.counters[ws.WITHIN] = m
 
 
 @kernel
@@ -240,10 +240,10 @@ def pairs_of_big(w, i):
 @kernel
 def list_pairs(w, pairs, counter, i, begin, end, across, up):
     """List the pairs of disk i with the sorted disks from begin to end - 1, shifted by (across, up) boxes."""
-    start = w.clock[counter]
+    start = w.counters[counter]
     m = start
     if m + end - begin > len(pairs.a):
-        w.clock[ws.OVERFULL] = 1
+        w.counters[ws.OVERFULL] = 1
         return
     shift_x, shift_y = across * w.box.width, up * w.box.height
     x, y, far = w.sorted_x[i] - shift_x, w.sorted_y[i] - shift_y, w.sorted_radius[i] + w.tally[ws.SKIN]
@@ -251,6 +251,6 @@ def list_pairs(w, pairs, counter, i, begin, end, across, up):
         dx, dy, most = w.sorted_x[k] - x, w.sorted_y[k] - y, w.sorted_radius[k] + far
         pairs.a[m], pairs.b[m] = i, k
         m += dx * dx + dy * dy < most * most
-    w.clock[counter] = m
+    w.counters[counter] = m
     if across != 0 or up != 0:
         pairs.shift_x[start:m], pairs.shift_y[start:m] = shift_x, shift_y

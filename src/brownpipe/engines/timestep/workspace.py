@@ -10,9 +10,9 @@ import numpy as np
 
 from brownpipe.engines.records import by_reference
 
-# w.clock: steps done, samples taken, the tracer's place in memory, pairs listed within the box and across its sides,
+# w.counters: steps done, samples taken, the tracer's place in memory, pairs listed within the box and across its sides,
 # disks that reach beyond a wall, whether a list has no room for all pairs, how often lists were built
-STEP, SAMPLE, TRACER, WITHIN, ACROSS, BEYOND, OVERFULL, LISTS_MADE, CLOCK = range(9)
+STEP, SAMPLE, TRACER, WITHIN, ACROSS, BEYOND, OVERFULL, LISTS_BUILT, COUNTERS = range(9)
 # w.count: collisions of pairs, of the tracer, with walls, and missed ones
 PAIRS, TRACER_PAIRS, WALLS, MISSED, COUNTS = range(5)
 # w.tally: the distance a disk may move before the lists are checked, an upper bound on all speeds, the skin, the least
@@ -38,7 +38,7 @@ class Box(NamedTuple):
 
 @by_reference
 class PairList(NamedTuple):
-    """Pairs of disks that may touch before the list is built again; w.clock has their number. Shape (capacity,)."""
+    """Pairs of disks that may touch before the list is built again; w.counters has their number. Shape (capacity,)."""
 
     a: np.ndarray  # uint32, places of the disks in memory
     b: np.ndarray  # uint32
@@ -84,7 +84,7 @@ class Workspace(NamedTuple):
     contact_time: np.ndarray  # (2 C,) float64, time of contact of pairs that met, 0 at the end of the step
     contact_key: np.ndarray  # (2 C,) int64, the numbers of both disks in one
     contact_pair: np.ndarray  # (2 C,) uint32
-    clock: np.ndarray  # (CLOCK,) int64
+    counters: np.ndarray  # (COUNTERS,) int64
     count: np.ndarray  # (COUNTS,) int64
     tally: np.ndarray  # (TALLY,) float64
 
