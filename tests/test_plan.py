@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from brownpipe import cli, storage, tradeoff
+from brownpipe import cli, parser, storage, tradeoff
 from brownpipe.analysis import squared_displacement
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import simulation as exact
@@ -266,5 +266,5 @@ def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, words, mess
 
 
 def test_times_are_understood():
-    assert [cli._seconds(text) for text in ("60s", "5min", "2h", "1.5")] == [60.0, 300.0, 7200.0, 1.5]
-    assert np.isclose(cli._seconds("0.1s"), 0.1)
+    assert [parser._seconds(text) for text in ("60s", "5min", "2h", "1.5")] == [60.0, 300.0, 7200.0, 1.5]
+    assert np.isclose(parser._seconds("0.1s"), 0.1)

@@ -1,31 +1,28 @@
-"""The command line: one verb per step. The only place that prints.
+"""The command line: one function per verb. Only this module and `progress` write to the screen.
 
-Every import that costs time stands in the verb that needs it.
+Imports that take time are in the verbs that need them.
 """
 
-import argparse
 import os
 import signal
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-from brownpipe.errors import FAILED, WRONG_REQUEST, BrownpipeError
+from brownpipe.errors import FAILED, BrownpipeError
+from brownpipe.parser import build_parser
 
 DONE = 0
 RECORDS = ("tracer", "all", "events", "none")
-FIGURES = ("msd", "displacement_distribution", "diffusion", "velocity_autocorrelation", "velocity_distribution")
-FIGURES += ("pair_distribution", "energy", "thermodynamics", "particle_counts", "health")
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one verb; return the exit status."""
     try:
         signal.signal(signal.SIGTERM, _terminate)
-        sys.stdout.reconfigure(errors="backslashreplace")  # any path can be said, in any language
-        arguments = _parser().parse_args(argv)
+        sys.stdout.reconfigure(errors="backslashreplace")  # any path can be printed, whatever the encoding
+        arguments = build_parser(VERBS).parse_args(argv)
         arguments.words = sys.argv[1:] if argv is None else argv
         status = arguments.verb(arguments)
         sys.stdout.flush()
@@ -33,7 +30,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _say("interrupted", 128 + signal.SIGINT)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads on: say no more
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader is gone: print no more
         return FAILED
     except BrownpipeError as error:
         return _say(str(error), error.exit_status)
@@ -46,6 +43,7 @@ def _terminate(*_) -> NoReturn:
 
 
 def _say(message: str, status: int) -> int:
+    """Print a message on stderr, in one line; return the exit status."""
     print("brownpipe:", " ".join(message.split()) or "out of memory", file=sys.stderr)
     return status
 
@@ -56,13 +54,13 @@ def _say(message: str, status: int) -> int:
 def simulate(arguments) -> int:
     """Run a scene once for every seed and write the trajectories.
 
-    The tracer is recorded in any case, except with `--record none`. Runs that fail their health check are marked in
-    the file, named, and never averaged in; if none is left, the exit status is 1.
-    With `--observables`, what needs all disks is measured in each run, and only the result is kept:
-    square_displacement, velocity_autocorrelation, species_energy, velocity_distribution, pair_distribution.
-    With `--checkpoint-every`, what is done so far is kept in FILE.h5.checkpoint, at the first end of a block of time
-    (some 128 collisions of each disk) after so many seconds. The same command goes on from there if it was killed, to
-    the same file, byte for byte.
+    The tracer is always recorded, except with `--record none`. Runs that fail their health check are named, marked in
+    the file and left out of every average; if all of them fail, the exit status is 1.
+    `--observables` measures quantities of all disks during each run and writes only the results: square_displacement,
+    velocity_autocorrelation, species_energy, velocity_distribution, pair_distribution.
+    `--checkpoint-every` stores the state of the batch in FILE.h5.checkpoint: after this many seconds, when the next
+    block of simulated time (some 128 collisions of each disk) is complete. If the command is killed, the same command
+    resumes there and writes the same file, byte for byte.
     """
     from brownpipe.engines import forecast
     from brownpipe.scene import read_scene
@@ -70,7 +68,9 @@ def simulate(arguments) -> int:
     from brownpipe.study import refuse_repetition
 
     began = time.process_time()
-    engine, record, seeds = _engine(arguments), _record(arguments.record), parse_seeds(arguments.seeds)
+    engine = _engine(arguments)
+    record = _record(arguments.record)
+    seeds = parse_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
     refuse_repetition([scene], seeds)
     measures = _measures(arguments, scene)
@@ -78,6 +78,7 @@ def simulate(arguments) -> int:
     forecast.refuse_too_large(scene, len(seeds), record, **measures)
     output = _writable(arguments.output or f"{scene.name}.h5", arguments.scene)
 
+    from brownpipe import progress
     from brownpipe.scene.seeds import seed_text
     from brownpipe.storage import remove_checkpoint, write_trajectories
 
@@ -85,7 +86,7 @@ def simulate(arguments) -> int:
         _say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
     kept = _checkpoints(arguments, checkpoint, scene, seeds, record)
-    with _told_about_runs():
+    with progress.shown(lambda text: _say(text, DONE)):
         ensemble = engine.simulate(scene, seeds, record, *kept, **measures)
     write_trajectories(output, scene, engine, ensemble)
     if arguments.checkpoint_every is not None:
@@ -98,18 +99,18 @@ def simulate(arguments) -> int:
 
 
 def aggregate(arguments) -> int:
-    """Make one dataset of trajectory files: displacements, fits and counts with their errors over runs."""
+    """Analyse trajectory files: one dataset of displacements, fits and distributions, with their errors over runs."""
     from brownpipe import analysis
     from brownpipe.storage import write_dataset
 
     output = _writable(arguments.output, *arguments.files)
-    asked = (arguments.fit_windows, arguments.ring_width, arguments.rings, arguments.displacement_times)
-    write_dataset(output, analysis.aggregate(arguments.files, *asked))
+    settings = (arguments.fit_windows, arguments.ring_width, arguments.rings, arguments.displacement_times)
+    write_dataset(output, analysis.aggregate(arguments.files, *settings))
     return DONE
 
 
 def figures(arguments) -> int:
-    """Draw the figures of a dataset, each with its numbers, and write the summary."""
+    """Draw the figures of a dataset, each with a table of its numbers, and write the summary."""
     from brownpipe import figures as drawing
     from brownpipe.storage import read_dataset, write_file
 
@@ -144,12 +145,12 @@ def movie(arguments) -> int:
 
 
 def tradeoff(arguments) -> int:
-    """Measure what accuracy a CPU time buys: every engine of a study against its exact runs.
+    """Measure the cost-accuracy trade-off: bias and CPU time of every engine of a study, relative to its exact runs.
 
-    Compares the study's trajectory files, or those of --files, and runs each engine for some seconds to learn its
-    price. `brownpipe figures` makes figures and tables of the dataset.
+    Compares the trajectory files of the study, or those given by --files, and runs each engine for some seconds to
+    measure its cost. `brownpipe figures` draws the figures and tables of the dataset.
     """
-    from brownpipe import tradeoff as prices
+    from brownpipe import tradeoff as comparison
     from brownpipe.storage import write_dataset
     from brownpipe.study import read_study
 
@@ -157,7 +158,7 @@ def tradeoff(arguments) -> int:
     results = f"results/{study.name}"
     files = arguments.files or [f"{results}/simulate/{job.file}" for job in study.jobs()]
     output = _writable(arguments.output or f"{results}/tradeoff/{study.name}.nc", arguments.study, *files)
-    write_dataset(output, prices.measure(files, dict(study.instead_of), arguments.fit_window))
+    write_dataset(output, comparison.measure(files, dict(study.instead_of), arguments.fit_window))
     return DONE
 
 
@@ -187,7 +188,7 @@ def plan(arguments) -> int:
 
 
 def inspect(arguments) -> int:
-    """Say what is in a trajectory file or dataset, and whether it is intact."""
+    """Describe the contents of a trajectory file or dataset, and say whether it is intact."""
     from brownpipe.storage import report, verify
 
     problems = verify(arguments.file)
@@ -199,59 +200,21 @@ def inspect(arguments) -> int:
 
 
 def check(arguments) -> int:
-    """Say whether a scene or a study is valid, what will be modelled, and what it will cost."""
+    """Say whether a scene or study is valid, what will be simulated, and what it will cost."""
     from brownpipe.study.check import describe
 
     print(describe(arguments.file, arguments.particles))
     return DONE
 
 
-@contextmanager
-def _told_about_runs():
-    """Say meanwhile what is compiled and, on a terminal, how many runs are done and how long the others will take."""
-    from brownpipe.engines import batch, kernels
-
-    hooks = [(kernels.on_compile, lambda text: _say(text, DONE))]
-    if sys.stderr.isatty():
-        hooks.append((batch.on_entry, _counter()))
-    for told, function in hooks:
-        told.append(function)
-    try:
-        yield
-    finally:
-        for told, function in hooks:
-            told.remove(function)
-        if sys.stderr.isatty():
-            _rewrite("")
+VERBS = (simulate, aggregate, figures, movie, tradeoff, plan, inspect, check)
 
 
-def _counter():
-    """Return a function that shows how far a batch is, in a line that is written over, a few times a second."""
-    from brownpipe.formatting import in_time
-
-    first = shown = began = None
-
-    def tell(done: int, runs: int) -> None:
-        nonlocal first, shown, began
-        now = time.monotonic()
-        if first is None:  # the clock starts here: compiling and preparing came before
-            first, shown, began = done, -1.0, now
-        if now - shown > 0.2:
-            still = f", about {in_time((now - began) / (done - first) * (runs - done))} to go" if done > first else ""
-            _rewrite(f"{done:,} of {runs:,} runs done{still}")
-            shown = now
-
-    return tell
-
-
-def _rewrite(text: str) -> None:
-    """Write text in place of what is in the last line of the terminal."""
-    sys.stderr.write(f"\r\033[K{text}")
-    sys.stderr.flush()
+# -- parts of the verbs ---------------------------------------------------------------------------------------------
 
 
 def _made(output: str, ensemble, seconds: float) -> str:
-    """What was simulated, how well and at what cost, in one line. The exact engine's overlaps are round-off."""
+    """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and the CPU time."""
     from brownpipe.formatting import in_time
 
     overlap = ensemble.observables.get("worst_overlap")
@@ -264,15 +227,15 @@ def _number(count: int, name: str) -> str:
 
 
 def _engine(arguments):
-    """The engine asked for, with its settings. Only the exact one can go on where a run was killed."""
+    """Return the requested engine with its settings. Raises RequestError for checkpoints of an engine without them."""
     from brownpipe.engines import DEFINITIONS, requested
     from brownpipe.errors import RequestError
 
-    settings = {key: getattr(arguments, key) for one in DEFINITIONS.values() for key in one.settings}
+    settings = {key: getattr(arguments, key) for definition in DEFINITIONS.values() for key in definition.settings}
     engine = requested(arguments.engine, {key: value for key, value in settings.items() if value is not None})
     if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
-        asked = f"--checkpoint-every {arguments.checkpoint_every:g}"
-        raise RequestError(f"{asked}: the {engine.name} engine keeps no checkpoints; must go with exact")
+        option = f"--checkpoint-every {arguments.checkpoint_every:g}"
+        raise RequestError(f"{option}: the {engine.name} engine keeps no checkpoints; must go with exact")
     return engine
 
 
@@ -302,20 +265,20 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
 
 
 def _measures(arguments, scene) -> dict:
-    """What to measure in each run, and the averages to be made there."""
+    """Return the observables to measure in each run and what they average over, as keywords of `simulate`."""
     from brownpipe.errors import RequestError
     from brownpipe.observables import problem
 
     names = tuple(arguments.observables.split(",")) if arguments.observables else ()
-    found = problem(scene, names, arguments.average)
-    if found is not None:
-        key, why = found
+    refusal = problem(scene, names, arguments.average)
+    if refusal is not None:
+        key, why = refusal
         raise RequestError(f"{arguments.scene}: --{key} {getattr(arguments, key)}: {why}")
     return {"observables": names, "average": arguments.average}
 
 
 def _record(text: str) -> frozenset[str]:
-    """What to record: the words asked for and, except with `none`, the tracer."""
+    """Return what to record: the words of --record and, except with `none`, the tracer."""
     from brownpipe.errors import RequestError
 
     words = frozenset(text.split(","))
@@ -325,7 +288,10 @@ def _record(text: str) -> frozenset[str]:
 
 
 def _writable(path: str, *inputs: str) -> str:
-    """Return the path of a file to be written, after its folder is made: better now than when all is computed."""
+    """Return the path of an output file, links resolved, and make its folder.
+
+    Called before anything is computed. Raises OSError or RequestError if the file could not be written afterwards.
+    """
     path = os.path.realpath(path) if os.path.islink(path) else path
     _refuse_to_replace(path, inputs)
     if Path(path).is_dir():
@@ -340,179 +306,11 @@ def _writable(path: str, *inputs: str) -> str:
 
 
 def _refuse_to_replace(path: str, inputs: tuple[str, ...]) -> None:
-    """What is written takes the place of what was there, which must be neither an input nor, say, a device."""
+    """Raise RequestError if the output would replace an input or something that is no ordinary file."""
     from brownpipe.errors import RequestError
 
     if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):
         raise RequestError(f"{path}: is not an ordinary file; choose another name for the output")
-    for one in inputs:
-        if os.path.exists(path) and os.path.exists(one) and os.path.samefile(path, one):
+    for file in inputs:
+        if os.path.exists(path) and os.path.exists(file) and os.path.samefile(path, file):
             raise RequestError(f"{path}: is an input; choose another name for the output")
-
-
-# -- the words ------------------------------------------------------------------------------------------------------
-
-
-class _Parser(argparse.ArgumentParser):
-    """As argparse has it, but with messages of one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(WRONG_REQUEST, f"{self.prog}: {' '.join(message.split())} (see {self.prog} --help)\n")
-
-
-class _Version(argparse.Action):
-    """Looks the version up only when it is asked for."""
-
-    def __call__(self, parser, *_) -> NoReturn:
-        from importlib.metadata import version
-
-        print("brownpipe", version("brownpipe"))
-        parser.exit(DONE)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser("brownpipe", description="Hard disks that collide exactly, a heavy one among them that wanders.")
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    verbs = parser.add_subparsers(metavar="VERB", required=True)
-    scene = "config/scenes/harrison2020.yaml"
-
-    one = _verb(verbs, simulate, f"brownpipe simulate {scene} --seeds 17 --record all --output seed17.h5")
-    one.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
-    one.add_argument("--particles", type=_integer, metavar="N", help="number of disks instead of the scene's")
-    one.add_argument("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default: 0)")
-    one.add_argument(
-        "--engine",
-        default="exact",
-        metavar="NAME",
-        help="exact (default): event by event; timestep: in steps; langevin: the tracer alone, in friction and noise",
-    )
-    one.add_argument("--time-step", type=_positive, metavar="DT", help="of timestep: must be given")
-    one.add_argument("--precision", metavar="WHICH", help="of timestep: double (default) or single")
-    one.add_argument("--collisions", metavar="WHEN", help="of timestep: at_contact (default) or late")
-    one.add_argument("--friction", metavar="WHICH", help="of langevin: enskog, boltzmann or measured")
-    one.add_argument(
-        "--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events"
-    )
-    one.add_argument(
-        "--observables",
-        type=_observables,
-        metavar="NAMES",
-        help="what to measure in each run, like square_displacement,species_energy",
-    )
-    one.add_argument(
-        "--average", default="runs", metavar="OVER", help="runs (default), or all time origins or equal disks of a run"
-    )
-    one.add_argument("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
-    one.add_argument(
-        "--checkpoint-every", type=_positive, metavar="SECONDS", help="keep what is done, to go on if killed"
-    )
-
-    one = _verb(verbs, aggregate, "brownpipe aggregate results/small/simulate/*/*/*/*.h5 --output small.nc")
-    one.add_argument("files", nargs="+", metavar="FILE.h5", help="trajectory files of one study, in any order")
-    one.add_argument("--output", required=True, metavar="DATASET.nc")
-    windows = {"nargs": "+", "type": _window, "metavar": "T0:T1"}
-    one.add_argument("--fit-windows", **windows, help="where lines are fitted to the MSD (default: 0.1:1 0.5:1)")
-    one.add_argument(
-        "--ring-width", type=_positive, metavar="DR", help="of the distribution, with --rings (default: from the data)"
-    )
-    times = {"nargs": "+", "type": _positive, "metavar": "T"}
-    one.add_argument("--displacement-times", **times, help="of the distribution (default: the end of each run)")
-    one.add_argument("--rings", type=_rings, metavar="COUNT", help="of the distribution, with --ring-width")
-
-    one = _verb(verbs, figures, "brownpipe figures small.nc --output figures")
-    one.add_argument("dataset", metavar="DATASET.nc")
-    one.add_argument("--output", required=True, metavar="FOLDER")
-    one.add_argument(
-        "--figures", nargs="+", choices=FIGURES, metavar="NAME", help=f"some of {', '.join(FIGURES)} (default: all)"
-    )
-    one.add_argument(
-        "--particles", type=_integer, metavar="N", help="show the runs with this many disks (default: 150)"
-    )
-
-    one = _verb(verbs, movie, "brownpipe movie seed17.h5 --output seed17.gif")
-    one.add_argument("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
-    one.add_argument("--seed", type=_integer, metavar="SEED", help="the run to show (default: the first in the file)")
-    one.add_argument("--output", metavar="FILE", help="*.gif, *.mp4 or *.png (default: name of the file, .gif)")
-    one.add_argument("--frames", type=_frames, metavar="COUNT", help="samples to show (default: all)")
-    one.add_argument("--fps", type=_positive, default=25.0, help="frames a second (default: 25)")
-    one = _verb(verbs, tradeoff, "brownpipe tradeoff config/tradeoff.yaml")
-    one.add_argument("study", metavar="STUDY", help="study file (YAML)")
-    one.add_argument("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
-    one.add_argument("--output", metavar="DATASET.nc", help="(default: results/STUDY/tradeoff/STUDY.nc)")
-    fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
-    one.add_argument("--fit-window", type=_window, metavar="T0:T1", help=fitted)
-
-    one = _verb(verbs, plan, "brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml")
-    one.add_argument("study", metavar="STUDY", help="study file (YAML)")
-    one.add_argument("--tolerance", metavar="ERROR", help="relative error that will do: 2%% or 0.02")
-    names = ("msd", "d", "displacement")
-    one.add_argument("--observable", choices=names, help="what it is the error of (default: msd, at the end)")
-    one.add_argument("--budget", type=_seconds, metavar="TIME", help="CPU time that may be spent: 60s, 5min, 2h")
-    one.add_argument("--write", metavar="FILE.yaml", help="study file to write, with what is best")
-
-    one = _verb(verbs, inspect, "brownpipe inspect seed17.h5")
-    one.add_argument("file", metavar="FILE", help="trajectory file or dataset")
-
-    one = _verb(verbs, check, f"brownpipe check {scene}")
-    one.add_argument("file", metavar="SCENE|STUDY", help="scene or study file (YAML)")
-    one.add_argument("--particles", type=_integer, metavar="N", help="number of disks instead of the scene's")
-    return parser
-
-
-def _verb(verbs, function, example: str) -> argparse.ArgumentParser:
-    brief = function.__doc__.partition("\n")[0]
-    one = verbs.add_parser(function.__name__, help=brief, description=function.__doc__, epilog=f"example: {example}")
-    one.set_defaults(verb=function)
-    return one
-
-
-def _observables(text: str) -> str:
-    """Names of observables, with commas; those of earlier versions become today's."""
-    from brownpipe.observables import RENAMED
-    from brownpipe.scene.reading import Entry, current_name
-
-    names = (current_name(Entry(name, "", ("--observables",)), RENAMED) for name in text.split(","))
-    return ",".join(name.value for name in names)
-
-
-def _window(text: str) -> tuple[float, float]:
-    try:
-        start, end = map(float, text.split(":"))
-    except ValueError:
-        start = end = float("nan")
-    if not 0 <= start < end < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be T0:T1 with 0 <= T0 < T1, like 0.1:1, not {text!r}")
-    return start, end
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be a finite number > 0, not {text!r}")
-    return value
-
-
-def _seconds(text: str) -> float:
-    """Seconds of 60s, 5min, 2h or 60."""
-    number = text.rstrip("abcdefghijklmnopqrstuvwxyz")
-    units = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
-    if text[len(number) :] not in units:
-        raise argparse.ArgumentTypeError(f"must be a time like 60s, 5min or 2h, not {text!r}")
-    return _positive(number) * units[text[len(number) :]]
-
-
-def _integer(text: str, least: int = 0, most: int = 999_999_999) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) <= 9 and least <= int(text) <= most):
-        raise argparse.ArgumentTypeError(f"must be an integer from {least} to {most}, not {text!r}")
-    return int(text)
-
-
-def _rings(text: str) -> int:
-    return _integer(text, 1, 100_000)
-
-
-def _frames(text: str) -> int:
-    return _integer(text, 1)
