@@ -16,14 +16,17 @@ try:
     study_file = [f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1]
     study = read_study(relpath(study_file), workflow.config_settings.config)
     if study.tolerance is not None:
-        from brownpipe.study.plan import settle
+        from brownpipe.study.run_count import settle
 
         study = settle(study, f"results/{study.name}/plan.yaml")
 except RequestError as error:
     sys.exit(f"brownpipe: {error}")
 results = f"results/{study.name}"
-cases = study.table
-engines = {one.label: {"options": one.options, "made_with": made_with("simulate", one.name)} for one in study.engines}
+cases = study.case_table
+engines = {
+    engine.label: {"options": engine.options, "made_with": made_with("simulate", engine.name)}
+    for engine in study.engines
+}
 
 
 report: "workflow/report/study.rst"
@@ -41,9 +44,9 @@ rule all:
 
 
 onstart:
-    from brownpipe.study.total import total
+    from brownpipe.study.workload import describe_workload
 
-    logger.info(f"brownpipe: the study {study.name}: {total(study)}", extra={"forecast": True})
+    logger.info(f"brownpipe: the study {study.name}: {describe_workload(study)}", extra={"forecast": True})
 
 
 include: "workflow/rules/simulate.smk"

@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe import tradeoff
-from brownpipe.study import plan, read_study
+from brownpipe.study import performance, read_study, writing
+from brownpipe.study.offers import offers
 
 ROOT = Path(__file__).parent.parent
 SCENES = (("harrison2020", 0.02), ("heavy", 0.05), ("dense", 0.08))  # and the tolerances of MSD(end)
@@ -42,18 +43,18 @@ def main():
 def row(scene, tolerance, folder):
     study = folder / "study.yaml"
     study.write_text(f"scenes: {ROOT / 'config' / 'scenes' / scene}.yaml\ntolerance: {tolerance}\n")
-    cases = plan.cases_of(read_study(study), "msd", folder)
-    chosen = plan.offers(cases, tolerance, None)[0]
-    plan.write_yaml(folder / "planned.yaml", plan.study_of(study, chosen, folder / "planned.yaml"), "planned")
-    planned, taken = read_study(folder / "planned.yaml"), 0.0
+    (case,) = performance.performance_of(read_study(study), "msd", folder)
+    chosen, file = offers([case], tolerance, None)[0], folder / "planned.yaml"
+    mapping = writing.derived_study(study, file, chosen.engine, chosen.runs, chosen.batch)
+    writing.write_yaml(file, mapping, "planned")
+    planned, taken = read_study(file), 0.0
     for job in planned.jobs():
         words = [f"{ROOT / 'config' / 'scenes' / job.scene}.yaml", "--seeds", f"{job.first}-{job.last}"]
         words += ["--engine", *chosen.engine.options.split(), "--output", str(folder / f"{job.first}.h5")]
         taken += seconds([sys.executable, "-m", "brownpipe", "simulate", *words])
     (runs,) = tradeoff.read_runs(sorted(folder.glob("*.h5")))
-    known = cases[0].known[chosen.engine]
     scatter = tradeoff.spread_of(runs, "msd", (0.0, runs.times[-1])) / np.sqrt(len(runs.seeds))
-    achieved = float(np.hypot(scatter, np.sqrt(known.bias_square)))
+    achieved = float(np.hypot(scatter, np.sqrt(case.engines[chosen.engine].bias_square)))
     first = f"| {scene} | {tolerance} | {chosen.engine.label} | {chosen.runs} | {chosen.error:.4f} | {achieved:.4f} "
     ratios = f"| {achieved / chosen.error:.2f} | {chosen.seconds:.2f} | {taken:.2f} | {taken / chosen.seconds:.2f} |"
     return first + ratios

@@ -25,11 +25,11 @@ def test_scene():
     assert (
         "150: 1 tracer (radius 0.3, mass 1), 149 bath (radius 0.1, mass 0.4); packing fraction 0.1379" in said["disks"]
     )
-    assert "placed at random; velocity components normal, 2 wide" in said["start"]
+    assert "placed at random; velocity components normal with standard deviation 2" in said["start"]
     assert "t = 0 to 1, 101 samples" in said["run"]
-    assert "walls, radius and mass of each disk, 1 much bigger than the rest" in said["engine"]
-    assert "560 collisions between disks and 110 with walls" in said["expected"]
-    assert "adds to a run, one by one: square_displacement 0.01" in said["measure"]
+    assert "walls, disks of different radius or mass, 1 much larger than the rest" in said["engine"]
+    assert "560 collisions between disks and 110 with walls per run" in said["expected"]
+    assert "CPU time that each of --observables adds to a run: square_displacement 0.01" in said["measure"]
     assert all(f" {name} " in said["measure"] for name in OBSERVABLES)
     assert (
         "--time-step 0.02 --precision double --collisions at_contact: all disks, in time steps; some "
@@ -76,10 +76,10 @@ def test_explicit_disks(tmp_path):
     disks = "disks: [{position: [0.5, 0.5], velocity: [1, 0], radius: 0.1, mass: 1}]"
     (tmp_path / "one.yaml").write_text(f"box: {{x: [0, 1], y: [0, 1], boundary: periodic}}\n{disks}\nduration: 1\n")
     text = describe(tmp_path / "one.yaml")
-    assert "disks     1, each placed by hand" in text
+    assert "disks     1, listed one by one" in text
     assert "start     as listed" in text
     assert "periodic images, equal disks" in text
-    assert "too few disks to say" in text
+    assert "too few disks to predict collisions" in text
     assert "langevin  no: needs a scene with species" in text
 
 

@@ -13,8 +13,9 @@ from brownpipe.analysis import squared_displacement
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import WRONG_REQUEST, RequestError
-from brownpipe.study import plan, read_study
-from brownpipe.study.plan import Case, Known
+from brownpipe.study import performance, pilot, plan, read_study, run_count
+from brownpipe.study.offers import LONGEST_JOB, SHORTEST_JOB, offers
+from brownpipe.study.performance import CasePerformance, EnginePerformance
 from ensembles import make_runs, make_scene, write
 
 EXACT = Engine("exact")
@@ -32,8 +33,8 @@ sample_interval: 0.05
 """
 
 
-def case_of(*known, **scene):
-    return Case(make_scene(**scene), "a test", {one.engine: one for one in known})
+def case_of(*engines, **scene):
+    return CasePerformance(make_scene(**scene), "a test", {one.engine: one for one in engines})
 
 
 @pytest.fixture
@@ -55,52 +56,54 @@ def study_file(tmp_path):
 
 def test_cheapest_that_meets_the_tolerance_comes_first():
     """Biases of 1 % in half the time: for 2 % it is cheaper, 1/(1 - 1/4) = 4/3 of the runs; for 1 % it cannot do."""
-    case = case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(COARSE, 0.01, 1e-4, 1.0, 0.01))
-    first, second = plan.offers([case], 0.02, None)
+    case = case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(COARSE, 0.01, 1e-4, 1.0, 0.01))
+    first, second = offers([case], 0.02, None)
     assert (first.engine, first.runs, second.engine, second.runs) == (COARSE, 3334, EXACT, 2500)
     assert first.error == pytest.approx(0.02, rel=1e-3) and second.error == pytest.approx(0.02)
-    assert [one.engine for one in plan.offers([case], 0.01, None)] == [EXACT]
+    assert [one.engine for one in offers([case], 0.01, None)] == [EXACT]
 
 
 def test_what_is_not_known_of_a_bias_counts_as_error():
-    case = case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(COARSE, 0.001, 0.03, 1.0, 0.01))
-    assert [one.engine for one in plan.offers([case], 0.02, None)] == [EXACT]
-    assert plan.offers([case], 0.05, None)[0].runs == math.ceil(1 / (0.05**2 - 0.03**2))
+    case = case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(COARSE, 0.001, 0.03, 1.0, 0.01))
+    assert [one.engine for one in offers([case], 0.02, None)] == [EXACT]
+    assert offers([case], 0.05, None)[0].runs == math.ceil(1 / (0.05**2 - 0.03**2))
 
 
-def test_dearer_engines_that_were_not_compared_offer_nothing():
-    case = case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(FINE, math.nan, math.nan, 1.0, 0.05))
-    assert [one.engine for one in plan.offers([case], 0.02, None)] == [EXACT]
-    assert "never      timestep-0.001: a run costs 2.5 times" in plan.describe([case], "msd", 0.02, None)
+def test_costlier_engines_that_were_not_compared_offer_nothing():
+    case = case_of(
+        EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(FINE, math.nan, math.nan, 1.0, 0.05)
+    )
+    assert [one.engine for one in offers([case], 0.02, None)] == [EXACT]
+    assert "no         timestep-0.001: a run costs 2.5 times" in plan.describe([case], "msd", 0.02, None)
 
 
 def test_a_budget_buys_the_smallest_error_and_may_be_too_small_for_a_tolerance():
-    case = case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(COARSE, 0.05, 1e-4, 1.0, 0.002))
-    best, other = plan.offers([case], None, 10.0)
+    case = case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(COARSE, 0.05, 1e-4, 1.0, 0.002))
+    best, other = offers([case], None, 10.0)
     assert best.engine == EXACT and best.seconds <= 10.0 and best.error == pytest.approx(1 / math.sqrt(best.runs))
     assert other.error > 0.05
-    assert plan.offers([case], None, 2.0)[0].engine == COARSE
-    assert plan.offers([case], 0.02, 10.0) == []
+    assert offers([case], None, 2.0)[0].engine == COARSE
+    assert offers([case], 0.02, 10.0) == []
     text = plan.describe([case], "msd", 0.02, 10.0)
     assert "cannot be met within 10 s of CPU" in text and f"instead    exact: {best.runs:,} runs" in text
 
 
 def test_one_engine_for_all_cases_has_the_most_runs_of_any():
     cases = [
-        case_of(Known(EXACT, 0.0, 0.0, 1.0, 0.02), Known(COARSE, 0.01, 1e-4, 1.0, 0.01)),
-        case_of(Known(EXACT, 0.0, 0.0, 1.2, 0.05)),
+        case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(COARSE, 0.01, 1e-4, 1.0, 0.01)),
+        case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.2, 0.05)),
     ]
-    (only,) = plan.offers(cases, 0.02, None)
+    (only,) = offers(cases, 0.02, None)
     assert (only.engine, only.runs, only.error) == (EXACT, 3600, pytest.approx(0.02))
     assert only.seconds == pytest.approx(3600 * 0.07, rel=0.15)  # and some starts of processes
-    assert "one engine for all" in plan.describe(cases, "msd", 0.02, None)
+    assert "the same engine in all cases" in plan.describe(cases, "msd", 0.02, None)
 
 
 def test_jobs_are_neither_too_short_to_start_nor_too_long_to_lose():
     for seconds in (1e-4, 1e-2, 1.0):
-        (one,) = plan.offers([case_of(Known(EXACT, 0.0, 0.0, 1.0, seconds))], 0.01, None)
+        (one,) = offers([case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, seconds))], 0.01, None)
         job = one.batch * seconds
-        assert one.batch == one.runs or plan.JOB_SECONDS * 0.9 < job < plan.LONG_JOB * 1.1
+        assert one.batch == one.runs or SHORTEST_JOB * 0.9 < job < LONGEST_JOB * 1.1
         assert one.runs / one.batch <= 1000
 
 
@@ -109,41 +112,41 @@ def test_jobs_are_neither_too_short_to_start_nor_too_long_to_lose():
 
 def test_number_of_runs_is_a_function_of_scene_tolerance_and_observable(study_file, tmp_path, monkeypatch):
     study = read_study(study_file(tolerance="4%"))
-    settled = plan.settle(study, tmp_path / "plan.yaml")
-    again = plan.settle(study, tmp_path / "again.yaml")
+    settled = run_count.settle(study, tmp_path / "plan.yaml")
+    again = run_count.settle(study, tmp_path / "again.yaml")
     assert (
         settled.seeds == again.seeds and (tmp_path / "plan.yaml").read_bytes() == (tmp_path / "again.yaml").read_bytes()
     )
-    half = plan.settle(read_study(study_file(tolerance=0.08)), tmp_path / "half.yaml")
+    half = run_count.settle(read_study(study_file(tolerance=0.08)), tmp_path / "half.yaml")
     assert len(settled.seeds) / len(half.seeds) == pytest.approx(4, rel=0.02)  # rounded up to whole runs
-    monkeypatch.setattr(plan, "pilot", None)  # what is written down is not worked out again
-    assert plan.settle(study, tmp_path / "plan.yaml").seeds == settled.seeds
+    monkeypatch.setattr(run_count, "run_pilot", None)  # what is written down is not worked out again
+    assert run_count.settle(study, tmp_path / "plan.yaml").seeds == settled.seeds
 
 
 def test_number_of_runs_is_worked_out_again_when_the_scene_or_the_wish_changes(study_file, tmp_path):
-    first = plan.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
-    other = plan.settle(read_study(study_file(tolerance=0.1, observable="displacement")), tmp_path / "plan.yaml")
+    first = run_count.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
+    other = run_count.settle(read_study(study_file(tolerance=0.1, observable="displacement")), tmp_path / "plan.yaml")
     assert len(other.seeds) == math.ceil((tradeoff.bias.spread_of_shares() / 0.1) ** 2) != len(first.seeds)
     (tmp_path / "scenes" / "few.yaml").write_text(SCENE.replace("12", "13"))
-    again = plan.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
+    again = run_count.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
     digests = yaml.safe_load((tmp_path / "plan.yaml").read_text())["scenes"]
     assert digests == {"few, N = 13": again.cases[0].digest} and again.seeds != ()
 
 
 def test_achieved_error_is_the_tolerance(study_file, tmp_path):
     """400 runs of the pilot and those of the study each know a spread of exponential r^2 to sqrt(2/n): 8 % here."""
-    study = plan.settle(read_study(study_file(tolerance=0.05)), tmp_path / "plan.yaml")
+    study = run_count.settle(read_study(study_file(tolerance=0.05)), tmp_path / "plan.yaml")
     (scene,) = study.cases
     track = exact.simulate(scene, study.seeds).tracer
     end = squared_displacement(track.position)[:, -1]
     achieved = end.std(ddof=1) / end.mean() / math.sqrt(len(end))
-    known_to = math.sqrt(2 / plan.pilot_runs(scene) + 2 / len(end))
+    known_to = math.sqrt(2 / pilot.pilot_runs(scene) + 2 / len(end))
     assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000
 
 
 def test_too_many_jobs_take_larger_batches(study_file, tmp_path):
     study = replace(read_study(study_file(tolerance=0.05)), batch=1)
-    settled = plan.settle(study, tmp_path / "plan.yaml")
+    settled = run_count.settle(study, tmp_path / "plan.yaml")
     assert len(settled.jobs()) <= 1000 and len(settled.seeds) == sum(job.last - job.first + 1 for job in settled.jobs())
 
 
@@ -189,7 +192,7 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
     study = read_study(study_file(**keys, engines=engines))
     jobs = [(job.scene, job.engine, job.last) for job in study.jobs()]
     assert jobs == [("few", "exact", 6), ("few", "langevin-enskog", 2), ("equal", "exact", 6)]
-    assert study.compared == ["few"]
+    assert study.tradeoff_cases == ["few"]
     with pytest.raises(RequestError, match="langevin is for a heavy tracer"):  # equal disks
         read_study(study_file(**keys, engines=["exact", {"name": "langevin", "friction": "enskog"}]))
 
@@ -203,31 +206,35 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def prices_of(scene, folder):
-    """A stored price list of a scene in which steps are half the price and off by 5 %."""
+def store_tradeoff(scene, folder):
+    """Store a trade-off of a scene in which time steps cost half as much and have a bias of 5 %."""
     runs = make_runs(scene, range(300))
     track = runs.ensemble.tracer._replace(position=runs.ensemble.tracer.position * math.sqrt(1.05))
     coarse = runs._replace(engine=COARSE, ensemble=runs.ensemble._replace(tracer=track))
     files = [write(folder, one) for one in (runs, coarse)]
     found = tradeoff.measure(files, seconds_per_run=lambda engine, _: 0.02 if engine == EXACT else 0.01)
-    storage.write_dataset(folder / "prices.nc", found)
+    storage.write_dataset(folder / "tradeoff.nc", found)
     return found
 
 
 @pytest.mark.slow
-def test_stored_prices_of_the_same_scene_are_used_and_a_study_is_written(study_file, here, monkeypatch, capsys):
+def test_stored_tradeoffs_of_the_same_scene_are_used_and_a_study_is_written(study_file, here, monkeypatch, capsys):
     path, stored = study_file(seeds=5, rings={"dr": 0.1, "count": 9}), here / "results" / "old" / "tradeoff"
     stored.mkdir(parents=True)
-    prices_of(read_study(path).cases[0], stored)
-    monkeypatch.setattr(plan, "trial", None)
+    store_tradeoff(read_study(path).cases[0], stored)
+    monkeypatch.setattr(performance, "pilot_performance", None)
     assert cli.main(["plan", str(path), "--tolerance", "20%", "--write", "sub/mine.yaml"]) == cli.DONE
     said = capsys.readouterr().out
-    assert "by results/old/tradeoff/prices.nc" in said and "use        timestep-0.03" in said
+    assert "from results/old/tradeoff/tradeoff.nc" in said and "use        timestep-0.03" in said
     mine = read_study("sub/mine.yaml")
-    assert [use.engine for use in mine.uses] == [COARSE] and mine.cases == read_study(path).cases and mine.rings == 9
+    assert (
+        [use.engine for use in mine.engine_uses] == [COARSE]
+        and mine.cases == read_study(path).cases
+        and mine.rings == 9
+    )
     assert cli.main(["plan", str(path), "--tolerance", "4%"]) == cli.DONE
     said = capsys.readouterr().out
-    assert "use        exact" in said and "no         timestep-0.03: off by 5" in said
+    assert "use        exact" in said and "no         timestep-0.03: its bias is 5" in said
     assert cli.main(["plan", str(path), "--tolerance", "1%", "--budget", "5s", "--write", "not.yaml"]) == cli.FAILED
     assert "cannot be met within 5 s" in capsys.readouterr().out and not os.path.exists("not.yaml")
 
@@ -237,9 +244,9 @@ def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys)
     path = study_file(tolerance=0.1)
     assert cli.main(["plan", str(path)]) == cli.DONE
     said = capsys.readouterr().out
-    assert "MSD at the end to 10 %, by a pilot of 400 runs" in said
-    assert said.count("never      timestep-") == 3 and "never      langevin-enskog: a run costs 2 times" in said
-    number = plan.settle(read_study(path), "plan.yaml").seeds[-1] + 1
+    assert "MSD at the end to 10 %, from a pilot of 400 runs" in said
+    assert said.count("no         timestep-") == 3 and "no         langevin-enskog: a run costs 2 times" in said
+    number = run_count.settle(read_study(path), "plan.yaml").seeds[-1] + 1
     assert f"exact: {number:,} runs" in said  # as its workflow will have it
 
 
@@ -256,7 +263,7 @@ def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys)
 )
 def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, words, message):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plan, "cases_of", None)
+        patch.setattr(performance, "performance_of", None)
         try:
             status = cli.main(["plan", str(study_file(seeds=5)), *words])
         except SystemExit as end:

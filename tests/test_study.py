@@ -11,7 +11,7 @@ from brownpipe.engines import Engine, recorded
 from brownpipe.errors import RequestError
 from brownpipe.observables import RENAMED
 from brownpipe.scene.seeds import parse_seeds, ranges, seed_text
-from brownpipe.study import Job, read_study
+from brownpipe.study import SimulationJob, read_study
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -32,7 +32,7 @@ def test_default_study_is_the_note():
     assert [(case.name, case.particles) for case in study.cases] == [
         (scene, count) for scene in ("harrison2020", "harrison2020_thermal") for count in (50, 100, 150, 200)
     ]
-    assert study.batches == [(0, 2399)]
+    assert study.batches_of(study.seeds) == [(0, 2399)]
     assert (len(study.jobs()), study.engines) == (8, (Engine("exact"),))
     assert (study.ring_width, study.rings) == (0.04, 24)
     assert all(path.is_file() for path in study.scenes)
@@ -42,13 +42,14 @@ def test_small_study_says_the_rest_by_default():
     default = read_study(CONFIG / "harrison2020.yaml")
     for key in ("engines", "figures", "fit_windows"):
         assert getattr(small(), key) == getattr(default, key)
-    assert small().ring_width is small().rings is None and small().counting == ""
-    assert default.counting == "--ring-width 0.04 --rings 24"
+    assert small().ring_width is small().rings is None and small().aggregate_options == ""
+    assert default.aggregate_options == "--ring-width 0.04 --rings 24"
 
 
 def test_jobs_are_every_case_by_every_batch():
     jobs = small(particles=[50]).jobs()
-    assert jobs[:2] == [Job("harrison2020", 50, "exact", 0, 29), Job("harrison2020", 50, "exact", 30, 59)]
+    first, second = (SimulationJob("harrison2020", 50, "exact", *seeds) for seeds in ((0, 29), (30, 59)))
+    assert jobs[:2] == [first, second]
     assert len(set(jobs)) == len(jobs) == 4
 
 
@@ -63,7 +64,7 @@ def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     monkeypatch.chdir("/")
     study = read_study(tmp_path / "study.yaml")
     assert study.scenes == (tmp_path / "scenes" / "one.yaml",)
-    assert study.table["one"]["0"]["file"] == str(tmp_path / "scenes" / "one.yaml").lstrip("/")  # seen from here
+    assert study.case_table["one"]["0"]["file"] == str(tmp_path / "scenes" / "one.yaml").lstrip("/")  # seen from here
     assert study.figures == ("health",)  # nothing moves
     assert study.fit_windows == ((0.1, 1.0), (0.5, 1.0))
     assert study.displacement_times == ()
@@ -116,15 +117,20 @@ def test_names_of_observables_of_the_version_before_are_accepted(old, new, capsy
 
 
 def test_what_is_measured_in_the_runs(tmp_path):
-    assert (small().record, small().observables, small().average, small().measuring) == ("tracer", (), "runs", "")
+    assert (small().record, small().observables, small().average, small().simulate_options) == (
+        "tracer",
+        (),
+        "runs",
+        "",
+    )
     study = small(observables=["square_displacement", "species_energy"], record="none")
-    assert study.measuring == "--record none --observables square_displacement,species_energy"
+    assert study.simulate_options == "--record none --observables square_displacement,species_energy"
     assert study.figures == ("msd", "diffusion", "energy", "thermodynamics", "particle_counts", "health")
     assert small(observables="species_energy", record="none").figures == ("energy", "thermodynamics", "health")
     text = (CONFIG / "scenes" / "harrison2020_thermal.yaml").read_text() + "equilibrate: {time: 1, tracer: free}\n"
     (tmp_path / "mixed.yaml").write_text(text)
     study = small(scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins")
-    assert study.measuring == "--observables square_displacement --average origins"
+    assert study.simulate_options == "--observables square_displacement --average origins"
 
 
 # -- seeds ---
@@ -175,13 +181,14 @@ def test_a_number_is_a_count_and_a_string_names_seeds():
 @given(st.sets(st.integers(0, 100), min_size=1), st.integers(1, 20))
 @settings(max_examples=100, deadline=None)
 def test_batches_hold_each_seed_once_and_do_not_cross_multiples(seeds, batch):
-    batches = small(seeds=sorted(seeds), batch=batch).batches
+    study = small(seeds=sorted(seeds), batch=batch)
+    batches = study.batches_of(study.seeds)
     assert [seed for first, last in batches for seed in range(first, last + 1)] == sorted(seeds)
     assert all(first // batch == last // batch for first, last in batches)
 
 
 def test_more_seeds_leave_whole_batches_as_they_are():
-    assert small(seeds=150).batches[:2] == small(seeds=60).batches
+    assert small().batches_of(range(150))[:2] == small().batches_of(range(60))
 
 
 @pytest.mark.parametrize(

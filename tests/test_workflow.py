@@ -136,7 +136,7 @@ def test_everything_declared_is_there_and_printed(finished):
     said = [line for line in said if line not in made]
     study = read_study(folder / "study.yaml")
     remarks = [engine.definition.caution(case) for case in study.cases for engine in study.engines]
-    assert sorted(said) == sorted(f"brownpipe: {one}" for one in remarks if one for _ in study.batches)
+    assert sorted(said) == sorted(f"brownpipe: {one}" for one in remarks if one for _ in study.batches_of(study.seeds))
 
 
 def test_the_screen_shows_how_far_the_study_is_and_little_else(finished):

@@ -163,13 +163,14 @@ def tradeoff(arguments) -> int:
 
 
 def plan(arguments) -> int:
-    """Say which engine and how many runs meet a tolerance at the lowest cost, or what a CPU time buys.
+    """Find the engine and number of runs that meet a tolerance at the lowest cost, or the best accuracy for a CPU time.
 
-    By stored results of `brownpipe tradeoff` that hold the same scenes, or else by a pilot of some seconds.
+    Uses stored results of `brownpipe tradeoff` that have the same scenes, otherwise pilot runs of some seconds.
     """
     from brownpipe.errors import RequestError
+    from brownpipe.study import performance, read_study, writing
     from brownpipe.study import plan as planning
-    from brownpipe.study import read_study
+    from brownpipe.study.offers import offers
 
     study, budget = read_study(arguments.study), arguments.budget
     tolerance, observable = study.tolerance, arguments.observable or study.observable or "msd"
@@ -178,13 +179,13 @@ def plan(arguments) -> int:
     if tolerance is None and budget is None:
         raise RequestError("--tolerance: missing; must be given, or --budget")
     output = None if arguments.write is None else _writable(arguments.write, arguments.study)
-    cases = planning.cases_of(study, observable)
+    cases = performance.performance_of(study, observable)
     print(planning.describe(cases, observable, tolerance, budget))
-    found = planning.offers(cases, tolerance, budget)
-    if output is not None and found:
-        comment = f"brownpipe plan {' '.join(arguments.words[1:])}"
-        planning.write_yaml(output, planning.study_of(arguments.study, found[0], output), comment)
-    return DONE if found else FAILED
+    best = next(iter(offers(cases, tolerance, budget)), None)
+    if output is not None and best is not None:
+        mapping = writing.derived_study(arguments.study, output, best.engine, best.runs, best.batch)
+        writing.write_yaml(output, mapping, f"brownpipe plan {' '.join(arguments.words[1:])}")
+    return FAILED if best is None else DONE
 
 
 def inspect(arguments) -> int:

@@ -13,7 +13,7 @@ rule aggregate:
         f"{results}/benchmarks/aggregate/{study.name}.tsv"
     params:
         windows=[f"{start}:{end}" for start, end in study.fit_windows],
-        counting=study.counting,
+        options=study.aggregate_options,
         made_with=made_with("aggregate"),
     shell:
-        "brownpipe aggregate {input} --output {output} --fit-windows {params.windows} {params.counting} 2> {log}"
+        "brownpipe aggregate {input} --output {output} --fit-windows {params.windows} {params.options} 2> {log}"

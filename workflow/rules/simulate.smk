@@ -10,8 +10,8 @@ rule simulate:
         scene=lookup(dpath="{scene}/{particles}/file", within=cases),
         physics=lookup(dpath="{scene}/{particles}/digest", within=cases),
         engine=lookup(dpath="{engine}/options", within=engines),
-        measuring=study.measuring,
+        options=study.simulate_options,
         made_with=lookup(dpath="{engine}/made_with", within=engines),
     shell:
         "brownpipe simulate {params.scene:q} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
-        " --engine {params.engine} {params.measuring} --output {output} > {log} 2>&1"
+        " --engine {params.engine} {params.options} --output {output} > {log} 2>&1"

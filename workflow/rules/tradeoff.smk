@@ -21,13 +21,13 @@ rule tradeoff_figures:
     input:
         f"{results}/tradeoff/{study.name}.nc",
     output:
-        prices=report(f"{results}/tradeoff/tradeoff.txt", caption="../report/tradeoff.rst", category="Trade-off"),
+        table=report(f"{results}/tradeoff/tradeoff.txt", caption="../report/tradeoff.rst", category="Trade-off"),
         numbers=f"{results}/tradeoff/tradeoff.csv",
         figures=[
             report(f"{results}/tradeoff/tradeoff_{name}.svg", caption="../report/tradeoff.rst", category="Trade-off")
-            for name in study.compared
+            for name in study.tradeoff_cases
         ],
-        others=expand("{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.compared),
+        others=expand("{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.tradeoff_cases),
     log:
         f"{results}/logs/tradeoff_figures/{study.name}.log",
     benchmark:
@@ -35,4 +35,4 @@ rule tradeoff_figures:
     params:
         made_with=made_with("tradeoff_figures"),
     shell:
-        "brownpipe figures {input} --output $(dirname {output.prices}) 2> {log} && cat {output.prices}"
+        "brownpipe figures {input} --output $(dirname {output.table}) 2> {log} && cat {output.table}"

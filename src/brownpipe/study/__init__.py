@@ -1,6 +1,10 @@
-"""Studies: many runs of many scenes, what they will cost, and how many runs an error needs."""
+"""Studies: many runs of many scenes, their workload, and the number of runs and the engine that a tolerance needs.
 
-from brownpipe.study.study import Job, Study, Use
+`study_file` reads a study; `check` describes it; `run_count` turns its tolerance into a number of runs; `plan` chooses
+an engine from `offers`, which follow from the `performance` of each engine in each case.
+"""
+
+from brownpipe.study.study import EngineUse, SimulationJob, Study
 from brownpipe.study.study_file import read_study, refuse_repetition
 
-__all__ = ["Job", "Study", "Use", "read_study", "refuse_repetition"]
+__all__ = ["EngineUse", "SimulationJob", "Study", "read_study", "refuse_repetition"]

@@ -1,6 +1,5 @@
-"""What a scene or a study asks for, in words and numbers, before anything is run: `brownpipe check`."""
+"""`brownpipe check`: what a scene or study will simulate, and its expected cost, before anything is run."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,14 +12,16 @@ from brownpipe.formatting import in_bytes, in_time
 from brownpipe.scene import Scene, parse_scene, reading
 from brownpipe.scene.scene_file import MOST_BYTES
 from brownpipe.study import Study, read_study
-from brownpipe.study.total import kept_of, seconds_of, total, uses_of
+from brownpipe.study.run_count import assumed_runs
+from brownpipe.study.study import REFERENCE
+from brownpipe.study.workload import describe_workload, recording_of, workloads
 
-STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
-FEWEST = 10  # disks that make a gas
+STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # keys that no scene has
+FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 
 
 def describe(path: str, particles: int | None = None) -> str:
-    """Return what the scene or study in the file asks for. Raises RequestError for whatever is wrong with it."""
+    """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
     mapping = reading.read_yaml(path, MOST_BYTES)
     if isinstance(mapping, dict) and _is_study(mapping):
         if particles is not None:
@@ -30,121 +31,126 @@ def describe(path: str, particles: int | None = None) -> str:
 
 
 def _is_study(mapping: dict) -> bool:
-    """A mistaken key of the other kind does not make a scene a study."""
+    """Whether a mapping is meant as a study, by its keys; a scene with a misplaced study key is none."""
     return "scenes" in mapping or ("box" not in mapping and bool(mapping.keys() & STUDY_KEYS))
 
 
 def _scene(scene: Scene) -> list[str]:
-    one = forecast.of_run(scene)
+    cost = forecast.of_run(scene)
     return [
         f"box       {scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
         f"disks     {_disks(scene)}; packing fraction {scene.packing_fraction:.4g}",
         f"start     {_start(scene)}",
         f"run       from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
-        f"engine    exact: {_engine(scene)}",
-        f"expected  {_expected(scene, one)}",
-        f"cost      some {in_time(one.seconds)} of CPU a run, once {forecast.START_UP:g} s have passed to start;"
-        f" {in_bytes(one.working)} of memory, {in_bytes(one.recorded)} of file",
-        *_measured(scene, one),
-        *_cautions(Engine("exact"), [scene]),
-        *_others(scene),
+        f"engine    exact: {_exact_model(scene)}",
+        f"expected  {_collisions(scene, cost)}",
+        f"cost      some {in_time(cost.seconds)} of CPU per run, after {forecast.START_UP:g} s to start;"
+        f" {in_bytes(cost.working)} of memory, {in_bytes(cost.recorded)} of file per run",
+        *_observables(scene, cost),
+        *_cautions(REFERENCE, [scene]),
+        *_approximate_engines(scene),
     ]
 
 
 def _disks(scene: Scene) -> str:
-    kinds = [f"{one.count} {one.name} (radius {one.radius:g}, mass {one.mass:g})" for one in scene.species if one.count]
-    return f"{scene.particles}: {', '.join(kinds)}" if kinds else f"{scene.particles}, each placed by hand"
+    species = [f"{s.count} {s.name} (radius {s.radius:g}, mass {s.mass:g})" for s in scene.species if s.count]
+    return f"{scene.particles}: {', '.join(species)}" if species else f"{scene.particles}, listed one by one"
 
 
 def _start(scene: Scene) -> str:
-    given = scene.velocities
-    if given is None:
+    velocities = scene.velocities
+    if velocities is None:
         return "as listed"
-    width = f"kT = {given.temperature:g}" if given.standard_deviation is None else f"{given.standard_deviation:g} wide"
     placed = {"random": "placed at random", "lattice": "on a lattice"}[scene.placement]
-    at_rest = ", total momentum zero" if given.zero_momentum else ""
-    before = (
-        f", {scene.equilibrate:g} before t = 0, tracer {scene.tracer_while_equilibrating}" if scene.equilibrate else ""
+    width = (
+        f"with kT = {velocities.temperature:g}"
+        if velocities.standard_deviation is None
+        else f"with standard deviation {velocities.standard_deviation:g}"
     )
-    return f"{placed}; velocity components normal, {width}{at_rest}{before}"
+    zero_momentum = ", total momentum zero" if velocities.zero_momentum else ""
+    tracer = scene.tracer_while_equilibrating
+    equilibrated = f"; equilibrated for {scene.equilibrate:g}, tracer {tracer}" if scene.equilibrate else ""
+    return f"{placed}; velocity components normal {width}{zero_momentum}{equilibrated}"
 
 
-def _expected(scene: Scene, one: forecast.Cost) -> str:
-    if scene.particles < FEWEST:
-        return "too few disks to say"
-    walls = f" and {_rounded(one.wall_collisions)} with walls" if not scene.box.periodic else ""
-    return f"{_rounded(one.pair_collisions)} collisions between disks{walls} (Enskog, in equilibrium)"
+def _collisions(scene: Scene, cost: forecast.Cost) -> str:
+    if scene.particles < FEWEST_DISKS:
+        return "too few disks to predict collisions"
+    walls = f" and {_rounded(cost.wall_collisions)} with walls" if not scene.box.periodic else ""
+    return f"{_rounded(cost.pair_collisions)} collisions between disks{walls} per run (Enskog, in equilibrium)"
 
 
-def _measured(scene: Scene, one: forecast.Cost) -> list[str]:
-    """What each observable that the scene has would add to the CPU time of a run."""
+def _observables(scene: Scene, cost: forecast.Cost) -> list[str]:
+    """Return the CPU time that each observable allowed in the scene would add to a run."""
     names = [name for name in observables.OBSERVABLES if observables.problem(scene, (name,)) is None]
-    more = {name: forecast.of_run(scene, observables=(name,)).seconds - one.seconds for name in names}
-    listed = ", ".join(f"{name} {in_time(seconds)}" for name, seconds in more.items())
-    return [f"measure   --observables adds to a run, one by one: {listed}"] if names else []
+    added = {name: forecast.of_run(scene, observables=(name,)).seconds - cost.seconds for name in names}
+    listed = ", ".join(f"{name} {in_time(seconds)}" for name, seconds in added.items())
+    return [f"measure   CPU time that each of --observables adds to a run: {listed}"] if names else []
 
 
-def _engine(scene: Scene) -> str:
-    """What the engine will model of it, as it would lay it out."""
+def _exact_model(scene: Scene) -> str:
+    """Return how the exact engine will represent the scene: its boundary, disks and search structures."""
     if scene.particles == 0:
         return "nothing moves"
     w = prepare(scene, frame_of(scene))
-    alike = "equal disks" if w.mass is None else "radius and mass of each disk"
-    edge = "periodic images" if scene.box.periodic else "walls"
-    big = f", {w.big.number} much bigger than the rest" if w.big is not None else ""
+    boundary = "periodic images" if scene.box.periodic else "walls"
+    disks = "equal disks" if w.mass is None else "disks of different radius or mass"
+    big = f", {w.big.number} much larger than the rest" if w.big is not None else ""
     lists = ", neighbour lists" if w.lists is not None else ""
-    ahead = ", events prefetched" if w.ahead is not None else ""
-    return f"{edge}, {alike}{big}, {w.grid.columns} x {w.grid.lines} cells{lists}{ahead}"
+    prefetch = ", events prefetched" if w.ahead is not None else ""
+    return f"{boundary}, {disks}{big}, {w.grid.columns} x {w.grid.lines} cells{lists}{prefetch}"
 
 
-def _others(scene: Scene) -> list[str]:
-    """What the other engines would make of the scene."""
+def _approximate_engines(scene: Scene) -> list[str]:
+    """Return, for every other engine, what it models of the scene and at what cost, or why it cannot run it."""
     lines = []
     for name, definition in DEFINITIONS.items():
-        if name == "exact":
+        if definition is REFERENCE.definition:
             continue
-        one = configured(name, **definition.candidates(scene)[0])
+        engine = configured(name, **definition.candidates(scene)[0])
         try:
-            one.refuse_unfit(scene)
+            engine.refuse_unfit(scene)
         except RequestError as error:
             lines.append(f"{name:<9} no: {str(error).partition(f'--engine {name} ')[2] or error}")
             continue
-        options = one.options.partition(" ")[2]
-        some = f"some {in_time(one.forecast(scene).seconds)} a run"
-        lines += [f"{name:<9} {options}: {one.model([scene])}; {some}", *_cautions(one, [scene])]
+        options = engine.options.partition(" ")[2]
+        cost = f"some {in_time(engine.forecast(scene).seconds)} per run"
+        lines += [f"{name:<9} {options}: {engine.model([scene])}; {cost}", *_cautions(engine, [scene])]
     return lines
 
 
 def _cautions(engine: Engine, scenes: Sequence[Scene]) -> list[str]:
-    remarks = dict.fromkeys(engine.definition.caution(scene) for scene in scenes)
-    return [f"caution   {one}" for one in remarks if one]
+    cautions = dict.fromkeys(engine.definition.caution(scene) for scene in scenes)
+    return [f"caution   {caution}" for caution in cautions if caution]
 
 
 def _study(study: Study) -> list[str]:
-    study, remarks = _with_seeds(study)
-    names = max(len(case.name) for case in study.cases)
-    lines = [f"{'scene':<{names}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  of a run"]
+    study, seeds = _with_seeds(study)
+    width = max(len(case.name) for case in study.cases)
+    lines = [f"{'scene':<{width}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  per run"]
     for case in study.cases:
-        one = forecast.of_run(case, *kept_of(study))
-        count = _rounded(one.pair_collisions + one.wall_collisions)
-        row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {count:>11} {in_time(one.seconds):>9}"
-        lines.append(f"{case.name:<{names}}  {row} {in_bytes(one.recorded):>9}")
-    for engine, seeds, cases in uses_of(study):
-        where = "" if len(cases) == len(study.cases) else f" in {', '.join(dict.fromkeys(one.name for one in cases))}"
-        some = f"some {in_time(seconds_of(study, engine, seeds, cases))} of CPU"
-        lines += [f"engine    {engine.label}{where}: {engine.model(cases)}; {some}", *_cautions(engine, cases)]
-    return [*lines, *remarks, f"total     {total(study)}", f"figures   {', '.join(study.figures)}"]
+        cost = forecast.of_run(case, *recording_of(study))
+        collisions = _rounded(cost.pair_collisions + cost.wall_collisions)
+        row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {collisions:>11} {in_time(cost.seconds):>9}"
+        lines.append(f"{case.name:<{width}}  {row} {in_bytes(cost.recorded):>9}")
+    for part in workloads(study):
+        names = ", ".join(dict.fromkeys(case.name for case in part.cases))
+        where = "" if len(part.cases) == len(study.cases) else f" in {names}"
+        model = f"{part.engine.model(part.cases)}; some {in_time(part.seconds)} of CPU"
+        lines += [f"engine    {part.engine.label}{where}: {model}", *_cautions(part.engine, part.cases)]
+    return [*lines, *seeds, f"total     {describe_workload(study)}", f"figures   {', '.join(study.figures)}"]
 
 
 def _with_seeds(study: Study) -> tuple[Study, list[str]]:
-    """A study with a tolerance gets the number of seeds that runs with a scatter of 100 % would need."""
+    """Return a study with a tolerance with as many seeds as it is assumed to need, and a line that says so."""
     if study.tolerance is None:
         return study, []
-    runs = math.ceil(study.tolerance**-2)
-    asked = f"as many as {study.observable} to {100 * study.tolerance:g} % needs, some {_rounded(runs)}"
-    return replace(study, seeds=range(runs)), [f"seeds     {asked}; brownpipe plan says how many"]
+    runs = assumed_runs(study.tolerance)
+    goal = f"{study.observable} to {100 * study.tolerance:g} %"
+    line = f"seeds     as many as {goal} needs: about {_rounded(runs)}, to be determined by pilot runs (brownpipe plan)"
+    return replace(study, seeds=range(runs)), [line]
 
 
 def _rounded(count: float) -> str:
-    """A count to two digits."""
+    """Return a count to two significant digits."""
     return f"{float(f'{count:.2g}'):,.0f}" if count < 1e9 else f"{count:.1e}"

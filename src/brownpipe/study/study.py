@@ -1,4 +1,4 @@
-"""The study: scenes x particle counts x engines x seeds, and what is made of them."""
+"""The study: scenes x particle counts x engines x seeds, and how their results are analysed and shown."""
 
 import os
 from collections.abc import Sequence
@@ -7,19 +7,22 @@ from pathlib import Path
 from typing import NamedTuple
 
 from brownpipe.engines import Engine
+from brownpipe.engines.exact import EXACT
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import batches
 
+REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 
-class Use(NamedTuple):
-    """Where an engine is used, and how often."""
+
+class EngineUse(NamedTuple):
+    """An engine of a study, the scenes it is used in, and its seeds."""
 
     engine: Engine
     scenes: tuple[str, ...]  # names
-    seeds: Sequence[int] | None  # None: those of the study
+    seeds: Sequence[int] | None  # None: the seeds of the study
 
 
-class Job(NamedTuple):
+class SimulationJob(NamedTuple):
     """One call of `brownpipe simulate`: the seeds first to last (included) of one case."""
 
     scene: str
@@ -30,63 +33,62 @@ class Job(NamedTuple):
 
     @property
     def file(self) -> str:
-        """Its trajectory file, in the folder `simulate` of the study's results."""
+        """Its trajectory file, relative to the folder `simulate` of the study's results."""
         return f"{self.scene}/N{self.particles}/{self.engine}/{self.first}-{self.last}.h5"
 
 
 @dataclass(frozen=True)
 class Study:
-    """What to simulate, how often, and what to make of it. Read by `read_study`."""
+    """What is simulated, with which seeds, and how it is analysed. Read by `read_study`."""
 
     name: str
     scenes: tuple[Path, ...]
     cases: tuple[Scene, ...]  # each scene with each particle count, validated
-    uses: tuple[Use, ...]  # of engines
-    seeds: Sequence[int]  # ascending; a range where there is no gap. Empty for a tolerance, until `plan.settle`
+    engine_uses: tuple[EngineUse, ...]
+    seeds: Sequence[int]  # ascending; a range if there is no gap. Empty for a tolerance, until `run_count.settle`
     batch: int  # seeds per job
     figures: tuple[str, ...]
     displacement_times: tuple[float, ...]  # of the displacement distribution [time]; empty for the end of each run
     fit_windows: tuple[tuple[float, float], ...]  # [time]
     ring_width: float | None  # dr [length]; None: from the data
     rings: int | None
-    record: str = "tracer"  # or "none": no trajectories, only what is measured in the runs
+    record: str = "tracer"  # or "none": no trajectories, only the observables measured in the runs
     observables: tuple[str, ...] = ()  # measured in each run
-    average: str = "runs"  # what displacements and autocorrelations among them are averages over
-    tolerance: float | None = None  # relative error that decides how many seeds there are
-    observable: str | None = None  # what it is the error of
-    instead_of: tuple[tuple[str, tuple[str, ...]], ...] = ()  # scenes that may be run instead of another
+    average: str = "runs"  # over what displacements and autocorrelations are averaged within a run
+    tolerance: float | None = None  # relative error that determines the number of seeds
+    observable: str | None = None  # the quantity with this error
+    instead_of: tuple[tuple[str, tuple[str, ...]], ...] = ()  # (scene, scenes that may be run in its place)
 
     @property
     def engines(self) -> tuple[Engine, ...]:
-        """Every engine that is used."""
-        return tuple(dict.fromkeys(use.engine for use in self.uses))
+        """The engines of the study, each once."""
+        return tuple(dict.fromkeys(use.engine for use in self.engine_uses))
 
-    @property
-    def batches(self) -> list[tuple[int, int]]:
-        """First and last seed of each batch, cut at multiples of `batch`: more seeds leave whole batches alone."""
-        return self.batches_of(self.seeds)
+    def cases_of(self, use: EngineUse) -> list[Scene]:
+        """Return the cases that an engine is used in, scene by scene."""
+        return [case for name in use.scenes for case in self.cases if case.name == name]
 
     def batches_of(self, seeds: Sequence[int]) -> list[tuple[int, int]]:
-        """As `batches`, for other seeds."""
+        """Return first and last seed of each batch. Batches end at multiples of `batch`: more seeds leave full ones."""
         return batches(seeds, self.batch)
 
     @property
-    def measuring(self) -> str:
-        """What to keep of each run and to measure in it, as options of `brownpipe simulate`; nothing if as usual."""
-        words = {"record": self.record, "observables": ",".join(self.observables), "average": self.average}
-        usual = {"record": "tracer", "observables": "", "average": "runs"}
-        return " ".join(f"--{key} {value}" for key, value in words.items() if value != usual[key])
+    def simulate_options(self) -> str:
+        """What each run records and measures, as options of `brownpipe simulate`; empty for the defaults."""
+        values = {"record": self.record, "observables": ",".join(self.observables), "average": self.average}
+        defaults = {"record": "tracer", "observables": "", "average": "runs"}
+        return " ".join(f"--{key} {value}" for key, value in values.items() if value != defaults[key])
 
     @property
-    def counting(self) -> str:
-        """When and in which rings to count the runs, as options of `brownpipe aggregate`; nothing for the usual."""
+    def aggregate_options(self) -> str:
+        """Times and rings of the displacement distribution, as options of `brownpipe aggregate`; empty for defaults."""
         times = ["--displacement-times", *self.displacement_times] if self.displacement_times else []
         rings = ["--ring-width", self.ring_width, "--rings", self.rings] if self.rings else []
         return " ".join(map(str, rings + times))
 
     @property
-    def table(self) -> dict[str, dict[str, dict[str, str]]]:
-        """For each scene and particle count: the file of the scene (from here), and the digest of its physics."""
+    def case_table(self) -> dict[str, dict[str, dict[str, str]]]:
+        """Scene file, relative to the working directory, and digest of the physics: [scene][particle count]."""
         files = {path.stem: os.path.relpath(path) for path in self.scenes}
         table = {name: {} for name in files}
         for case in self.cases:
@@ -94,24 +96,22 @@ class Study:
         return table
 
     @property
-    def compared(self) -> list[str]:
-        """The scenes that have exact runs and others to compare with them, as a trade-off names them."""
-        others = {name: {use.engine for use in self.uses if name in use.scenes} for name in self.table}
-        stand_ins, exact = dict(self.instead_of), Engine("exact")
-        names = [
-            name
-            for name, all_of_it in others.items()
-            if exact in all_of_it and (len(all_of_it) > 1 or name in stand_ins)
-        ]
-        counts = {name: list(self.table[name]) for name in names}
-        return [name if len(counts[name]) == 1 else f"{name}_N{n}" for name in names for n in counts[name]]
+    def tradeoff_cases(self) -> list[str]:
+        """The cases with exact runs and others to compare with them, by their names in the trade-off."""
+        replaced = {scene for scene, _ in self.instead_of}
+        names = []
+        for scene, cases in self.case_table.items():
+            engines = {use.engine for use in self.engine_uses if scene in use.scenes}
+            if REFERENCE in engines and (len(engines) > 1 or scene in replaced):
+                names += [scene] if len(cases) == 1 else [f"{scene}_N{particles}" for particles in cases]
+        return names
 
-    def jobs(self) -> list[Job]:
-        """Return one record per call of `brownpipe simulate`."""
+    def jobs(self) -> list[SimulationJob]:
+        """Return the calls of `brownpipe simulate`."""
         return [
-            Job(case.name, case.particles, use.engine.label, first, last)
+            SimulationJob(case.name, case.particles, use.engine.label, first, last)
             for case in self.cases
-            for use in self.uses
+            for use in self.engine_uses
             if case.name in use.scenes
             for first, last in self.batches_of(use.seeds or self.seeds)
         ]

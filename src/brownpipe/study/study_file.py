@@ -1,4 +1,4 @@
-"""Study files: strict reading, and every refusal in one line (config/README.md describes every key)."""
+"""Study files: strict reading, with every refusal in one line (config/README.md describes the keys)."""
 
 import re
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from brownpipe.scene import Scene, parse_scene, reading
 from brownpipe.scene.reading import Entry, must_be, refuse
 from brownpipe.scene.scene_file import MOST_BYTES, MOST_DISKS
 from brownpipe.scene.seeds import MOST_SEEDS, read_seeds
-from brownpipe.study.study import Study, Use
+from brownpipe.study.study import EngineUse, Study
 
 MOST_STUDY_BYTES = 2**20
 MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
@@ -32,51 +32,51 @@ FIGURES = {  # name: what it needs
     "health": (),
 }
 RECORDS = ("tracer", "none")
-OBSERVABLES = ("msd", "d", "displacement")  # that a tolerance can be for
+OBSERVABLES = ("msd", "d", "displacement")  # quantities that a tolerance can be given for
 DEFAULTS = {
-    "seeds": None,  # one of the two
-    "tolerance": None,
-    "observable": None,  # the first, with a tolerance
-    "particles": None,  # of each scene file
+    "seeds": None,  # either these
+    "tolerance": None,  # or this
+    "observable": None,  # with a tolerance: the first of OBSERVABLES
+    "particles": None,  # those of each scene file
     "engines": ["exact"],
     "batch": 2400,
     "record": "tracer",
     "observables": [],
     "average": "runs",
-    "figures": None,  # all that there is something to show in
+    "figures": None,  # all whose needs are met
     "displacement_times": [],  # the end of each run
-    "fit_windows": None,  # from a tenth and from a half of the shortest duration to its end
+    "fit_windows": None,  # from 0.1 and from 0.5 of the shortest duration to its end
     "rings": None,  # from the data
     "instead_of": {},
 }
 
 
 def read_study(path: str | Path, overrides: dict | None = None) -> Study:
-    """Return the study of a YAML file. Its scenes are found relative to the folder of that file.
+    """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
 
-    `overrides` replaces top-level keys (`snakemake --config seeds=100`). Raises RequestError, one line, for whatever is
-    wrong with the study or with any of its scenes at any of its particle counts.
+    `overrides` replaces top-level keys (`snakemake --config seeds=100`). Raises RequestError, one line, for any mistake
+    in the study, or in any of its scenes with any of its particle counts.
     """
     mapping, file = reading.read_yaml(path, MOST_STUDY_BYTES), str(path)
     if overrides and isinstance(mapping, dict):
         mapping, file = mapping | overrides, f"{path} with {', '.join(map(str, overrides))} replaced"
-    given = reading.fields(Entry(mapping, file), ("scenes",), DEFAULTS)
-    scenes = _scenes(given["scenes"], Path(path).parent)
-    cases = _cases(scenes, given["particles"])
-    ring_width, rings = _rings(given["rings"])
-    record = reading.choice(given["record"], RECORDS)
-    observables, average = _measures(given["observables"], given["average"], cases)
-    tolerance, observable = _tolerance(given, cases)
+    entries = reading.fields(Entry(mapping, file), ("scenes",), DEFAULTS)
+    scenes = _scenes(entries["scenes"], Path(path).parent)
+    cases = _cases(scenes, entries["particles"])
+    ring_width, rings = _rings(entries["rings"])
+    record = reading.choice(entries["record"], RECORDS)
+    observables, average = _measures(entries["observables"], entries["average"], cases)
+    tolerance, observable = _tolerance(entries, cases)
     study = Study(
         name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
         scenes=scenes,
         cases=cases,
-        uses=_uses(given["engines"], cases),
-        seeds=read_seeds(given["seeds"]) if tolerance is None else (),
-        batch=reading.integer(given["batch"], 1, MOST_SEEDS),
-        figures=_figures(given["figures"], cases, record, observables),
-        displacement_times=_displacement_times(given["displacement_times"], cases),
-        fit_windows=_windows(given["fit_windows"], cases),
+        engine_uses=_engine_uses(entries["engines"], cases),
+        seeds=read_seeds(entries["seeds"]) if tolerance is None else (),
+        batch=reading.integer(entries["batch"], 1, MOST_SEEDS),
+        figures=_figures(entries["figures"], cases, record, observables),
+        displacement_times=_displacement_times(entries["displacement_times"], cases),
+        fit_windows=_windows(entries["fit_windows"], cases),
         ring_width=ring_width,
         rings=rings,
         record=record,
@@ -84,18 +84,18 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         average=average,
         tolerance=tolerance,
         observable=observable,
-        instead_of=_instead_of(given["instead_of"], cases),
+        instead_of=_instead_of(entries["instead_of"], cases),
     )
-    for seeds in (study.seeds, *(use.seeds for use in study.uses if use.seeds)):
-        refuse_repetition(cases, seeds, given["seeds"])
+    for seeds in (study.seeds, *(use.seeds for use in study.engine_uses if use.seeds)):
+        refuse_repetition(cases, seeds, entries["seeds"])
     jobs = len(study.jobs())
     if jobs > MOST_JOBS:
-        must_be(given["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
+        must_be(entries["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
     return study
 
 
 def refuse_repetition(scenes: Sequence[Scene], seeds: Sequence[int], entry: Entry | None = None) -> None:
-    """Raise RequestError for several seeds of a list of disks: its runs are all the same, and no sample of anything."""
+    """Raise RequestError for several seeds of a scene that lists its disks: all runs would be identical."""
     listed = [scene.name for scene in scenes if scene.disks]
     if listed and len(seeds) > 1:
         why = f"as the disks of {listed[0]} are listed one by one and leave nothing to chance"
@@ -109,34 +109,37 @@ def _one_or_more(entry: Entry) -> list[Entry]:
 
 
 def _scenes(entry: Entry, folder: Path) -> tuple[Path, ...]:
+    """Return the paths of the scene files."""
     paths = {}
-    for one in _one_or_more(entry):
-        if not isinstance(one.value, str) or not one.value:
-            must_be(one, "the path of a scene file, relative to the study file")
-        if Path(one.value).stem in paths:
-            must_be(one, "a scene with a name (file stem) of its own")
-        paths[Path(one.value).stem] = folder / one.value
+    for item in _one_or_more(entry):
+        if not isinstance(item.value, str) or not item.value:
+            must_be(item, "the path of a scene file, relative to the study file")
+        if Path(item.value).stem in paths:
+            must_be(item, "a scene with a name (file stem) of its own")
+        paths[Path(item.value).stem] = folder / item.value
     return tuple(paths.values())
 
 
 def _cases(scenes: tuple[Path, ...], particles: Entry) -> tuple[Scene, ...]:
-    given = () if particles.value is None else _one_or_more(particles)
-    counts = [reading.integer(one, 0, MOST_DISKS) for one in given] or [None]
+    """Return every scene with every particle count, or with its own for `particles` of None."""
+    entries = () if particles.value is None else _one_or_more(particles)
+    counts = [reading.integer(entry, 0, MOST_DISKS) for entry in entries] or [None]
     if len(set(counts)) < len(counts):
         must_be(particles, "particle counts that differ")
-    read = [(reading.read_yaml(scene, MOST_BYTES), str(scene)) for scene in scenes]
-    return tuple(parse_scene(mapping, where, count) for mapping, where in read for count in counts)
+    mappings = [(reading.read_yaml(path, MOST_BYTES), str(path)) for path in scenes]
+    return tuple(parse_scene(mapping, path, count) for mapping, path in mappings for count in counts)
 
 
-def _uses(entry: Entry, cases: tuple[Scene, ...]) -> tuple[Use, ...]:
-    uses = tuple(_use(one, cases) for one in _one_or_more(entry))
-    each = [(use.engine, scene) for use in uses for scene in use.scenes]
-    return uses if len(set(each)) == len(each) else must_be(entry, "engines or settings that differ")
+def _engine_uses(entry: Entry, cases: tuple[Scene, ...]) -> tuple[EngineUse, ...]:
+    uses = tuple(_engine_use(item, cases) for item in _one_or_more(entry))
+    pairs = [(use.engine, scene) for use in uses for scene in use.scenes]
+    return uses if len(set(pairs)) == len(pairs) else must_be(entry, "engines or settings that differ")
 
 
-def _use(entry: Entry, cases: tuple[Scene, ...]) -> Use:
-    """An engine with its settings; a mapping may also say in which scenes it is used, and for which seeds."""
-    names, own = tuple(dict.fromkeys(case.name for case in cases)), {}
+def _engine_use(entry: Entry, cases: tuple[Scene, ...]) -> EngineUse:
+    """Return an engine with its settings; a mapping may also name the scenes it is used in, and its seeds."""
+    names = tuple(dict.fromkeys(case.name for case in cases))
+    own = {}
     if isinstance(entry.value, dict):
         own = {
             key: Entry(entry.value[key], entry.file, (*entry.path, key))
@@ -145,11 +148,11 @@ def _use(entry: Entry, cases: tuple[Scene, ...]) -> Use:
         }
         entry = entry._replace(value={key: value for key, value in entry.value.items() if key not in own})
     engine = read_engine(entry)
-    scenes = tuple(reading.choice(one, names) for one in _one_or_more(own["scenes"])) if "scenes" in own else names
+    scenes = tuple(reading.choice(item, names) for item in _one_or_more(own["scenes"])) if "scenes" in own else names
     for case in cases:
         if case.name in scenes:
             engine.refuse_unfit(case)
-    return Use(engine, scenes, read_seeds(own["seeds"]) if "seeds" in own else None)
+    return EngineUse(engine, scenes, read_seeds(own["seeds"]) if "seeds" in own else None)
 
 
 def read_tolerance(entry: Entry) -> float:
@@ -162,13 +165,13 @@ def read_tolerance(entry: Entry) -> float:
     return float(value)
 
 
-def _tolerance(given: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[float | None, str | None]:
-    """Return the tolerance that stands instead of a number of seeds, and what it is for."""
-    tolerance, observable = given["tolerance"], given["observable"]
-    if (tolerance.value is None) == (given["seeds"].value is None):
+def _tolerance(entries: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[float | None, str | None]:
+    """Return the tolerance that a study has in place of seeds and what it is for; None, None for a study with seeds."""
+    tolerance, observable, seeds = (entries[key] for key in ("tolerance", "observable", "seeds"))
+    if (tolerance.value is None) == (seeds.value is None):
         missing = "missing; must be given, or a tolerance instead"
         twice = "must not be given with a tolerance, which says how many"
-        refuse(given["seeds"], missing if tolerance.value is None else twice)
+        refuse(seeds, missing if tolerance.value is None else twice)
     if tolerance.value is None:
         if observable.value is not None:
             refuse(observable, "must not be given without a tolerance, which is for it")
@@ -181,61 +184,63 @@ def _tolerance(given: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[float
 
 
 def _instead_of(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """Return which scenes of the study may be run instead of which; with the same sample times."""
-    known = {case.name: case for case in cases}
-    given = []
-    for scene, one in reading.fields(entry, (), dict.fromkeys(known)).items():
-        names = () if one.value is None else tuple(reading.choice(name, tuple(known)) for name in _one_or_more(one))
+    """Return (scene, scenes that may be run in its place); these have the same sample times."""
+    by_name = {case.name: case for case in cases}
+    substitutes = []
+    for scene, item in reading.fields(entry, (), dict.fromkeys(by_name)).items():
+        listed = () if item.value is None else _one_or_more(item)
+        names = tuple(reading.choice(name, tuple(by_name)) for name in listed)
         for name in names:
-            if name == scene or not np.array_equal(known[name].times, known[scene].times):
-                must_be(one, f"other scenes with the sample times of {scene}")
-        given += [(scene, names)] if names else []
-    return tuple(given)
+            if name == scene or not np.array_equal(by_name[name].times, by_name[scene].times):
+                must_be(item, f"other scenes with the sample times of {scene}")
+        substitutes += [(scene, names)] if names else []
+    return tuple(substitutes)
 
 
 def _measures(observables: Entry, average: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[str, ...], str]:
-    """Return what is measured in each run, and the averages made there; every scene must have it."""
-    listed = observables.value not in (None, []) and _one_or_more(observables)
-    current = [reading.current_name(name, measures.RENAMED) for name in listed or ()]
+    """Return the observables measured in each run and what they average over; every scene must allow them."""
+    listed = () if observables.value in (None, []) else _one_or_more(observables)
+    current = [reading.current_name(name, measures.RENAMED) for name in listed]
     names = tuple(reading.choice(name, tuple(measures.OBSERVABLES)) for name in current)
     over = reading.choice(average, measures.AVERAGES)
     for case in cases:
-        found = measures.problem(case, names, over)
-        if found is not None:
-            key, why = found
+        refusal = measures.problem(case, names, over)
+        if refusal is not None:
+            key, why = refusal
             refuse({"observables": observables, "average": average}[key], f"{case.name}, N = {case.particles}: {why}")
     return names, over
 
 
 def _figures(entry: Entry, cases: tuple[Scene, ...], record: str, observables: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the figures; the default is all that there is something to show in."""
-    moving = {case.particles for case in cases} - {0}
-    there = {f"the observable {name}" for name in observables}
-    there |= {FOLLOWED} if moving else set()
-    there |= {COUNTS} if len(moving) > 1 else set()
-    there |= {TRACKED} if record == "tracer" else set()
-    there |= {SPREADING} if record == "tracer" or "square_displacement" in observables else set()
-    lacking = {name: [one for one in needs if one not in there] for name, needs in FIGURES.items()}
+    """Return the figures of the study; by default all whose needs are met."""
+    counts = {case.particles for case in cases} - {0}
+    met = {f"the observable {name}" for name in observables}
+    met |= {FOLLOWED} if counts else set()
+    met |= {COUNTS} if len(counts) > 1 else set()
+    met |= {TRACKED} if record == "tracer" else set()
+    met |= {SPREADING} if record == "tracer" or "square_displacement" in observables else set()
+    unmet = {name: [need for need in needs if need not in met] for name, needs in FIGURES.items()}
     if entry.value is None:
-        return tuple(name for name in FIGURES if not lacking[name])
-    names = tuple(reading.choice(one, tuple(FIGURES)) for one in _one_or_more(entry))
-    for name in (name for name in names if lacking[name]):
-        reading.refuse(entry, f"{name} needs {lacking[name][0]}")
+        return tuple(name for name in FIGURES if not unmet[name])
+    names = tuple(reading.choice(item, tuple(FIGURES)) for item in _one_or_more(entry))
+    for name in names:
+        if unmet[name]:
+            refuse(entry, f"{name} needs {unmet[name][0]}")
     return names if len(set(names)) == len(names) else must_be(entry, "figures that differ")
 
 
 def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float], ...]:
-    """Return the time windows of the fits; those asked for have at least three sample times of every scene."""
+    """Return the time windows of the fits. A window of the file has at least three sample times of every scene."""
     if entry.value is None:
         end = min(case.duration for case in cases)
         return ((0.1 * end, end), (0.5 * end, end))
     windows = []
-    for one in reading.items(entry) or must_be(entry, "a list that is not empty"):
-        t0, t1 = (reading.number(end, least=0) for end in reading.items(one, 2, "two times [t0, t1]"))
+    for item in reading.items(entry) or must_be(entry, "a list that is not empty"):
+        t0, t1 = (reading.number(end, least=0) for end in reading.items(item, 2, "two times [t0, t1]"))
         for case in cases:
             inside = np.count_nonzero((case.times >= t0) & (case.times <= t1))
             if not t0 < t1 <= case.duration or inside < 3:
-                must_be(one, f"[t0, t1] with t0 < t1 <= {case.duration!r} and three samples or more of {case.name}")
+                must_be(item, f"[t0, t1] with t0 < t1 <= {case.duration!r} and three samples or more of {case.name}")
         windows.append((t0, t1))
     if len({f"{t0:g} {t1:g}" for t0, t1 in windows}) < len(windows):
         must_be(entry, "windows that differ in their first six digits")
@@ -243,20 +248,21 @@ def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float
 
 
 def _displacement_times(entry: Entry, cases: tuple[Scene, ...]) -> tuple[float, ...]:
-    """Return the times of the displacement distribution; each is a sample time of some scene."""
+    """Return the times of the displacement distribution; each is a sample time of at least one scene."""
     times = []
-    for one in reading.items(entry):
-        time = reading.number(one, above=0)
+    for item in reading.items(entry):
+        time = reading.number(item, above=0)
         if not any(np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in cases):
-            must_be(one, "a sample time of some scene")
+            must_be(item, "a sample time of some scene")
         if np.isclose(times, time, rtol=1e-9, atol=0.0).any():
-            must_be(one, "given once")
+            must_be(item, "given once")
         times.append(time)
     return tuple(times)
 
 
 def _rings(entry: Entry) -> tuple[float, int] | tuple[None, None]:
+    """Return width and number of the rings; None, None to derive them from the data."""
     if entry.value is None:
         return None, None
-    given = reading.fields(entry, ("dr", "count"))
-    return reading.number(given["dr"], above=0), reading.integer(given["count"], 1, 100_000)
+    entries = reading.fields(entry, ("dr", "count"))
+    return reading.number(entries["dr"], above=0), reading.integer(entries["count"], 1, 100_000)

@@ -1,0 +1,80 @@
+"""The number of runs that a tolerance needs: it depends on scene, tolerance and observable alone, on any machine."""
+
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from brownpipe.errors import RequestError
+from brownpipe.scene import Scene, reading
+from brownpipe.scene.seeds import MOST_SEEDS
+from brownpipe.study.pilot import run_pilot
+from brownpipe.study.study import REFERENCE, Study
+from brownpipe.study.study_file import MOST_JOBS
+from brownpipe.study.writing import write_yaml
+from brownpipe.tradeoff import bias, runs_for, spread_of
+
+
+def settle(study: Study, path: str | Path) -> Study:
+    """Return the study with as many seeds as its tolerance needs; a study that has seeds is returned unchanged.
+
+    The number is determined once, by pilot runs of the exact engine, and stored in the file at `path`. It is determined
+    again when scenes, tolerance, observable or fit window change. It is the largest of all cases and covers statistical
+    errors only: more runs do not reduce an engine's bias. Raises RequestError for a tolerance that needs too many runs.
+    """
+    if study.tolerance is None:
+        return study
+    request = {
+        "tolerance": study.tolerance,
+        "observable": study.observable,
+        "window": list(study.fit_windows[0]),
+        "scenes": {case_title(case): case.digest for case in study.cases},
+    }
+    plan = _stored_plan(path)
+    if {key: plan.get(key) for key in request} != request:
+        needed = {case_title(case): runs_needed(case, study) for case in study.cases}
+        plan = request | {"needed": needed, "runs": max(needed.values())}
+        write_yaml(path, plan, "How many runs the tolerance of this study needs; made by its workflow, once.")
+    return _with_runs(study, plan["runs"])
+
+
+def _with_runs(study: Study, runs: int) -> Study:
+    """Return the study with the seeds 0 to runs - 1, in batches large enough for the number of jobs allowed."""
+    study = replace(study, seeds=range(runs))
+    while len(study.jobs()) > MOST_JOBS:
+        study = replace(study, batch=2 * study.batch)
+    return study
+
+
+def assumed_runs(tolerance: float) -> int:
+    """Return the number of runs for a quantity whose standard deviation is its mean, as that of r^2 in diffusion."""
+    return math.ceil(tolerance**-2)
+
+
+def runs_needed(scene: Scene, study: Study) -> int:
+    """Return the number of exact runs of a scene whose standard error is the study's tolerance."""
+    runs = runs_for(study.tolerance, 0.0, relative_scatter(scene, study.observable, study.fit_windows[0]))
+    if runs > MOST_SEEDS:
+        needed = f"a tolerance of {study.tolerance:g} needs {runs} runs; at most {MOST_SEEDS}"
+        raise RequestError(f"{case_title(scene)}: {needed}")
+    return runs
+
+
+def relative_scatter(scene: Scene, observable: str, window: tuple[float, float]) -> float:
+    """Return the standard deviation of `observable` over exact runs, relative to its mean, from a pilot."""
+    if observable == "displacement":
+        return bias.spread_of_shares()
+    return spread_of(run_pilot(scene, REFERENCE), observable, window)
+
+
+def case_title(scene: Scene) -> str:
+    return f"{scene.name}, N = {scene.particles}"
+
+
+def _stored_plan(path: str | Path) -> dict:
+    """Return the contents of the plan file; empty if there is none or it cannot be read."""
+    try:
+        plan = reading.read_yaml(path, 2**20) if os.path.exists(path) else {}
+    except RequestError:
+        return {}
+    return plan if isinstance(plan, dict) else {}

@@ -1,0 +1,31 @@
+"""YAML files that brownpipe writes: the plan of a study, and studies made of others."""
+
+import os
+from pathlib import Path
+
+from brownpipe.engines import Engine
+from brownpipe.scene import reading
+from brownpipe.storage import write_file
+from brownpipe.study.study_file import MOST_STUDY_BYTES
+
+OF_THE_OTHER = ("tolerance", "observable", "instead_of")  # keys that do not apply to the study that is made
+
+
+def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int, batch: int) -> dict:
+    """Return the contents of a study file at `path`: the scenes of another study with so many runs of one engine."""
+    mapping = dict(reading.read_yaml(study_file, MOST_STUDY_BYTES))
+    scenes = mapping["scenes"] if isinstance(mapping["scenes"], list) else [mapping["scenes"]]
+    folder = Path(path).resolve().parent
+    mapping["scenes"] = [os.path.relpath(Path(study_file).resolve().parent / scene, folder) for scene in scenes]
+    for key in OF_THE_OTHER:
+        mapping.pop(key, None)
+    return mapping | {"engines": [{"name": engine.name, **dict(engine.settings)}], "seeds": runs, "batch": batch}
+
+
+def write_yaml(path: str | Path, values: dict, comment: str) -> None:
+    """Write a mapping as YAML below a line of comment, all or nothing."""
+    import yaml
+
+    text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    write_file(path, f"# {comment}\n\n{text}".encode())
