@@ -110,7 +110,7 @@ def test_jobs_are_neither_too_short_to_start_nor_too_long_to_lose():
 # -- the number of runs of a study ----------------------------------------------------------------------------------
 
 
-def test_number_of_runs_is_a_function_of_scene_tolerance_and_observable(study_file, tmp_path, monkeypatch):
+def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, tmp_path, monkeypatch):
     study = read_study(study_file(tolerance="4%"))
     settled = run_count.settle(study, tmp_path / "plan.yaml")
     again = run_count.settle(study, tmp_path / "again.yaml")
@@ -125,7 +125,9 @@ def test_number_of_runs_is_a_function_of_scene_tolerance_and_observable(study_fi
 
 def test_number_of_runs_is_worked_out_again_when_the_scene_or_the_wish_changes(study_file, tmp_path):
     first = run_count.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
-    other = run_count.settle(read_study(study_file(tolerance=0.1, observable="displacement")), tmp_path / "plan.yaml")
+    other = run_count.settle(
+        read_study(study_file(tolerance=0.1, target="displacement_distribution")), tmp_path / "plan.yaml"
+    )
     assert len(other.seeds) == math.ceil((tradeoff.bias.spread_of_shares() / 0.1) ** 2) != len(first.seeds)
     (tmp_path / "scenes" / "few.yaml").write_text(SCENE.replace("12", "13"))
     again = run_count.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
@@ -163,10 +165,14 @@ def test_too_many_jobs_take_larger_batches(study_file, tmp_path):
         ({"tolerance": "200%"}, "tolerance: must be a relative error above 0"),
         ({"tolerance": True}, "tolerance: must be a relative error above 0"),
         (
-            {"tolerance": 0.02, "observable": "energy"},
-            "observable: 'energy' is unknown; must be msd or d or displacement",
+            {"tolerance": 0.02, "target": "energy"},
+            "target: 'energy' is unknown; must be msd or d or displacement_distribution",
         ),
-        ({"seeds": 5, "observable": "msd"}, "observable: must not be given without a tolerance, which is for it"),
+        (
+            {"tolerance": 0.02, "target": "d", "observable": "d"},
+            "observable: is the old name of target; must be given once",
+        ),
+        ({"seeds": 5, "target": "msd"}, "target: must not be given without a tolerance, which is for it"),
         ({"seeds": 5, "instead_of": {"many": "few"}}, "instead_of: unknown key 'many'"),
         (
             {"seeds": 5, "instead_of": {"few": "few"}},
@@ -256,7 +262,11 @@ def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys)
         (["--tolerance", "0"], "--tolerance: must be a relative error above 0 and below 1, like 0.02 or 2%, not 0.0"),
         (["--tolerance", "much"], "--tolerance: must be a relative error"),
         ([], "--tolerance: missing; must be given, or --budget"),
-        (["--tolerance", "2%", "--observable", "energy"], "argument --observable: invalid choice"),
+        (
+            ["--tolerance", "2%", "--target", "energy"],
+            "--target: 'energy' is unknown; must be msd or d or displacement_",
+        ),
+        (["--tolerance", "2%", "--target", "d", "--observable", "d"], "--observable: is the old name of --target"),
         (["--budget", "5 weeks"], "argument --budget: must be a time like 60s, 5min or 2h"),
         (["--budget", "0s"], "argument --budget: must be a finite number > 0"),
     ],
@@ -270,6 +280,40 @@ def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, words, mess
             status = end.code
     said = capsys.readouterr().err
     assert status == WRONG_REQUEST and message in said and said.count("\n") == 1
+
+
+def test_old_names_of_the_target_are_understood_with_a_hint(study_file, here, monkeypatch, capsys):
+    study = read_study(study_file(tolerance=0.1, observable="displacement"))
+    hints = capsys.readouterr().err.splitlines()
+    path = study_file(tolerance=0.1, target="displacement_distribution")
+    assert study == read_study(path)
+    assert hints == [
+        f"brownpipe: {path} observable: now called target",
+        f"brownpipe: {path}: target displacement: now called displacement_distribution",
+    ]
+    targets = []
+    monkeypatch.setattr(performance, "performance_of", lambda _, target: targets.append(target))
+    monkeypatch.setattr(plan, "describe", lambda *_: "")
+    monkeypatch.setattr("brownpipe.study.offers.offers", lambda *_: [])
+    for words, hints in (
+        (["--target", "d"], ""),
+        (["--observable", "d"], "brownpipe: --observable: now called --target\n"),
+        (["--target", "displacement"], "brownpipe: --target displacement: now called displacement_distribution\n"),
+        ([], ""),
+    ):
+        assert cli.main(["plan", str(path), *words]) == cli.FAILED
+        assert capsys.readouterr().err == hints
+    assert targets == ["d", "d", *["displacement_distribution"] * 2]
+
+
+def test_a_plan_written_under_the_old_name_is_used(study_file, tmp_path, monkeypatch):
+    study = read_study(study_file(tolerance=0.1))
+    settled = run_count.settle(study, tmp_path / "plan.yaml")
+    text = (tmp_path / "plan.yaml").read_text()
+    assert text.count("target: msd\n") == 1
+    (tmp_path / "plan.yaml").write_text(text.replace("target:", "observable:"))
+    monkeypatch.setattr(run_count, "run_pilot", None)
+    assert run_count.settle(study, tmp_path / "plan.yaml").seeds == settled.seeds
 
 
 def test_times_are_understood():

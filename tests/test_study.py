@@ -267,7 +267,7 @@ def test_wrong_seeds_are_refused(text, allowed):
         ({"rings": {"dr": 0.04}}, "rings.count: missing; must be given"),
         ({"rings": {"dr": 0, "count": 3}}, "rings.dr: must be a finite number > 0, not 0"),
         ({"observabls": ["displacement"]}, "unknown key 'observabls'; did you mean observables?"),
-        ({"observable": "msd"}, "observable: must not be given without a tolerance"),
+        ({"target": "msd"}, "target: must not be given without a tolerance"),
         ({"observables": ["species"]}, "observables[0]: 'species' is unknown; did you mean species_energy? must be"),
         ({"observables": ["square_displacement"] * 2}, "observables: harrison2020, N = 50: must differ"),
         ({"average": "runes"}, "average: 'runes' is unknown; did you mean runs? must be runs or origins or disks"),

@@ -173,14 +173,14 @@ def plan(arguments) -> int:
     from brownpipe.study.offers import offers
 
     study, budget = read_study(arguments.study), arguments.budget
-    tolerance, observable = study.tolerance, arguments.observable or study.observable or "msd"
+    tolerance, target = study.tolerance, _target(arguments) or study.target or "msd"
     if arguments.tolerance is not None:
         tolerance = planning.tolerance_of(arguments.tolerance)
     if tolerance is None and budget is None:
         raise RequestError("--tolerance: missing; must be given, or --budget")
     output = None if arguments.write is None else _writable(arguments.write, arguments.study)
-    cases = performance.performance_of(study, observable)
-    print(planning.describe(cases, observable, tolerance, budget))
+    cases = performance.performance_of(study, target)
+    print(planning.describe(cases, target, tolerance, budget))
     best = next(iter(offers(cases, tolerance, budget)), None)
     if output is not None and best is not None:
         mapping = writing.derived_study(arguments.study, output, best.engine, best.runs, best.batch)
@@ -263,6 +263,21 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
         last_written = time.monotonic()
 
     return (Checkpoints(due, store, read_checkpoint(path, made_by)),)
+
+
+def _target(arguments) -> str | None:
+    """Return the quantity of --target, or of --observable, its old name; None if neither is given."""
+    from brownpipe.errors import RequestError
+    from brownpipe.scene.reading import Entry
+    from brownpipe.study.study_file import read_target
+
+    given = {f"--{name}": getattr(arguments, name) for name in ("target", "observable")}
+    given = {option: value for option, value in given.items() if value is not None}
+    if len(given) > 1:
+        raise RequestError("--observable: is the old name of --target; must be given once")
+    if "--observable" in given:
+        _say("--observable: now called --target", DONE)
+    return next((read_target(Entry(value, "", (option,))) for option, value in given.items()), None)
 
 
 def _measures(arguments, scene) -> dict:

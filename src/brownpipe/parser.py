@@ -103,7 +103,9 @@ def _tradeoff(add: Callable) -> None:
 def _plan(add: Callable) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
     add("--tolerance", metavar="ERROR", help="relative error that is allowed: 2%% or 0.02")
-    add("--observable", choices=("msd", "d", "displacement"), help="what it is the error of (default: msd, at the end)")
+    target = "quantity with this error: msd (at the end; default), d, or displacement_distribution (at the end)"
+    add("--target", metavar="QUANTITY", help=target)
+    add("--observable", help=argparse.SUPPRESS)  # the old name of --target
     add("--budget", type=_seconds, metavar="TIME", help="CPU time that may be spent: 60s, 5min, 2h")
     add("--write", metavar="FILE.yaml", help="study file to write, with the best choice")
 

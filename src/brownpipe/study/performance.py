@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     import xarray
 
 TIMING_REPEATS = 3
+PREFIX = {"msd": "msd", "d": "d", "displacement_distribution": "displacement"}  # of the variables of a trade-off
 
 
 class EnginePerformance(NamedTuple):
-    """Errors of one observable by an engine in a case, relative to the exact mean, and the cost of a run."""
+    """Errors of one target quantity by an engine in a case, relative to the exact mean, and the cost of a run."""
 
     engine: Engine
     bias: float  # 0 for the exact engine; NaN if it was not compared
@@ -44,36 +45,36 @@ class CasePerformance(NamedTuple):
     engines: dict[Engine, EnginePerformance]
 
 
-def performance_of(study: Study, observable: str, results: str | Path = "results") -> list[CasePerformance]:
-    """Return the performance of the engines in each case of a study, for one observable.
+def performance_of(study: Study, target: str, results: str | Path = "results") -> list[CasePerformance]:
+    """Return the performance of the engines in each case of a study, for one of study_file.TARGETS.
 
     Taken from a trade-off stored below `results` if it has the same scene, otherwise from pilot runs.
     """
     window = study.fit_windows[0]
     return [
-        stored_performance(scene, observable, window, results) or pilot_performance(scene, observable, window)
+        stored_performance(scene, target, window, results) or pilot_performance(scene, target, window)
         for scene in study.cases
     ]
 
 
 def stored_performance(
-    scene: Scene, observable: str, window: tuple[float, float], results: str | Path
+    scene: Scene, target: str, window: tuple[float, float], results: str | Path
 ) -> CasePerformance | None:
     """Return what a stored trade-off says of this scene (for D: in this fit window); None if there is none."""
     for path in sorted(Path(results).glob("*/tradeoff/*.nc")):
         dataset = read_dataset(path)
-        if not {"digest", "engine", f"{observable}_bias_careful"} <= set(dataset.data_vars):
+        if not {"digest", "engine", f"{PREFIX[target]}_bias_careful"} <= set(dataset.data_vars):
             continue  # written by another version
         index = np.flatnonzero(dataset.digest.values == scene.digest)
         if index.size:
             of_scene = dataset.isel(scene=index[0])
             same_window = np.allclose([of_scene.window_start, of_scene.window_end], window)
-            if observable != "d" or same_window:
-                return _case(scene, str(path), _from_dataset(of_scene, observable))
+            if target != "d" or same_window:
+                return _case(scene, str(path), _from_dataset(of_scene, target))
     return None
 
 
-def _from_dataset(of_scene: "xarray.Dataset", observable: str) -> list[EnginePerformance]:
+def _from_dataset(of_scene: "xarray.Dataset", target: str) -> list[EnginePerformance]:
     """Return the performance of each setting of a trade-off in one scene, the exact engine first."""
     performances = []
     for label in of_scene.setting.values:
@@ -81,20 +82,20 @@ def _from_dataset(of_scene: "xarray.Dataset", observable: str) -> list[EnginePer
         engine = recorded(json.loads(setting.engine.item()), str(label)) if setting.runs > 0 else None
         if engine is not None and engine.label == label:  # else it is exact in a scene run in place of this one
             values = {name: setting[name].item() for name in setting.data_vars if setting[name].ndim == 0}
-            performances.append(_performance(engine, values, observable))
+            performances.append(_performance(engine, values, target))
     return sorted(performances, key=lambda performance: performance.engine != REFERENCE)
 
 
-def pilot_performance(scene: Scene, observable: str, window: tuple[float, float]) -> CasePerformance:
+def pilot_performance(scene: Scene, target: str, window: tuple[float, float]) -> CasePerformance:
     """Measure the exact engine and the candidates by pilot runs; those that cost more than it are not compared."""
     exact = run_pilot(scene, REFERENCE)
     exact_seconds = timing.seconds_per_run(REFERENCE, scene, stretches=TIMING_REPEATS)
-    performances = [_performance(REFERENCE, compare(exact, exact, window, exact_seconds), observable)]
+    performances = [_performance(REFERENCE, compare(exact, exact, window, exact_seconds), target)]
     for engine in candidates(scene):
         seconds = timing.seconds_per_run(engine, scene, stretches=TIMING_REPEATS)
         if seconds < exact_seconds:
             values = compare(run_pilot(scene, engine), exact, window, seconds)
-            performances.append(_performance(engine, values, observable))
+            performances.append(_performance(engine, values, target))
         else:
             performances.append(EnginePerformance(engine, np.nan, np.nan, performances[0].scatter, seconds))
     return _case(scene, f"a pilot of {pilot_runs(scene)} runs", performances)
@@ -104,10 +105,11 @@ def _case(scene: Scene, source: str, performances: list[EnginePerformance]) -> C
     return CasePerformance(scene, source, {performance.engine: performance for performance in performances})
 
 
-def _performance(engine: Engine, values: dict[str, float], observable: str) -> EnginePerformance:
+def _performance(engine: Engine, values: dict[str, float], target: str) -> EnginePerformance:
     """Return the performance that the variables of a trade-off (`tradeoff.compare`) give."""
-    error = "displacement_bias_noise" if observable == "displacement" else f"{observable}_bias_standard_error"
-    numbers = (values[f"{observable}_bias"], values[error], values[f"{observable}_spread"], values["seconds"])
+    name = PREFIX[target]
+    error = f"{name}_bias_noise" if target == "displacement_distribution" else f"{name}_bias_standard_error"
+    numbers = (values[f"{name}_bias"], values[error], values[f"{name}_spread"], values["seconds"])
     return EnginePerformance(engine, *map(float, numbers))
 
 

@@ -8,7 +8,11 @@ from brownpipe.study.run_count import case_title
 from brownpipe.study.study import REFERENCE
 from brownpipe.study.study_file import read_tolerance
 
-NAMES = {"msd": "MSD at the end", "d": "D in its window", "displacement": "distribution of displacements"}
+NAMES = {
+    "msd": "MSD at the end",
+    "d": "D in the first fit window",
+    "displacement_distribution": "displacement distribution at the end",
+}
 RESOLVED = 2.0  # standard errors
 
 
@@ -21,13 +25,13 @@ def tolerance_of(text: str) -> float:
     return read_tolerance(Entry(value, "", ("--tolerance",)))
 
 
-def describe(cases: list[CasePerformance], observable: str, tolerance: float | None, budget: float | None) -> str:
+def describe(cases: list[CasePerformance], target: str, tolerance: float | None, budget: float | None) -> str:
     """Return the best choice for each case, the runner-up and the engines that are no choice; then for all cases."""
     limits = [f"to {_percent(tolerance)}"] if tolerance is not None else []
     limits += [f"within {in_time(budget)} of CPU"] if budget is not None else []
     lines = []
     for case in cases:
-        lines.append(f"{case_title(case.scene)}: {NAMES[observable]} {' '.join(limits)}, from {case.source}")
+        lines.append(f"{case_title(case.scene)}: {NAMES[target]} {' '.join(limits)}, from {case.source}")
         lines += _choice([case], tolerance, budget / len(cases) if budget is not None else None)
         lines += _excluded(case, tolerance)
     if len(cases) > 1:

@@ -1,4 +1,4 @@
-"""The number of runs that a tolerance needs: it depends on scene, tolerance and observable alone, on any machine."""
+"""The number of runs that a tolerance needs: it depends on scene, tolerance and target alone, on any machine."""
 
 import math
 import os
@@ -10,7 +10,7 @@ from brownpipe.scene import Scene, reading
 from brownpipe.scene.seeds import MOST_SEEDS
 from brownpipe.study.pilot import run_pilot
 from brownpipe.study.study import REFERENCE, Study
-from brownpipe.study.study_file import MOST_JOBS
+from brownpipe.study.study_file import MOST_JOBS, RENAMED_TARGETS
 from brownpipe.study.writing import write_yaml
 from brownpipe.tradeoff import bias, runs_for, spread_of
 
@@ -19,14 +19,14 @@ def settle(study: Study, path: str | Path) -> Study:
     """Return the study with as many seeds as its tolerance needs; a study that has seeds is returned unchanged.
 
     The number is determined once, by pilot runs of the exact engine, and stored in the file at `path`. It is determined
-    again when scenes, tolerance, observable or fit window change. It is the largest of all cases and covers statistical
+    again when scenes, tolerance, target or fit window change. It is the largest of all cases and covers statistical
     errors only: more runs do not reduce an engine's bias. Raises RequestError for a tolerance that needs too many runs.
     """
     if study.tolerance is None:
         return study
     request = {
         "tolerance": study.tolerance,
-        "observable": study.observable,
+        "target": study.target,
         "window": list(study.fit_windows[0]),
         "scenes": {case_title(case): case.digest for case in study.cases},
     }
@@ -53,18 +53,18 @@ def assumed_runs(tolerance: float) -> int:
 
 def runs_needed(scene: Scene, study: Study) -> int:
     """Return the number of exact runs of a scene whose standard error is the study's tolerance."""
-    runs = runs_for(study.tolerance, 0.0, relative_scatter(scene, study.observable, study.fit_windows[0]))
+    runs = runs_for(study.tolerance, 0.0, relative_scatter(scene, study.target, study.fit_windows[0]))
     if runs > MOST_SEEDS:
         needed = f"a tolerance of {study.tolerance:g} needs {runs} runs; at most {MOST_SEEDS}"
         raise RequestError(f"{case_title(scene)}: {needed}")
     return runs
 
 
-def relative_scatter(scene: Scene, observable: str, window: tuple[float, float]) -> float:
-    """Return the standard deviation of `observable` over exact runs, relative to its mean, from a pilot."""
-    if observable == "displacement":
+def relative_scatter(scene: Scene, target: str, window: tuple[float, float]) -> float:
+    """Return the standard deviation of `target` over exact runs, relative to its mean, from a pilot."""
+    if target == "displacement_distribution":
         return bias.spread_of_shares()
-    return spread_of(run_pilot(scene, REFERENCE), observable, window)
+    return spread_of(run_pilot(scene, REFERENCE), target, window)
 
 
 def case_title(scene: Scene) -> str:
@@ -77,4 +77,7 @@ def _stored_plan(path: str | Path) -> dict:
         plan = reading.read_yaml(path, 2**20) if os.path.exists(path) else {}
     except RequestError:
         return {}
-    return plan if isinstance(plan, dict) else {}
+    if not isinstance(plan, dict):
+        return {}
+    old = plan.get("observable")  # the key of files written before it was renamed
+    return {"target": RENAMED_TARGETS.get(old, old)} | plan if isinstance(old, str) else plan

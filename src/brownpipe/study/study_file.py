@@ -32,11 +32,13 @@ FIGURES = {  # name: what it needs
     "health": (),
 }
 RECORDS = ("tracer", "none")
-OBSERVABLES = ("msd", "d", "displacement")  # quantities that a tolerance can be given for
+TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
+RENAMED_KEYS = {"observable": "target"}
+RENAMED_TARGETS = {"displacement": "displacement_distribution"}
 DEFAULTS = {
     "seeds": None,  # either these
     "tolerance": None,  # or this
-    "observable": None,  # with a tolerance: the first of OBSERVABLES
+    "target": None,  # with a tolerance: the first of TARGETS
     "particles": None,  # those of each scene file
     "engines": ["exact"],
     "batch": 2400,
@@ -60,13 +62,13 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     mapping, file = reading.read_yaml(path, MOST_STUDY_BYTES), str(path)
     if overrides and isinstance(mapping, dict):
         mapping, file = mapping | overrides, f"{path} with {', '.join(map(str, overrides))} replaced"
-    entries = reading.fields(Entry(mapping, file), ("scenes",), DEFAULTS)
+    entries = reading.fields(_with_new_names(Entry(mapping, file)), ("scenes",), DEFAULTS)
     scenes = _scenes(entries["scenes"], Path(path).parent)
     cases = _cases(scenes, entries["particles"])
     ring_width, rings = _rings(entries["rings"])
     record = reading.choice(entries["record"], RECORDS)
     observables, average = _measures(entries["observables"], entries["average"], cases)
-    tolerance, observable = _tolerance(entries, cases)
+    tolerance, target = _tolerance(entries, cases)
     study = Study(
         name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
         scenes=scenes,
@@ -83,7 +85,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         observables=observables,
         average=average,
         tolerance=tolerance,
-        observable=observable,
+        target=target,
         instead_of=_instead_of(entries["instead_of"], cases),
     )
     for seeds in (study.seeds, *(use.seeds for use in study.engine_uses if use.seeds)):
@@ -92,6 +94,19 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     if jobs > MOST_JOBS:
         must_be(entries["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
     return study
+
+
+def _with_new_names(entry: Entry) -> Entry:
+    """Return the mapping of a study with keys of earlier versions replaced by the current ones."""
+    if not isinstance(entry.value, dict) or not entry.value.keys() & RENAMED_KEYS.keys():
+        return entry
+    mapping = {}
+    for key, value in entry.value.items():
+        name = RENAMED_KEYS.get(key, key)
+        if name != key and name in entry.value:
+            refuse(entry, f"{key}: is the old name of {name}; must be given once")
+        mapping[reading.current_name(Entry(key, entry.file), RENAMED_KEYS).value] = value
+    return entry._replace(value=mapping)
 
 
 def refuse_repetition(scenes: Sequence[Scene], seeds: Sequence[int], entry: Entry | None = None) -> None:
@@ -165,22 +180,28 @@ def read_tolerance(entry: Entry) -> float:
     return float(value)
 
 
+def read_target(entry: Entry) -> str:
+    """Return the quantity that a tolerance is for, one of TARGETS; the first for None. Raises RequestError."""
+    if entry.value is None:
+        return TARGETS[0]
+    return reading.choice(reading.current_name(entry, RENAMED_TARGETS), TARGETS)
+
+
 def _tolerance(entries: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[float | None, str | None]:
     """Return the tolerance that a study has in place of seeds and what it is for; None, None for a study with seeds."""
-    tolerance, observable, seeds = (entries[key] for key in ("tolerance", "observable", "seeds"))
+    tolerance, target, seeds = (entries[key] for key in ("tolerance", "target", "seeds"))
     if (tolerance.value is None) == (seeds.value is None):
         missing = "missing; must be given, or a tolerance instead"
         twice = "must not be given with a tolerance, which says how many"
         refuse(seeds, missing if tolerance.value is None else twice)
     if tolerance.value is None:
-        if observable.value is not None:
-            refuse(observable, "must not be given without a tolerance, which is for it")
+        if target.value is not None:
+            refuse(target, "must not be given without a tolerance, which is for it")
         return None, None
     fixed = [case.name for case in cases if case.disks or not case.particles]
     if fixed:
         refuse(tolerance, f"{fixed[0]} leaves nothing to chance; must be seeds: 1")
-    value = read_tolerance(tolerance)
-    return value, reading.choice(observable, OBSERVABLES) if observable.value is not None else OBSERVABLES[0]
+    return read_tolerance(tolerance), read_target(target)
 
 
 def _instead_of(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[str, tuple[str, ...]], ...]:

@@ -8,7 +8,7 @@ from brownpipe.scene import reading
 from brownpipe.storage import write_file
 from brownpipe.study.study_file import MOST_STUDY_BYTES
 
-OF_THE_OTHER = ("tolerance", "observable", "instead_of")  # keys that do not apply to the study that is made
+OF_THE_OTHER = ("tolerance", "target", "observable", "instead_of")  # keys that do not apply to the study that is made
 
 
 def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int, batch: int) -> dict:
