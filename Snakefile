@@ -18,9 +18,12 @@ try:
     if study.tolerance is not None:
         from brownpipe.study.run_count import settle
 
-        study = settle(study, f"results/{study.name}/plan.yaml")
+        dry_run = workflow.output_settings.dryrun
+        study = settle(study, f"results/{study.name}/plan.yaml", logger.info, dry_run)
 except RequestError as error:
     sys.exit(f"brownpipe: {error}")
+except KeyboardInterrupt:
+    sys.exit("brownpipe: interrupted")
 results = f"results/{study.name}"
 cases = study.case_table
 engines = {

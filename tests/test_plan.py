@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -112,32 +113,32 @@ def test_jobs_are_neither_too_short_to_start_nor_too_long_to_lose():
 
 def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, tmp_path, monkeypatch):
     study = read_study(study_file(tolerance="4%"))
-    settled = run_count.settle(study, tmp_path / "plan.yaml")
-    again = run_count.settle(study, tmp_path / "again.yaml")
+    settled = run_count.settle(study, tmp_path / "plan.yaml", print)
+    again = run_count.settle(study, tmp_path / "again.yaml", print)
     assert (
         settled.seeds == again.seeds and (tmp_path / "plan.yaml").read_bytes() == (tmp_path / "again.yaml").read_bytes()
     )
-    half = run_count.settle(read_study(study_file(tolerance=0.08)), tmp_path / "half.yaml")
+    half = run_count.settle(read_study(study_file(tolerance=0.08)), tmp_path / "half.yaml", print)
     assert len(settled.seeds) / len(half.seeds) == pytest.approx(4, rel=0.02)  # rounded up to whole runs
     monkeypatch.setattr(run_count, "run_pilot", None)  # what is written down is not worked out again
-    assert run_count.settle(study, tmp_path / "plan.yaml").seeds == settled.seeds
+    assert run_count.settle(study, tmp_path / "plan.yaml", print).seeds == settled.seeds
 
 
 def test_number_of_runs_is_worked_out_again_when_the_scene_or_the_wish_changes(study_file, tmp_path):
-    first = run_count.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
+    first = run_count.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml", print)
     other = run_count.settle(
-        read_study(study_file(tolerance=0.1, target="displacement_distribution")), tmp_path / "plan.yaml"
+        read_study(study_file(tolerance=0.1, target="displacement_distribution")), tmp_path / "plan.yaml", print
     )
     assert len(other.seeds) == math.ceil((tradeoff.bias.spread_of_shares() / 0.1) ** 2) != len(first.seeds)
     (tmp_path / "scenes" / "few.yaml").write_text(SCENE.replace("12", "13"))
-    again = run_count.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml")
+    again = run_count.settle(read_study(study_file(tolerance=0.1)), tmp_path / "plan.yaml", print)
     digests = yaml.safe_load((tmp_path / "plan.yaml").read_text())["scenes"]
     assert digests == {"few, N = 13": again.cases[0].digest} and again.seeds != ()
 
 
 def test_achieved_error_is_the_tolerance(study_file, tmp_path):
     """400 runs of the pilot and those of the study each know a spread of exponential r^2 to sqrt(2/n): 8 % here."""
-    study = run_count.settle(read_study(study_file(tolerance=0.05)), tmp_path / "plan.yaml")
+    study = run_count.settle(read_study(study_file(tolerance=0.05)), tmp_path / "plan.yaml", print)
     (scene,) = study.cases
     track = exact.simulate(scene, study.seeds).tracer
     end = squared_displacement(track.position)[:, -1]
@@ -146,9 +147,27 @@ def test_achieved_error_is_the_tolerance(study_file, tmp_path):
     assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000
 
 
+def test_a_dry_run_assumes_a_number_and_writes_nothing(study_file, tmp_path, monkeypatch):
+    said = []
+    study = read_study(study_file(tolerance=0.1))
+    with monkeypatch.context() as patch:
+        patch.setattr(run_count, "run_pilot", None)
+        assumed = run_count.settle(study, tmp_path / "plan.yaml", said.append, dry_run=True)
+    assert len(assumed.seeds) == 100 and not (tmp_path / "plan.yaml").exists()
+    settled = run_count.settle(study, tmp_path / "plan.yaml", said.append)
+    assert run_count.settle(study, tmp_path / "plan.yaml", said.append, dry_run=True) == settled
+    first, second = said  # what is stored is used without a word
+    assert first.startswith("brownpipe: the study study: 100 runs assumed; pilot runs, some ")
+    goal = "a tolerance of 10 % of msd needs"
+    exact = read_study(study_file(tolerance=0.1, target="displacement_distribution"))  # known without a pilot
+    dry, settled = (run_count.settle(exact, tmp_path / f"{k}.yaml", said.append, dry_run=k == 0) for k in (0, 1))
+    assert dry == settled and len(said) == 2 and not (tmp_path / "0.yaml").exists()
+    assert re.fullmatch(rf".*: pilot runs, some [0-9.]+ m?s of CPU .*, determine how many runs {goal}", second)
+
+
 def test_too_many_jobs_take_larger_batches(study_file, tmp_path):
     study = replace(read_study(study_file(tolerance=0.05)), batch=1)
-    settled = run_count.settle(study, tmp_path / "plan.yaml")
+    settled = run_count.settle(study, tmp_path / "plan.yaml", print)
     assert len(settled.jobs()) <= 1000 and len(settled.seeds) == sum(job.last - job.first + 1 for job in settled.jobs())
 
 
@@ -252,7 +271,7 @@ def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys)
     said = capsys.readouterr().out
     assert "MSD at the end to 10 %, from a pilot of 400 runs" in said
     assert said.count("no         timestep-") == 3 and "no         langevin-enskog: a run costs 2 times" in said
-    number = run_count.settle(read_study(path), "plan.yaml").seeds[-1] + 1
+    number = run_count.settle(read_study(path), "plan.yaml", print).seeds[-1] + 1
     assert f"exact: {number:,} runs" in said  # as its workflow will have it
 
 
@@ -308,12 +327,12 @@ def test_old_names_of_the_target_are_understood_with_a_hint(study_file, here, mo
 
 def test_a_plan_written_under_the_old_name_is_used(study_file, tmp_path, monkeypatch):
     study = read_study(study_file(tolerance=0.1))
-    settled = run_count.settle(study, tmp_path / "plan.yaml")
+    settled = run_count.settle(study, tmp_path / "plan.yaml", print)
     text = (tmp_path / "plan.yaml").read_text()
     assert text.count("target: msd\n") == 1
     (tmp_path / "plan.yaml").write_text(text.replace("target:", "observable:"))
     monkeypatch.setattr(run_count, "run_pilot", None)
-    assert run_count.settle(study, tmp_path / "plan.yaml").seeds == settled.seeds
+    assert run_count.settle(study, tmp_path / "plan.yaml", print).seeds == settled.seeds
 
 
 def test_times_are_understood():

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import yaml
 
 import forked
 from brownpipe.study import read_study
@@ -345,6 +346,21 @@ def test_what_is_measured_in_the_runs_is_passed_on(study):
     with h5py.File(study / "results/study/simulate/hot/N8/exact/0-9.h5") as file:
         assert file["observables/run/species_energy"].shape == (10, 11, 2)
         assert "observables/run/square_displacement" in file and "particles/tracer" not in file
+
+
+def test_a_tolerance_takes_one_command_and_its_dry_run_no_pilot(tmp_path):
+    """The pilot is announced on the screen before anything else, and is not run again."""
+    folder = write_study(tmp_path / "study")
+    (folder / "study.yaml").write_text("scenes: scenes/hot.yaml\ntolerance: 20%\nfigures: [health]\n")
+    dry = snakemake(folder, "--dry-run")
+    assert "brownpipe: the study study: 25 runs assumed; pilot runs, some " in dry
+    assert "/hot/N10/exact/0-24.h5" in dry and not (folder / "results").exists()
+    first, second = snakemake(folder, "--cores", "1"), snakemake(folder, "--dry-run")
+    announced = "determine how many runs a tolerance of 20 % of msd needs"
+    assert first.index(announced) < first.index(" runs in 1 jobs of up to ")
+    number = yaml.safe_load((folder / "results/study/plan.yaml").read_text())["runs"]
+    assert [file.name for file in folder.rglob("*.h5")] == [f"0-{number - 1}.h5"]
+    assert planned(folder) == NOTHING and announced not in second and "assumed" not in second
 
 
 def test_a_list_of_disks_in_a_folder_with_spaces(tmp_path):

@@ -2,25 +2,30 @@
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from brownpipe.errors import RequestError
+from brownpipe.formatting import in_time
 from brownpipe.scene import Scene, reading
 from brownpipe.scene.seeds import MOST_SEEDS
-from brownpipe.study.pilot import run_pilot
+from brownpipe.study.pilot import pilot_seconds, run_pilot
 from brownpipe.study.study import REFERENCE, Study
 from brownpipe.study.study_file import MOST_JOBS, RENAMED_TARGETS
 from brownpipe.study.writing import write_yaml
 from brownpipe.tradeoff import bias, runs_for, spread_of
 
+DISTRIBUTION = "displacement_distribution"  # the target whose scatter is known without pilot runs
 
-def settle(study: Study, path: str | Path) -> Study:
+
+def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run: bool = False) -> Study:
     """Return the study with as many seeds as its tolerance needs; a study that has seeds is returned unchanged.
 
-    The number is determined once, by pilot runs of the exact engine, and stored in the file at `path`. It is determined
-    again when scenes, tolerance, target or fit window change. It is the largest of all cases and covers statistical
-    errors only: more runs do not reduce an engine's bias. Raises RequestError for a tolerance that needs too many runs.
+    The number is determined once, by pilot runs of the exact engine that `say` announces, and stored in the file at
+    `path`. It is determined again when scenes, tolerance, target or fit window change. It is the largest of all cases
+    and covers statistical errors only: more runs do not reduce an engine's bias. A dry run neither starts pilot runs
+    nor writes the file: it assumes a number (`assumed_runs`) and says so. Raises RequestError for too many runs.
     """
     if study.tolerance is None:
         return study
@@ -32,9 +37,18 @@ def settle(study: Study, path: str | Path) -> Study:
     }
     plan = _stored_plan(path)
     if {key: plan.get(key) for key in request} != request:
+        seconds, goal = _pilot_seconds(study), f"a tolerance of {100 * study.tolerance:g} % of {study.target} needs"
+        pilots = f"pilot runs, some {in_time(seconds)} of CPU once kernels are compiled,"
+        if seconds and dry_run:
+            runs = assumed_runs(study.tolerance)
+            say(f"brownpipe: the study {study.name}: {runs:,} runs assumed; {pilots} will determine how many {goal}")
+            return _with_runs(study, runs)
+        if seconds:
+            say(f"brownpipe: the study {study.name}: {pilots} determine how many runs {goal}")
         needed = {case_title(case): runs_needed(case, study) for case in study.cases}
         plan = request | {"needed": needed, "runs": max(needed.values())}
-        write_yaml(path, plan, "How many runs the tolerance of this study needs; made by its workflow, once.")
+        if not dry_run:
+            write_yaml(path, plan, "How many runs the tolerance of this study needs; made by its workflow, once.")
     return _with_runs(study, plan["runs"])
 
 
@@ -44,6 +58,11 @@ def _with_runs(study: Study, runs: int) -> Study:
     while len(study.jobs()) > MOST_JOBS:
         study = replace(study, batch=2 * study.batch)
     return study
+
+
+def _pilot_seconds(study: Study) -> float:
+    """Return the CPU seconds that the pilot runs of a study are expected to take."""
+    return 0.0 if study.target == DISTRIBUTION else sum(map(pilot_seconds, study.cases))
 
 
 def assumed_runs(tolerance: float) -> int:
@@ -62,7 +81,7 @@ def runs_needed(scene: Scene, study: Study) -> int:
 
 def relative_scatter(scene: Scene, target: str, window: tuple[float, float]) -> float:
     """Return the standard deviation of `target` over exact runs, relative to its mean, from a pilot."""
-    if target == "displacement_distribution":
+    if target == DISTRIBUTION:
         return bias.spread_of_shares()
     return spread_of(run_pilot(scene, REFERENCE), target, window)
 
