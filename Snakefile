@@ -1,9 +1,9 @@
-# The workflow of a study: simulate -> aggregate -> figures -> the answer on the screen.
+# The workflow of a study: simulate -> aggregate -> figures -> its summary on the screen.
 #     snakemake -j2                                              the default study, the 2020 note
-#     snakemake -j2 --configfile config/small.yaml               another one
-#     snakemake -j2 --config seeds=100                           the same with another value of one of its keys
-#     snakemake tradeoff_figures -j2 --configfile config/tradeoff.yaml     what its engines cost and are worth
-#     snakemake --report report.html                             all that came out, as one page
+#     snakemake -j2 --configfile config/small.yaml               another study
+#     snakemake -j2 --config seeds=100                           the default study with another value of a key
+#     snakemake tradeoff_figures -j2 --configfile config/tradeoff.yaml     cost and accuracy of its engines
+#     snakemake --report report.html                             all results of the study on one page
 import os
 import sys
 from os.path import relpath
@@ -35,7 +35,7 @@ engines = {
 report: "workflow/report/study.rst"
 
 
-# It has no output, so it runs whenever it is asked for: the answer is the last thing on the screen in any case.
+# This rule has no output and so always runs: the summary is the last thing on the screen, even if all is up to date.
 rule all:
     default_target: True
     input:

@@ -23,7 +23,7 @@ def main(argv: list[str] | None = None) -> int:
         signal.signal(signal.SIGTERM, _terminate)
         sys.stdout.reconfigure(errors="backslashreplace")  # any path can be printed, whatever the encoding
         arguments = build_parser(VERBS).parse_args(argv)
-        arguments.words = sys.argv[1:] if argv is None else argv
+        arguments.argv = sys.argv[1:] if argv is None else argv
         status = arguments.verb(arguments)
         sys.stdout.flush()
         return status
@@ -85,9 +85,9 @@ def simulate(arguments) -> int:
     if remark := engine.definition.caution(scene):
         _say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
-    kept = _checkpoints(arguments, checkpoint, scene, seeds, record)
+    checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
     with progress.shown(lambda text: _say(text, DONE)):
-        ensemble = engine.simulate(scene, seeds, record, *kept, **measures)
+        ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
     write_trajectories(output, scene, engine, ensemble)
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
@@ -184,7 +184,7 @@ def plan(arguments) -> int:
     best = next(iter(offers(cases, tolerance, budget)), None)
     if output is not None and best is not None:
         mapping = writing.derived_study(arguments.study, output, best.engine, best.runs, best.batch)
-        writing.write_yaml(output, mapping, f"brownpipe plan {' '.join(arguments.words[1:])}")
+        writing.write_yaml(output, mapping, f"brownpipe plan {' '.join(arguments.argv[1:])}")
     return FAILED if best is None else DONE
 
 
@@ -271,13 +271,13 @@ def _target(arguments) -> str | None:
     from brownpipe.scene.reading import Entry
     from brownpipe.study.study_file import read_target
 
-    given = {f"--{name}": getattr(arguments, name) for name in ("target", "observable")}
-    given = {option: value for option, value in given.items() if value is not None}
-    if len(given) > 1:
+    options = {f"--{name}": getattr(arguments, name) for name in ("target", "observable")}
+    options = {option: value for option, value in options.items() if value is not None}
+    if len(options) > 1:
         raise RequestError("--observable: is the old name of --target; must be given once")
-    if "--observable" in given:
+    if "--observable" in options:
         _say("--observable: now called --target", DONE)
-    return next((read_target(Entry(value, "", (option,))) for option, value in given.items()), None)
+    return next((read_target(Entry(value, "", (option,))) for option, value in options.items()), None)
 
 
 def _measures(arguments, scene) -> dict:
@@ -294,13 +294,13 @@ def _measures(arguments, scene) -> dict:
 
 
 def _record(text: str) -> frozenset[str]:
-    """Return what to record: the words of --record and, except with `none`, the tracer."""
+    """Return what to record: the names in --record and, except with `none`, the tracer."""
     from brownpipe.errors import RequestError
 
-    words = frozenset(text.split(","))
-    if not words <= set(RECORDS) or ("none" in words and len(words) > 1):
+    names = frozenset(text.split(","))
+    if not names <= set(RECORDS) or ("none" in names and len(names) > 1):
         raise RequestError(f"--record {text}: must be one or several of {', '.join(RECORDS)}, with commas; none alone")
-    return words if "none" in words else words | {"tracer"}
+    return names if "none" in names else names | {"tracer"}
 
 
 def _writable(path: str, *inputs: str) -> str:

@@ -1,4 +1,4 @@
-# The scene file is no input but a parameter, and so is the digest of its physics: editing a comment runs nothing again.
+# Parameters, not inputs: the path of the scene file and the digest of its physics. Editing a comment reruns nothing.
 rule simulate:
     output:
         f"{results}/simulate/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.h5",

@@ -1,4 +1,4 @@
-# CPU times are measured here: the rule has all cores to itself.
+# This rule measures CPU times, so no other job may run at the same time.
 rule tradeoff:
     input:
         [f"{results}/simulate/{job.file}" for job in study.jobs()],
@@ -8,7 +8,7 @@ rule tradeoff:
         f"{results}/logs/tradeoff/{study.name}.log",
     benchmark:
         f"{results}/benchmarks/tradeoff/{study.name}.tsv"
-    threads: 1000  # as many as there are
+    threads: 1000  # limited to all cores
     params:
         study=relpath(study_file),
         instead_of=study.instead_of,

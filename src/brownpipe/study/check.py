@@ -81,7 +81,7 @@ def _collisions(scene: Scene, cost: forecast.Cost) -> str:
 
 
 def _observables(scene: Scene, cost: forecast.Cost) -> list[str]:
-    """Return the CPU time that each target allowed in the scene would add to a run."""
+    """Return the CPU time that each observable allowed in the scene would add to a run."""
     names = [name for name in observables.OBSERVABLES if observables.problem(scene, (name,)) is None]
     added = {name: forecast.of_run(scene, observables=(name,)).seconds - cost.seconds for name in names}
     listed = ", ".join(f"{name} {in_time(seconds)}" for name, seconds in added.items())

@@ -60,7 +60,7 @@ def performance_of(study: Study, target: str, results: str | Path = "results") -
 def stored_performance(
     scene: Scene, target: str, window: tuple[float, float], results: str | Path
 ) -> CasePerformance | None:
-    """Return what a stored trade-off says of this scene (for D: in this fit window); None if there is none."""
+    """Return the performance in the first stored trade-off that has this scene (for D: and fit window), or None."""
     for path in sorted(Path(results).glob("*/tradeoff/*.nc")):
         dataset = read_dataset(path)
         if not {"digest", "engine", f"{PREFIX[target]}_bias_careful"} <= set(dataset.data_vars):
@@ -80,14 +80,14 @@ def _from_dataset(of_scene: "xarray.Dataset", target: str) -> list[EnginePerform
     for label in of_scene.setting.values:
         setting = of_scene.sel(setting=label)
         engine = recorded(json.loads(setting.engine.item()), str(label)) if setting.runs > 0 else None
-        if engine is not None and engine.label == label:  # else it is exact in a scene run in place of this one
+        if engine is not None and engine.label == label:  # otherwise exact runs of a scene in place of this one
             values = {name: setting[name].item() for name in setting.data_vars if setting[name].ndim == 0}
             performances.append(_performance(engine, values, target))
     return sorted(performances, key=lambda performance: performance.engine != REFERENCE)
 
 
 def pilot_performance(scene: Scene, target: str, window: tuple[float, float]) -> CasePerformance:
-    """Measure the exact engine and the candidates by pilot runs; those that cost more than it are not compared."""
+    """Measure the exact engine and the candidates by pilot runs; a candidate that costs more is not compared."""
     exact = run_pilot(scene, REFERENCE)
     exact_seconds = timing.seconds_per_run(REFERENCE, scene, stretches=TIMING_REPEATS)
     performances = [_performance(REFERENCE, compare(exact, exact, window, exact_seconds), target)]

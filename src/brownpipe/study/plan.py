@@ -1,4 +1,4 @@
-"""`brownpipe plan` in words: which engine and how many runs to use, the runner-up, and why not the others."""
+"""The report of `brownpipe plan`: engine and number of runs to use, the runner-up, and why others are excluded."""
 
 from brownpipe.formatting import in_bytes, in_time
 from brownpipe.scene.reading import Entry
@@ -26,7 +26,7 @@ def tolerance_of(text: str) -> float:
 
 
 def describe(cases: list[CasePerformance], target: str, tolerance: float | None, budget: float | None) -> str:
-    """Return the best choice for each case, the runner-up and the engines that are no choice; then for all cases."""
+    """Return the best engine, the runner-up and the excluded engines for each case, then one engine for all cases."""
     limits = [f"to {_percent(tolerance)}"] if tolerance is not None else []
     limits += [f"within {in_time(budget)} of CPU"] if budget is not None else []
     lines = []
@@ -40,7 +40,7 @@ def describe(cases: list[CasePerformance], target: str, tolerance: float | None,
 
 
 def _choice(cases: list[CasePerformance], tolerance: float | None, budget: float | None) -> list[str]:
-    """Return the best offer and the runner-up; or that there is none, and the most accurate one within the budget."""
+    """Return the best two offers; if there is none, that fact and the most accurate offer within the budget."""
     made = offers(cases, tolerance, budget)
     if made:
         return [f"  {rank:<9}  {_offer(offer)}" for rank, offer in zip(("use", "runner-up"), made, strict=False)]

@@ -56,7 +56,7 @@ class Study:
     observables: tuple[str, ...] = ()  # measured in each run
     average: str = "runs"  # over what displacements and autocorrelations are averaged within a run
     tolerance: float | None = None  # relative error that determines the number of seeds
-    target: str | None = None  # the quantity that may have this error: one of study_file.TARGETS
+    target: str | None = None  # the quantity with this error, one of study_file.TARGETS
     instead_of: tuple[tuple[str, tuple[str, ...]], ...] = ()  # (scene, scenes that may be run in its place)
 
     @property
