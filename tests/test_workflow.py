@@ -417,8 +417,8 @@ def test_report_is_one_page_that_begins_with_the_answer(finished, tmp_path):
     assert "<svg" in first
     for caption in (
         "Mean squared displacement of the tracer",
-        "Where the runs end",
-        "What the number",
+        "Displacement distribution",
+        "Dependence on the number",
         "Health of every",
     ):
         assert caption in page
