@@ -1,10 +1,10 @@
-"""Make .venv, or see that it is up to date: what `make` runs before anything else, by uv if it is there, else by pip.
+"""Make .venv or check that it is up to date, by uv if it is installed, otherwise by pip. `make` runs this first.
 
     python3 workflow/set_up.py          what a study needs
-    python3 workflow/set_up.py dev      and what the tests and linters need
+    python3 workflow/set_up.py dev      the same, and what the tests and linters need
 
 The versions are those of requirements.lock and requirements-dev.lock. Nothing is installed yet when this runs, so it
-needs the standard library alone; and it must be readable to a python3 that is too old for the rest.
+uses the standard library only. A python3 older than OLDEST can read it, to report that it is too old.
 """
 
 import os
@@ -17,13 +17,13 @@ from pathlib import Path
 from zlib import crc32
 
 OLDEST = (3, 11)
-PYTHON_HERE = getattr(sys, "_base_executable", None) or sys.executable  # not that of an environment to be replaced
+PYTHON_HERE = getattr(sys, "_base_executable", None) or sys.executable  # not an environment that may be replaced
 ENVIRONMENT = Path(".venv")
 PYTHON = str(ENVIRONMENT / "bin" / "python")
 LOCKS = {"run": Path("requirements.lock"), "dev": Path("requirements-dev.lock")}
 
 INCOMPLETE = f"{PYTHON_HERE} lacks its module venv or ensurepip (Debian, Ubuntu: sudo apt install python3-venv)"
-CAUSES = {  # what venv, uv or pip said, and what that means; the first that is found counts
+CAUSES = {  # cause: texts in the output of venv, uv or pip that show it; the first match counts
     "the disk is full": ("No space left on device", "os error 28", "Disk quota exceeded"),
     INCOMPLETE: ("ensurepip is not available", "No module named venv", "No module named ensurepip"),
     "a file or folder here cannot be written to": ("Read-only file system", "Permission denied"),
@@ -36,11 +36,11 @@ CAUSES = {  # what venv, uv or pip said, and what that means; the first that is 
 
 
 class SetUpError(Exception):
-    """Why there can be no environment. One line."""
+    """The environment cannot be made; the message is one line."""
 
 
 def main(which="run"):
-    """Make or renew the environment if need be. Return the exit status."""
+    """Make or renew the environment if necessary. Return the exit status."""
     try:
         refuse_old_python()
         for name in ("run", "dev") if which == "dev" else ("run",):
@@ -68,7 +68,7 @@ def refuse_old_python():
 
 
 def stamp_of(name):
-    """Return a file that is there once all is installed, and what it then says: where, and from which pins."""
+    """Return a file that is written once all is installed, and its contents: the folder and a checksum of the pins."""
     pins = LOCKS[name].read_bytes() + Path("pyproject.toml").read_bytes()
     return ENVIRONMENT / f"installed-{name}", f"{Path.cwd()} {crc32(pins):08x}"
 
@@ -87,7 +87,7 @@ def runs(*command):
 
 
 def set_up(name):
-    """Install what a lock file pins. An environment that was made in vain is taken away again."""
+    """Install what a lock file pins. If that fails, remove an environment that was made for it."""
     if not os.access(".", os.W_OK):
         raise SetUpError(f"{Path.cwd()} cannot be written to; take a copy of it elsewhere")
     uv = shutil.which("uv")
@@ -107,7 +107,7 @@ def set_up(name):
 
 
 def why_useless(uv):
-    """Return what is wrong with the environment that is there; None if nothing is, or if there is none."""
+    """Return why the existing environment cannot be used; None if it can, or if there is none."""
     if not os.path.lexists(ENVIRONMENT):
         return None
     if not runs(PYTHON, "-c", f"import sys; sys.exit(sys.version_info < {OLDEST})"):
@@ -136,9 +136,9 @@ def make(uv):
 def install(name, uv):
     """Install the pinned packages, and brownpipe as it lies here.
 
-    The lock files are complete: no dependency has to be resolved. Only what is imported is compiled to byte code, then
-    and there, as compiling everything takes as long as all the rest; except where Python is told to keep no byte code
-    (PYTHONDONTWRITEBYTECODE): there every process would compile it again.
+    The lock files are complete: no dependency has to be resolved. Byte code is compiled when a module is first
+    imported, as compiling all modules takes as long as the rest of the installation. With PYTHONDONTWRITEBYTECODE every
+    process would compile again, so all modules are compiled here.
     """
     began, lock, installer = time.monotonic(), LOCKS[name], "uv" if uv else "pip"
     count = lock.read_text().count("==")
@@ -157,7 +157,7 @@ def install(name, uv):
 
 
 def follow(command, task, count=None):
-    """Run uv or pip, saying how far it is. Raises SetUpError with the cause in one line if it fails."""
+    """Run uv or pip and show its progress. Raises SetUpError with the cause in one line if it fails."""
     environment = {**os.environ, "PYTHONUNBUFFERED": "1", "PIP_NO_INPUT": "1"}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment)
     lines, over = [], threading.Event()
@@ -176,7 +176,7 @@ def follow(command, task, count=None):
 
 
 def show(lines, over, task, count):
-    """Say every half second on a terminal, else whenever a stage begins, how far uv or pip is, until it is over."""
+    """Show the progress of uv or pip until `over`: on a terminal every half second, otherwise at each new stage."""
     terminal, began, stage = sys.stderr.isatty(), time.monotonic(), None
     if not terminal:
         say(task)
@@ -193,7 +193,7 @@ def show(lines, over, task, count):
 
 
 def how_far(lines, count, seconds):
-    """Return the stage in words, and the time that is left [s] if known: pip unpacks as long as it fetches."""
+    """Return the stage, and the time left [s] if known, assuming that unpacking takes as long as fetching."""
     fetched = sum(line.startswith(("Collecting ", "Requirement already")) for line in lines)
     if any("Retrying (" in line for line in lines[-1:]):
         return "waiting for the network", None
