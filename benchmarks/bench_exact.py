@@ -112,7 +112,7 @@ def go_on(w, room, events):
     done, begun, until = w.count[ws.PAIRS], time.process_time(), w.count.sum() + events
     while (left := int(until - w.count.sum())) > 0:
         outcome = advance(w, room, left)
-        w.clock[ws.LOGGED] = 0
+        w.progress[ws.LOGGED] = 0
         if outcome == ws.CELL_FULL:
             raise RuntimeError("a cell or a list has too little room")
     return (w.count[ws.PAIRS] - done) / (time.process_time() - begun)

@@ -117,9 +117,9 @@ def soil(w):
     disk[:, : ws.RADIUS] = random.random(disk[:, : ws.RADIUS].shape)
     if w.lists is not None:
         w.lists.centre[:], w.lists.neighbour[:] = random.random(2 * len(disk)), 3
-    for array in (w.link, w.cell, w.bucket, w.soon_disk, w.candidate, w.clock, w.count):
+    for array in (w.link, w.cell, w.bucket, w.current_disk, w.candidate, w.progress, w.count):
         array[:] = random.integers(0, len(disk), array.shape)
-    for array in (w.soon_time, w.approach, w.tally):
+    for array in (w.current_time, w.quadratic, w.tally):
         array[:] = random.random(array.shape)
     if w.image is not None:
         w.image[:] = 7
@@ -193,11 +193,11 @@ def full_in_block(number, most=10**9):
     advance, left = run.advance, iter(range(most))
 
     def seems_full(w, room, events):
-        stop, usual = w.clock[ws.STOP], w.lists is not None
+        stop, usual = w.progress[ws.STOP], w.lists is not None
         while True:
-            w.clock[ws.STOP] = 1
+            w.progress[ws.STOP] = 1
             outcome = advance(w, room, events)
-            if usual and w.clock[ws.BLOCK] == number and next(left, None) is not None:
+            if usual and w.progress[ws.BLOCK] == number and next(left, None) is not None:
                 return ws.CELL_FULL
             if outcome != ws.BLOCK_OVER or stop:
                 return outcome

@@ -447,7 +447,7 @@ def test_asking_memory_ahead_changes_no_bit(phi, monkeypatch):
     plain = simulate(scene, [1], {"all"})
     monkeypatch.setattr(layout, "FITS_CACHE", 0)
     w = layout.prepare(scene, units.frame_of(scene))
-    assert w.ahead is not None
+    assert w.deferred is not None
     assert all(array.ctypes.data % 64 == 0 for array in (w.disk, w.link, w.bucket, w.cell))
     asking = simulate(scene, [1], {"all"})
     assert plain.observables["pair_collisions"][0] > 5000

@@ -417,7 +417,7 @@ def test_images_that_no_int32_can_count_fail_the_run():
     for share, failed in ((0.5, 0), (1.1, 1)):
         begin(one.workspace, first)
         one.workspace.count[CROSSINGS] = 2**32
-        one.workspace.clock[BLOCK] = int(share * longest / one.workspace.calendar.block)
+        one.workspace.progress[BLOCK] = int(share * longest / one.workspace.calendar.block)
         assert recording.observables(scene, one.frame, one.workspace, first[:, 2:])["failed"] == failed
         timestep.begin(step.workspace, first)
         step.workspace.counters[STEP] = int(share * longest / step.workspace.step)

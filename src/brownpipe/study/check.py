@@ -97,8 +97,8 @@ def _exact_model(scene: Scene) -> str:
     disks = "equal disks" if w.mass is None else "disks of different radius or mass"
     big = f", {w.big.number} much larger than the rest" if w.big is not None else ""
     lists = ", neighbour lists" if w.lists is not None else ""
-    prefetch = ", events prefetched" if w.ahead is not None else ""
-    return f"{boundary}, {disks}{big}, {w.grid.columns} x {w.grid.lines} cells{lists}{prefetch}"
+    prefetch = ", events prefetched" if w.deferred is not None else ""
+    return f"{boundary}, {disks}{big}, {w.grid.columns} x {w.grid.rows} cells{lists}{prefetch}"
 
 
 def _approximate_engines(scene: Scene) -> list[str]:

@@ -84,8 +84,8 @@ def note(w, i, now, position, velocity, images, row, column):
 @kernel
 def sample(w, r, now):
     """Take a sample, and look for overlaps among what it shows; at the last one among all."""
-    row = w.clock[SAMPLE]
-    w.clock[SAMPLE] = row + 1
+    row = w.progress[SAMPLE]
+    w.progress[SAMPLE] = row + 1
     if len(w.disk) == 0:
         return
     note(w, r.tracer, now, r.position, r.velocity, r.image, row, 0)

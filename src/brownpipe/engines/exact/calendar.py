@@ -20,14 +20,14 @@ OPENED, NOWHERE = 0xFFFFFFFE, 0xFFFFFFFF  # instead of a bucket's number
 @kernel
 def insert(w, i, time):
     """Enter an event of the current bucket."""
-    j = w.clock[SOON]
-    w.clock[SOON] = j + 1
-    while j > 0 and (w.soon_time[j - 1] < time or (w.soon_time[j - 1] == time and w.soon_disk[j - 1] < i)):
-        w.soon_time[j] = w.soon_time[j - 1]
-        w.soon_disk[j] = w.soon_disk[j - 1]
+    j = w.progress[SOON]
+    w.progress[SOON] = j + 1
+    while j > 0 and (w.current_time[j - 1] < time or (w.current_time[j - 1] == time and w.current_disk[j - 1] < i)):
+        w.current_time[j] = w.current_time[j - 1]
+        w.current_disk[j] = w.current_disk[j - 1]
         j -= 1
-    w.soon_time[j] = time
-    w.soon_disk[j] = i
+    w.current_time[j] = time
+    w.current_disk[j] = i
     w.link[ROW * i + BUCKET] = OPENED
 
 
@@ -38,12 +38,12 @@ def push(w, i, time):
     if time >= scale.block:
         w.link[ROW * i + BUCKET] = NOWHERE
         return
-    now = w.clock[BUCKET_NOW]
+    now = w.progress[BUCKET_NOW]
     bucket = int(time * scale.per_time)
     if bucket - now > scale.ring:
         bucket = now + scale.ring - (7 * i & (scale.ring >> 1))  # spread: one bucket could not hold them all
     if bucket > now:
-        file(w.ahead, w, i, bucket)
+        file(w.deferred, w, i, bucket)
     else:
         insert_soon(w, i, time)
 
@@ -54,11 +54,11 @@ def file(ahead, w, i, bucket):
     if ahead is None:
         put(w, i, bucket)
         return
-    number, n = bucket & w.calendar.ring, w.clock[WAITING]
+    number, n = bucket & w.calendar.ring, w.progress[WAITING]
     prefetch(w.bucket, LINE * number)
     w.link[ROW * i + BUCKET] = number
     ahead.bucket[n], ahead.disk[n] = bucket, i
-    w.clock[WAITING] = n + 1
+    w.progress[WAITING] = n + 1
     if n + 1 == len(ahead.disk):
         put_waiting(ahead, w)
 
@@ -68,17 +68,17 @@ def put_waiting(ahead, w):
     """Put the disks that wait into their buckets; those that have got another event since would only take room."""
     if ahead is None:
         return
-    for j in range(w.clock[WAITING]):
+    for j in range(w.progress[WAITING]):
         bucket, i = ahead.bucket[j], np.int64(ahead.disk[j])
         if w.link[ROW * i + BUCKET] == bucket & w.calendar.ring:
             put(w, i, bucket)
-    w.clock[WAITING] = 0
+    w.progress[WAITING] = 0
 
 
 @kernel
 def put(w, i, bucket):
     """Put disk i into a bucket, or one before it if that is full."""
-    now, ring = w.clock[BUCKET_NOW], w.calendar.ring
+    now, ring = w.progress[BUCKET_NOW], w.calendar.ring
     while bucket > now:
         line = LINE * (bucket & ring)
         n = w.bucket[line]
@@ -94,7 +94,7 @@ def put(w, i, bucket):
 @kernel
 def insert_soon(w, i, time):
     """Enter an event of the current bucket, if need be in place of what no longer counts."""
-    if w.clock[SOON] == len(w.soon_time):
+    if w.progress[SOON] == len(w.current_time):
         forget_stale(w)
     insert(w, i, time)
 
@@ -102,21 +102,21 @@ def insert_soon(w, i, time):
 @kernel
 def forget_stale(w):
     """Drop the entries of the current bucket that no longer count; what remains is at most one a disk."""
-    kept, last_time, last_disk = 0, -1.0, w.soon_disk[0]
-    for j in range(w.clock[SOON]):
-        time, i = w.soon_time[j], np.int64(w.soon_disk[j])
+    kept, last_time, last_disk = 0, -1.0, w.current_disk[0]
+    for j in range(w.progress[SOON]):
+        time, i = w.current_time[j], np.int64(w.current_disk[j])
         if w.event_time[EVENT_ROW * i] == time and not (time == last_time and i == last_disk):
-            w.soon_time[kept], w.soon_disk[kept] = time, i
+            w.current_time[kept], w.current_disk[kept] = time, i
             kept, last_time, last_disk = kept + 1, time, i
-    w.clock[SOON] = kept
+    w.progress[SOON] = kept
 
 
 @kernel
 def open_next_bucket(w):
     """Make the next bucket current."""
-    put_waiting(w.ahead, w)
-    w.clock[BUCKET_NOW] += 1
-    number = w.clock[BUCKET_NOW] & w.calendar.ring
+    put_waiting(w.deferred, w)
+    w.progress[BUCKET_NOW] += 1
+    number = w.progress[BUCKET_NOW] & w.calendar.ring
     n = w.bucket[LINE * number]
     w.bucket[LINE * number] = 0
     for j in range(n):
@@ -132,14 +132,14 @@ def next_is_due(w):
     An event that spilled out of a full bucket can lie beyond the end of the current one, and events of the buckets
     between may come before it.
     """
-    soon = w.clock[SOON]
-    return soon > 0 and w.soon_time[soon - 1] < (w.clock[BUCKET_NOW] + 1) * w.calendar.width
+    soon = w.progress[SOON]
+    return soon > 0 and w.current_time[soon - 1] < (w.progress[BUCKET_NOW] + 1) * w.calendar.width
 
 
 @kernel
 def clear(w):
     """Empty the queue and set it to the beginning of a block."""
     w.bucket[::LINE] = 0
-    w.clock[BUCKET_NOW] = 0
-    w.clock[SOON] = 0
-    w.clock[WAITING] = 0
+    w.progress[BUCKET_NOW] = 0
+    w.progress[SOON] = 0
+    w.progress[WAITING] = 0

@@ -43,7 +43,7 @@ def inside(shift, w, column, line):
     """Return the nearest cell between walls; in a periodic box a place outside is one of an image."""
     if shift is not None:
         return column, line
-    return min(max(column, 0), w.grid.columns - 1), min(max(line, 0), w.grid.lines - 1)
+    return min(max(column, 0), w.grid.columns - 1), min(max(line, 0), w.grid.rows - 1)
 
 
 @kernel
@@ -65,7 +65,7 @@ def add(w, cell, candidate):
         w.cell[first + n] = candidate
         w.cell[first] = n
     else:
-        w.clock[OVERFULL] = 1
+        w.progress[OVERFULL] = 1
 
 
 @kernel
@@ -98,7 +98,7 @@ def image_of(i, across, up):
 @kernel
 def enlist(shift, w, i, column, line, across, up, entering):
     """Add disk i, seen as an image, to a cell and to the ghosts of that cell, or remove it."""
-    columns, lines = w.grid.columns, w.grid.lines
+    columns, lines = w.grid.columns, w.grid.rows
     change(w, cell_at(w, column, line), image_of(i, across, up), entering)
     if shift is None:
         return
@@ -115,9 +115,9 @@ def enlist(shift, w, i, column, line, across, up, entering):
 def enlist_big(shift, w, i, column, line, entering):
     """Add big disk i to a cell of its pattern, wherever that is, or remove it."""
     if shift is not None:
-        a, u = column // w.grid.columns, line // w.grid.lines
-        enlist(shift, w, i, column - a * w.grid.columns, line - u * w.grid.lines, -a, -u, entering)
-    elif -1 <= column <= w.grid.columns and -1 <= line <= w.grid.lines:
+        a, u = column // w.grid.columns, line // w.grid.rows
+        enlist(shift, w, i, column - a * w.grid.columns, line - u * w.grid.rows, -a, -u, entering)
+    elif -1 <= column <= w.grid.columns and -1 <= line <= w.grid.rows:
         enlist(shift, w, i, column, line, 0, 0, entering)
 
 
@@ -198,7 +198,7 @@ def is_outside(shift, w, column, line):
     """Whether there is no cell at a place, nor, in a periodic box, an image of one."""
     if shift is not None:
         return False
-    return column < 0 or column >= w.grid.columns or line < 0 or line >= w.grid.lines
+    return column < 0 or column >= w.grid.columns or line < 0 or line >= w.grid.rows
 
 
 @kernel
@@ -206,7 +206,7 @@ def boxes_away(shift, w, column, line):
     """How many boxes to the right and above a place is."""
     if shift is None:
         return 0, 0
-    return column // w.grid.columns, line // w.grid.lines
+    return column // w.grid.columns, line // w.grid.rows
 
 
 @kernel
@@ -226,7 +226,7 @@ def gather_within_reach(big, w, i, column, line):
         if is_outside(w.shift, w, c, r):
             continue
         across, up = boxes_away(w.shift, w, c, r)
-        first = cell_at(w, c - across * w.grid.columns, r - up * w.grid.lines) * w.grid.slots
+        first = cell_at(w, c - across * w.grid.columns, r - up * w.grid.rows) * w.grid.slots
         for entry in range(first + 1, first + 1 + w.cell[first]):
             k = np.int64(w.cell[entry])
             if k & DISK_MASK >= big.number:

@@ -73,7 +73,7 @@ def earliest(w, i, now, candidates, first, m):
     Two passes: the first, free of branches, keeps those that are on a course to touch; the second takes their square
     roots. A partner that will predict afresh before that (its own pair event comes first) is left to find disk i then.
     """
-    disk, approach = w.disk, w.approach
+    disk, approach = w.disk, w.quadratic
     n = 0
     for j in range(m):
         candidate = candidates[first + j]
@@ -154,7 +154,7 @@ def wrapped(image, w, i, column, line):
     """
     if image is None:
         return False
-    across, up = column // w.grid.columns, line // w.grid.lines
+    across, up = column // w.grid.columns, line // w.grid.rows
     if across == 0 and up == 0:
         return False
     w.disk[ROW * i + X] -= across * w.grid.width
@@ -171,7 +171,7 @@ def change_cell(w, i, column, line):
     cells.leave(w.big, w, i, np.int64(w.link[ROW * i + COLUMN]), np.int64(w.link[ROW * i + LINE]))
     round_the_box = wrapped(w.image, w, i, column, line)
     if round_the_box:
-        column, line = column % w.grid.columns, line % w.grid.lines
+        column, line = column % w.grid.columns, line % w.grid.rows
     cells.enter(w.big, w, i, column, line)
     return round_the_box
 
@@ -231,12 +231,12 @@ def bounce(w, i, event, now):
 @kernel
 def log(w, r, i, partner, fx, fy, now):
     """Note a collision, where a log is asked for."""
-    n = w.clock[LOGGED]
+    n = w.progress[LOGGED]
     if n < len(r.log_time):
-        r.log_block[n], r.log_time[n] = w.clock[BLOCK], now
+        r.log_block[n], r.log_time[n] = w.progress[BLOCK], now
         r.log_pair[n, 0], r.log_pair[n, 1] = i, partner
         r.log_impulse[n, 0], r.log_impulse[n, 1] = fx, fy
-        w.clock[LOGGED] = n + 1
+        w.progress[LOGGED] = n + 1
 
 
 @kernel
@@ -288,15 +288,15 @@ def happen(w, r, i, now):
 @kernel
 def run(w, r, until, most):
     """Let events happen up to a time within the block, at most so many; return why it stopped and how many are left."""
-    clock = w.clock
+    clock = w.progress
     for left in range(most, 0, -1):
         while not calendar.next_is_due(w):
             if (clock[BUCKET_NOW] + 1) * w.calendar.width > until:
                 return DONE, left
             calendar.open_next_bucket(w)
-            ask_ahead(w.ahead, w)
+            ask_ahead(w.deferred, w)
         soon = clock[SOON] - 1
-        now, i = w.soon_time[soon], np.int64(w.soon_disk[soon])
+        now, i = w.current_time[soon], np.int64(w.current_disk[soon])
         if now > until:
             return DONE, left
         if len(r.log_time) > 0 and clock[LOGGED] == len(r.log_time):
@@ -323,7 +323,7 @@ def begin_block(w):
         a = ROW * i
         column, line = cells.place(w, i, 0.0)
         if wrapped(w.image, w, i, column, line):
-            column, line = column % w.grid.columns, line % w.grid.lines
+            column, line = column % w.grid.columns, line % w.grid.rows
         cells.enter(w.big, w, i, column, line)
         w.disk[a + PAIR_TIME] = w.disk[a + COUNT] = w.event_time[EVENT_ROW * i] = 0.0
         w.link[a + EVENT], w.link[a + PARTNER], w.link[a + PARTNER_COUNT] = PAIR, i, 1
@@ -350,7 +350,7 @@ def end_block(w):
         move(w, i, w.calendar.block)
         w.disk[ROW * i + TIME] = 0.0
         audit_place(w.lists, w, i, 0.0)
-    w.clock[BLOCK] += 1
+    w.progress[BLOCK] += 1
     w.tally[NOW] = 0.0
 
 
@@ -358,7 +358,7 @@ def end_block(w):
 def advance(w, r, most):
     """Run until all samples are taken; return why it stopped. To go on, call it again, unless a cell was full."""
     w, r = local_copy(w), local_copy(r)
-    clock = w.clock
+    clock = w.progress
     while clock[SAMPLE] < len(r.block):
         if not clock[OPEN]:
             begin_block(w)

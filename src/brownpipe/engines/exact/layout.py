@@ -67,18 +67,18 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         link=link,
         event_time=link.view(np.float64),
         mass=None if equal else mass,
-        cell=aligned((cells.columns + 2) * (cells.lines + 2) * cells.slots, np.uint32),
+        cell=aligned((cells.columns + 2) * (cells.rows + 2) * cells.slots, np.uint32),
         image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
         shift=shift if scene.box.periodic else None,
         big=big,
         lists=_lists(half, wide, n) if half else None,
         bucket=aligned(BUCKET_LINE * (calendar.ring + 1), np.uint32),
-        soon_time=np.empty(soon),
-        soon_disk=np.empty(soon, np.uint32),
-        ahead=Ahead(np.zeros(WAIT, np.int64), np.zeros(WAIT, np.uint32)) if n >= FITS_CACHE else None,
+        current_time=np.empty(soon),
+        current_disk=np.empty(soon, np.uint32),
+        deferred=Ahead(np.zeros(WAIT, np.int64), np.zeros(WAIT, np.uint32)) if n >= FITS_CACHE else None,
         candidate=np.zeros(room, np.uint32),
-        approach=np.zeros(3 * room),
-        clock=np.zeros(CLOCK, np.int64),
+        quadratic=np.zeros(3 * room),
+        progress=np.zeros(CLOCK, np.int64),
         count=np.zeros(COUNTS, np.int64),
         tally=np.zeros(TALLY),
     )
@@ -101,7 +101,7 @@ def begin(w: Workspace, motion: np.ndarray) -> None:
     """Set a workspace to the beginning of a run from positions and velocities (N, 4), as of `motion_of`."""
     disk = w.disk.reshape(-1, ROW)
     disk[:, MOTION], disk[:, TIME] = motion, 0.0
-    w.clock[:], w.count[:], w.tally[:] = 0, 0, 0.0
+    w.progress[:], w.count[:], w.tally[:] = 0, 0, 0.0
     w.tally[NEAREST] = np.inf
     if w.image is not None:
         w.image[:] = 0
@@ -180,7 +180,7 @@ def _big_disks(cells: Grid, radius: np.ndarray, common: float, periodic: bool) -
     if number == 0:
         return None
     patterns = [_pattern(cells, r, common, radius.min()) for r in radius[:number]]
-    if periodic and max(2 * np.abs(reach).max() + 1 for _, reach in patterns) > min(cells.columns, cells.lines):
+    if periodic and max(2 * np.abs(reach).max() + 1 for _, reach in patterns) > min(cells.columns, cells.rows):
         return None
     listed, reach = zip(*patterns, strict=True)
     first = [np.cumsum([0] + [len(each) for each in offsets]) for offsets in (listed, reach)]

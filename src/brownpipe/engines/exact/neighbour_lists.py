@@ -52,7 +52,7 @@ def append(lists, w, i, candidate):
     first = room(lists.wide) * i
     n = lists.neighbour[first]
     if n + 1 == room(lists.wide):
-        w.clock[OVERFULL] = 1
+        w.progress[OVERFULL] = 1
         return
     lists.neighbour[first + 1 + n] = candidate
     lists.neighbour[first] = n + 1

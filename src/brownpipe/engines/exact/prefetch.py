@@ -47,7 +47,7 @@ def ask_ahead(ahead, w):
             ask_for_candidates(w.lists, w, i, event)
             if event == PAIR:
                 ask_where(w.lists, w, partner_of(w, i), PAIR)
-    for i in w.soon_disk[: w.clock[SOON]]:
+    for i in w.current_disk[: w.progress[SOON]]:
         if w.link[ROW * i + EVENT] == PAIR:
             ask_for_candidates(w.lists, w, partner_of(w, i), PAIR)
 
@@ -55,7 +55,7 @@ def ask_ahead(ahead, w):
 @kernel
 def bucket_after(w, number):
     """Return which bucket comes so many after the current one."""
-    return (w.clock[BUCKET_NOW] + number) & w.calendar.ring
+    return (w.progress[BUCKET_NOW] + number) & w.calendar.ring
 
 
 @kernel

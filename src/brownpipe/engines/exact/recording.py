@@ -48,7 +48,7 @@ def new_recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record: Colle
 
 def logged(recorder: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
     """Return the collisions in the recorder's log, in the scene's units and numbers of the disks."""
-    n = w.clock[ws.LOGGED]
+    n = w.progress[ws.LOGGED]
     time = (recorder.log_block[:n] * w.calendar.block + recorder.log_time[:n]) * frame.time
     pair = recorder.log_pair[:n]
     disks = np.where(pair >= 0, frame.order[np.maximum(pair, 0)], pair).astype(np.int32)  # < 0: a wall
@@ -79,7 +79,7 @@ def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) 
     residual = 0.0 if pinned else conserved.momentum_residual
     sound = all(size <= HEALTH_BOUND for size in (abs(conserved.energy_drift), overlap, residual))
     sound &= all_finite(conserved.twice_energy, disks[:, ws.MOTION], w.tally[ws.VIRIAL :])
-    elapsed = w.clock[ws.BLOCK] * w.calendar.block + w.tally[ws.NOW]
+    elapsed = w.progress[ws.BLOCK] * w.calendar.block + w.tally[ws.NOW]
     sound &= images_fit(scene, frame, int(w.count[ws.CROSSINGS]), conserved.fastest * elapsed)
     collisions = w.count[[ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
     return report(scene, frame, conserved, collisions, w.tally[ws.VIRIAL :], overlap, sound)

@@ -126,7 +126,7 @@ def _to_last_sample(
 ) -> Generator[RunState, None, bool]:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
     while True:
-        w.clock[ws.STOP] = due()
+        w.progress[ws.STOP] = due()
         before = _block_and_time(w)
         outcome = advance(w, recorder, EVENTS_PER_CALL)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
@@ -134,7 +134,7 @@ def _to_last_sample(
             _refuse_standstill(w, frame, before, events)
         if len(recorder.log_time):
             logs.append(logged(recorder, w, frame))
-            w.clock[ws.LOGGED] = 0
+            w.progress[ws.LOGGED] = 0
         if outcome in (ws.DONE, ws.CELL_FULL):
             return outcome == ws.DONE
         if outcome == ws.BLOCK_OVER:
@@ -146,10 +146,10 @@ def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: lis
     return start._replace(
         motion=w.disk.reshape(-1, ws.ROW)[:, ws.MOTION],
         image=w.image,
-        clock=w.clock,
+        clock=w.progress,
         count=w.count,
         tally=w.tally,
-        samples={name: getattr(recorder, name)[: w.clock[ws.SAMPLE]] for name in SAMPLES},
+        samples={name: getattr(recorder, name)[: w.progress[ws.SAMPLE]] for name in SAMPLES},
         events=joined(logs),
     )
 
@@ -162,7 +162,7 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
     begin(w, state.motion)
     if state.clock is None:
         return []
-    w.clock[:] = state.clock
+    w.progress[:] = state.clock
     w.count[:] = state.count
     w.tally[:] = state.tally
     if w.image is not None:
@@ -174,7 +174,7 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
 
 def _block_and_time(w: ws.Workspace) -> tuple[int, float]:
     """Return the number of the current block and the time within it [engine's units]."""
-    return int(w.clock[ws.BLOCK]), float(w.tally[ws.NOW])
+    return int(w.progress[ws.BLOCK]), float(w.tally[ws.NOW])
 
 
 def _refuse_standstill(w: ws.Workspace, frame: Frame, before: tuple[int, float], events: int) -> None:

@@ -55,7 +55,7 @@ class Grid(NamedTuple):
     """The box, in the engine's frame and units, cut into cells with a rim of ghost cells around them."""
 
     columns: int
-    lines: int
+    rows: int
     x: float  # lower left corner of the box
     y: float
     width: float  # of the box
@@ -110,12 +110,12 @@ class Workspace(NamedTuple):
     big: object  # BigDisks, or None
     lists: object  # Lists, or None
     bucket: object  # (16 * ring,) uint32
-    soon_time: object  # events of the current bucket, the next one last
-    soon_disk: object
-    ahead: object  # Ahead; None where memory is near
+    current_time: object  # events of the current bucket, the next one last
+    current_disk: object
+    deferred: object  # Ahead; None where memory is near
     candidate: object  # scratch of `predict`
-    approach: object
-    clock: object  # int64
+    quadratic: object
+    progress: object  # int64
     count: object  # int64
     tally: object  # float64
 
