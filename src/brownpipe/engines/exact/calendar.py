@@ -1,145 +1,164 @@
-"""Which event is next: a ring of buckets, without deletion.
+"""The event queue: a calendar queue with lazy deletion.
 
-A bucket is one cache line: how many entries it has, and up to 15 disks. It holds no times. An entry counts only if
-its disk says that it is in this bucket; what a disk was entered for before is left where it is and skipped later. The
-bucket that becomes current is poured into a short array sorted by (time, disk), whose last element is the next event.
-An event too far ahead for the ring goes into some later bucket, an event whose bucket is full into one before it, and
-what is not yet due when its bucket is opened is entered again. Where memory is far, disks wait until their buckets have
-come from there, and are put into them before the next bucket is opened.
+A calendar queue (R. Brown, Commun. ACM 31, 1220 (1988); in event-driven molecular dynamics G. Paul, J. Comput. Phys.
+221, 615 (2007)) divides time into buckets of equal duration, which form a ring; only the current bucket is sorted. Here
+a bucket is one cache line: a count and up to 15 disks, without times. Lazy deletion: an entry is valid only if the
+disk's BUCKET field points here; outdated entries stay and are skipped when the bucket is opened. The events of the
+current bucket are in an array sorted by (time, disk), whose last element is the next event.
+
+An event beyond the ring goes into some earlier bucket of it, an event whose bucket is full into a bucket before that.
+When this bucket is opened, events that are not yet due are pushed again. With many disks an insertion is deferred until
+the bucket has been prefetched, at the latest until the next bucket is opened.
+
+`push` enters an event into the queue, `store` into a future bucket, `insert` into the current one.
 """
 
 import numpy as np
 
-from brownpipe.engines.exact.workspace import BUCKET, BUCKET_NOW, EVENT_ROW, ROW, SOON, WAITING
+from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.kernels import kernel, prefetch
 
-LINE, ROOM = 16, 15
-OPENED, NOWHERE = 0xFFFFFFFE, 0xFFFFFFFF  # instead of a bucket's number
+BUCKET_WORDS, CAPACITY = 16, 15  # of a bucket: uint32, a cache line; disks
+IN_CURRENT, BEYOND_BLOCK = 0xFFFFFFFE, 0xFFFFFFFF  # in place of a bucket's number in the BUCKET field
+
+
+@kernel
+def push(w, i, time):
+    """Enter the next event of disk i, unless it is beyond the end of the block: the next block predicts anew."""
+    scale = w.calendar
+    if time >= scale.block:
+        w.link[ws.ROW * i + ws.BUCKET] = BEYOND_BLOCK
+        return
+    current = w.progress[ws.CURRENT_BUCKET]
+    bucket = int(time * scale.per_time)
+    if bucket - current > scale.ring:
+        bucket = current + scale.ring - (7 * i & (scale.ring >> 1))  # spread: one bucket could not hold them all
+    if bucket > current:
+        store_or_defer(w.deferred, w, i, bucket)
+    else:
+        insert(w, i, time)
+
+
+@kernel
+def store_or_defer(deferred, w, i, bucket):
+    """Store disk i in a future bucket; with many disks, prefetch the bucket and defer the insertion."""
+    if deferred is None:
+        store(w, i, bucket)
+        return
+    number, n = bucket & w.calendar.ring, w.progress[ws.DEFERRED]
+    prefetch(w.bucket, BUCKET_WORDS * number)
+    w.link[ws.ROW * i + ws.BUCKET] = number
+    deferred.bucket[n], deferred.disk[n] = bucket, i
+    w.progress[ws.DEFERRED] = n + 1
+    if n + 1 == len(deferred.disk):
+        store_deferred(deferred, w)
+
+
+@kernel
+def store_deferred(deferred, w):
+    """Carry out the deferred insertions, but for those of disks that have had another event predicted since."""
+    if deferred is None:
+        return
+    for j in range(w.progress[ws.DEFERRED]):
+        bucket, i = deferred.bucket[j], np.int64(deferred.disk[j])
+        if is_valid(w, i, bucket & w.calendar.ring):
+            store(w, i, bucket)
+    w.progress[ws.DEFERRED] = 0
+
+
+@kernel
+def store(w, i, bucket):
+    """Store disk i in a future bucket, or in the nearest bucket before it that is not full."""
+    current, ring = w.progress[ws.CURRENT_BUCKET], w.calendar.ring
+    while bucket > current:
+        first = BUCKET_WORDS * (bucket & ring)
+        n = w.bucket[first]
+        if n < CAPACITY:
+            w.bucket[first] = n + 1
+            w.bucket[first + 1 + n] = i
+            w.link[ws.ROW * i + ws.BUCKET] = bucket & ring
+            return
+        bucket -= 1
+    insert(w, i, w.event_time[ws.EVENT_ROW * i])
 
 
 @kernel
 def insert(w, i, time):
-    """Enter an event of the current bucket."""
-    j = w.progress[SOON]
-    w.progress[SOON] = j + 1
+    """Insert an event into the sorted array of the current bucket."""
+    if w.progress[ws.CURRENT_EVENTS] == len(w.current_time):
+        remove_outdated(w)
+    j = w.progress[ws.CURRENT_EVENTS]
+    w.progress[ws.CURRENT_EVENTS] = j + 1
     while j > 0 and (w.current_time[j - 1] < time or (w.current_time[j - 1] == time and w.current_disk[j - 1] < i)):
         w.current_time[j] = w.current_time[j - 1]
         w.current_disk[j] = w.current_disk[j - 1]
         j -= 1
     w.current_time[j] = time
     w.current_disk[j] = i
-    w.link[ROW * i + BUCKET] = OPENED
+    w.link[ws.ROW * i + ws.BUCKET] = IN_CURRENT
 
 
 @kernel
-def push(w, i, time):
-    """Enter the next event of disk i; one beyond the end of the block is not entered at all."""
-    scale = w.calendar
-    if time >= scale.block:
-        w.link[ROW * i + BUCKET] = NOWHERE
-        return
-    now = w.progress[BUCKET_NOW]
-    bucket = int(time * scale.per_time)
-    if bucket - now > scale.ring:
-        bucket = now + scale.ring - (7 * i & (scale.ring >> 1))  # spread: one bucket could not hold them all
-    if bucket > now:
-        file(w.deferred, w, i, bucket)
-    else:
-        insert_soon(w, i, time)
-
-
-@kernel
-def file(ahead, w, i, bucket):
-    """Put disk i into a bucket; where memory is far, ask for the bucket and put it there before the next is opened."""
-    if ahead is None:
-        put(w, i, bucket)
-        return
-    number, n = bucket & w.calendar.ring, w.progress[WAITING]
-    prefetch(w.bucket, LINE * number)
-    w.link[ROW * i + BUCKET] = number
-    ahead.bucket[n], ahead.disk[n] = bucket, i
-    w.progress[WAITING] = n + 1
-    if n + 1 == len(ahead.disk):
-        put_waiting(ahead, w)
-
-
-@kernel
-def put_waiting(ahead, w):
-    """Put the disks that wait into their buckets; those that have got another event since would only take room."""
-    if ahead is None:
-        return
-    for j in range(w.progress[WAITING]):
-        bucket, i = ahead.bucket[j], np.int64(ahead.disk[j])
-        if w.link[ROW * i + BUCKET] == bucket & w.calendar.ring:
-            put(w, i, bucket)
-    w.progress[WAITING] = 0
-
-
-@kernel
-def put(w, i, bucket):
-    """Put disk i into a bucket, or one before it if that is full."""
-    now, ring = w.progress[BUCKET_NOW], w.calendar.ring
-    while bucket > now:
-        line = LINE * (bucket & ring)
-        n = w.bucket[line]
-        if n < ROOM:
-            w.bucket[line] = n + 1
-            w.bucket[line + 1 + n] = i
-            w.link[ROW * i + BUCKET] = bucket & ring
-            return
-        bucket -= 1
-    insert_soon(w, i, w.event_time[EVENT_ROW * i])
-
-
-@kernel
-def insert_soon(w, i, time):
-    """Enter an event of the current bucket, if need be in place of what no longer counts."""
-    if w.progress[SOON] == len(w.current_time):
-        forget_stale(w)
-    insert(w, i, time)
-
-
-@kernel
-def forget_stale(w):
-    """Drop the entries of the current bucket that no longer count; what remains is at most one a disk."""
-    kept, last_time, last_disk = 0, -1.0, w.current_disk[0]
-    for j in range(w.progress[SOON]):
+def remove_outdated(w):
+    """Remove outdated and repeated entries from the current bucket; at most one entry per disk remains."""
+    n, last_time, last_disk = 0, -1.0, w.current_disk[0]
+    for j in range(w.progress[ws.CURRENT_EVENTS]):
         time, i = w.current_time[j], np.int64(w.current_disk[j])
-        if w.event_time[EVENT_ROW * i] == time and not (time == last_time and i == last_disk):
-            w.current_time[kept], w.current_disk[kept] = time, i
-            kept, last_time, last_disk = kept + 1, time, i
-    w.progress[SOON] = kept
+        if w.event_time[ws.EVENT_ROW * i] == time and not (time == last_time and i == last_disk):
+            w.current_time[n], w.current_disk[n] = time, i
+            last_time, last_disk = time, i
+            n += 1
+    w.progress[ws.CURRENT_EVENTS] = n
+
+
+@kernel
+def bucket_after(w, n):
+    """Return the ring index of the bucket n after the current one."""
+    return (w.progress[ws.CURRENT_BUCKET] + n) & w.calendar.ring
+
+
+@kernel
+def entries(w, number):
+    """Return the range of indices in `w.bucket` at which a bucket's disks are, valid or outdated."""
+    first = BUCKET_WORDS * number
+    return range(first + 1, first + 1 + w.bucket[first])
+
+
+@kernel
+def is_valid(w, i, number):
+    """Whether the entry of disk i in a bucket is valid."""
+    return w.link[ws.ROW * i + ws.BUCKET] == number
 
 
 @kernel
 def open_next_bucket(w):
-    """Make the next bucket current."""
-    put_waiting(w.deferred, w)
-    w.progress[BUCKET_NOW] += 1
-    number = w.progress[BUCKET_NOW] & w.calendar.ring
-    n = w.bucket[LINE * number]
-    w.bucket[LINE * number] = 0
-    for j in range(n):
-        i = np.int64(w.bucket[LINE * number + 1 + j])
-        if w.link[ROW * i + BUCKET] == number:
-            push(w, i, w.event_time[EVENT_ROW * i])
+    """Make the next bucket the current one."""
+    store_deferred(w.deferred, w)
+    w.progress[ws.CURRENT_BUCKET] += 1
+    number = bucket_after(w, 0)
+    stored = entries(w, number)
+    w.bucket[BUCKET_WORDS * number] = 0
+    for j in stored:
+        i = np.int64(w.bucket[j])
+        if is_valid(w, i, number):
+            push(w, i, w.event_time[ws.EVENT_ROW * i])
 
 
 @kernel
-def next_is_due(w):
-    """Whether the next event is known, that is, in the current bucket.
+def has_next_event(w):
+    """Whether the last element of the current bucket is the next event of all.
 
-    An event that spilled out of a full bucket can lie beyond the end of the current one, and events of the buckets
-    between may come before it.
+    An event moved here from a full bucket can lie beyond the end of the current bucket. Events of the buckets between
+    may then precede it.
     """
-    soon = w.progress[SOON]
-    return soon > 0 and w.current_time[soon - 1] < (w.progress[BUCKET_NOW] + 1) * w.calendar.width
+    n = w.progress[ws.CURRENT_EVENTS]
+    return n > 0 and w.current_time[n - 1] < (w.progress[ws.CURRENT_BUCKET] + 1) * w.calendar.width
 
 
 @kernel
 def clear(w):
     """Empty the queue and set it to the beginning of a block."""
-    w.bucket[::LINE] = 0
-    w.progress[BUCKET_NOW] = 0
-    w.progress[SOON] = 0
-    w.progress[WAITING] = 0
+    w.bucket[::BUCKET_WORDS] = 0
+    w.progress[ws.CURRENT_BUCKET] = 0
+    w.progress[ws.CURRENT_EVENTS] = 0
+    w.progress[ws.DEFERRED] = 0

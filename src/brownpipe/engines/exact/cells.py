@@ -1,76 +1,103 @@
-"""Where the neighbours are: cells at least one contact distance wide, so that 3 x 3 of them hold every partner.
+"""The cell list: cells at least one contact distance wide, so that 3 x 3 of them hold every partner of a disk.
 
-A cell is a short list in place: how many disks, and which. Around the box lies a rim of ghost cells. Between walls
-they stay empty; in a periodic box they hold the images of the disks at the opposite side, so that no search ever
-wraps round.
+A cell is a short array in `w.cell`: the number of candidates in it, and the candidates. Cells are numbered row by row,
+with a rim of ghost cells around the box. Between walls the ghost cells stay empty; in a periodic box they list the
+images of the disks at the opposite side, so that no search ever wraps round.
 
-A disk much bigger than the cells is listed not only in its own cell but in a sparse pattern of cells around it, such
-that a small disk anywhere within its reach finds it among its own 3 x 3 cells. Small disks need to know nothing of it.
+A disk much bigger than a cell is listed in a sparse pattern of cells around its own, such that every small disk within
+its reach finds it among its own 3 x 3 cells. Small disks need no code for this.
+
+`enter` and `leave` list a disk, `add` and `remove` write one entry, `update_...` does either. `gather_...` collects the
+disks of cells in `w.candidate`; next to it stands what prefetches the same cells, or the disks in them.
 """
 
 import math
 
 import numpy as np
 
-from brownpipe.engines.exact.workspace import (
-    COLUMN,
-    DISK_BITS,
-    DISK_MASK,
-    DOWN,
-    LEFT,
-    LINE,
-    OVERFULL,
-    RIGHT,
-    ROW,
-    TIME,
-    UP,
-    VX,
-    VY,
-    X,
-    Y,
-)
-from brownpipe.engines.kernels import kernel
+from brownpipe.engines.exact import workspace as ws
+from brownpipe.engines.exact.disks import position
+from brownpipe.engines.kernels import kernel, prefetch
+
+# -- which cell -----------------------------------------------------------------------------------------------------
 
 
 @kernel
-def cell_at(w, column, line):
-    """Return the number of a cell; column and line count from 0, the ghost rim has -1 and the number of them."""
-    return (line + 1) * (w.grid.columns + 2) + column + 1
+def cell_at(w, column, row):
+    """Return the number of a cell; columns and rows count from 0, and the ghost rim is at -1 and at their number."""
+    return (row + 1) * (w.grid.columns + 2) + column + 1
 
 
 @kernel
-def inside(shift, w, column, line):
-    """Return the nearest cell between walls; in a periodic box a place outside is one of an image."""
+def place_of(w, i):
+    """Return column and row of the cell in which disk i is listed."""
+    return np.int64(w.link[ws.ROW * i + ws.CELL_COLUMN]), np.int64(w.link[ws.ROW * i + ws.CELL_ROW])
+
+
+@kernel
+def cell_of(w, i):
+    """Return the number of the cell in which disk i is listed."""
+    column, row = place_of(w, i)
+    return cell_at(w, column, row)
+
+
+@kernel
+def inside(shift, w, column, row):
+    """Return the place of the nearest cell between walls; in a periodic box, where images have places, the place."""
     if shift is not None:
-        return column, line
-    return min(max(column, 0), w.grid.columns - 1), min(max(line, 0), w.grid.rows - 1)
+        return column, row
+    return min(max(column, 0), w.grid.columns - 1), min(max(row, 0), w.grid.rows - 1)
 
 
 @kernel
 def place(w, i, now):
-    """Return column and line of the place where disk i is; outside a periodic box they are beyond the last."""
-    a, box = ROW * i, w.grid
-    since = now - w.disk[a + TIME]
-    column = math.floor((w.disk[a + X] + w.disk[a + VX] * since - box.x) / box.cell_width)
-    line = math.floor((w.disk[a + Y] + w.disk[a + VY] * since - box.y) / box.cell_height)
-    return inside(w.shift, w, int(column), int(line))
+    """Return column and row of the cell at the position of disk i; outside a periodic box they go on counting."""
+    x, y = position(w, i, now)
+    column = math.floor((x - w.grid.x) / w.grid.cell_width)
+    row = math.floor((y - w.grid.y) / w.grid.cell_height)
+    return inside(w.shift, w, int(column), int(row))
+
+
+@kernel
+def boxes_away(shift, w, column, row):
+    """Return how many boxes to the right and above a place is."""
+    if shift is None:
+        return 0, 0
+    return column // w.grid.columns, row // w.grid.rows
+
+
+@kernel
+def is_outside(shift, w, column, row):
+    """Whether a place has no cell, nor, in a periodic box, the image of one."""
+    if shift is not None:
+        return False
+    return column < 0 or column >= w.grid.columns or row < 0 or row >= w.grid.rows
+
+
+@kernel
+def image_of(i, across, up):
+    """Return the candidate that is disk i seen `across` boxes to the right and `up` boxes above, each -1, 0 or 1."""
+    return i + (((across + 3) % 3 + 3 * ((up + 3) % 3)) << ws.DISK_BITS)
+
+
+# -- which disks are in it ------------------------------------------------------------------------------------------
 
 
 @kernel
 def add(w, cell, candidate):
-    """List a candidate in a cell; if the cell is full, say so in the clock."""
+    """Add a candidate to a cell; if the cell is full, set the OVERFLOW flag."""
     first = cell * w.grid.slots
     n = w.cell[first] + 1
     if n < w.grid.slots:
         w.cell[first + n] = candidate
         w.cell[first] = n
     else:
-        w.progress[OVERFULL] = 1
+        w.progress[ws.OVERFLOW] = 1
 
 
 @kernel
 def remove(w, cell, candidate):
-    """Take a candidate off the list of a cell, the last one taking its place."""
+    """Remove a candidate from a cell; the cell's last candidate takes its place."""
     first = cell * w.grid.slots
     n = w.cell[first]
     last = w.cell[first + n]
@@ -81,78 +108,103 @@ def remove(w, cell, candidate):
 
 
 @kernel
-def change(w, cell, candidate, entering):
-    """Add a candidate to a cell or remove it."""
-    if entering:
+def update_cell(w, cell, candidate, adding):
+    """Add a candidate to a cell, or remove it."""
+    if adding:
         add(w, cell, candidate)
     else:
         remove(w, cell, candidate)
 
 
 @kernel
-def image_of(i, across, up):
-    """Return the candidate that is disk i seen `across` boxes to the right and `up` boxes above, each -1, 0 or 1."""
-    return i + (((across + 3) % 3 + 3 * ((up + 3) % 3)) << DISK_BITS)
-
-
-@kernel
-def enlist(shift, w, i, column, line, across, up, entering):
-    """Add disk i, seen as an image, to a cell and to the ghosts of that cell, or remove it."""
-    columns, lines = w.grid.columns, w.grid.rows
-    change(w, cell_at(w, column, line), image_of(i, across, up), entering)
+def update_images(shift, w, i, column, row, across, up, adding):
+    """Add disk i, as the image (across, up), to a cell and to the ghost cells that repeat this cell, or remove it."""
+    columns, rows = w.grid.columns, w.grid.rows
+    update_cell(w, cell_at(w, column, row), image_of(i, across, up), adding)
     if shift is None:
         return
-    if 0 < column < columns - 1 and 0 < line < lines - 1:
+    if 0 < column < columns - 1 and 0 < row < rows - 1:
         return
     for a in range(-1 if column == columns - 1 else 0, 2 if column == 0 else 1):
-        for u in range(-1 if line == lines - 1 else 0, 2 if line == 0 else 1):
+        for u in range(-1 if row == rows - 1 else 0, 2 if row == 0 else 1):
             if a != 0 or u != 0:
-                cell = cell_at(w, column + a * columns, line + u * lines)
-                change(w, cell, image_of(i, across + a, up + u), entering)
+                cell = cell_at(w, column + a * columns, row + u * rows)
+                update_cell(w, cell, image_of(i, across + a, up + u), adding)
 
 
 @kernel
-def enlist_big(shift, w, i, column, line, entering):
-    """Add big disk i to a cell of its pattern, wherever that is, or remove it."""
+def update_pattern_cell(shift, w, i, column, row, adding):
+    """Add big disk i to a cell of its pattern, which may lie in an image of the box, or remove it."""
     if shift is not None:
-        a, u = column // w.grid.columns, line // w.grid.rows
-        enlist(shift, w, i, column - a * w.grid.columns, line - u * w.grid.rows, -a, -u, entering)
-    elif -1 <= column <= w.grid.columns and -1 <= line <= w.grid.rows:
-        enlist(shift, w, i, column, line, 0, 0, entering)
+        a, u = column // w.grid.columns, row // w.grid.rows
+        update_images(shift, w, i, column - a * w.grid.columns, row - u * w.grid.rows, -a, -u, adding)
+    elif -1 <= column <= w.grid.columns and -1 <= row <= w.grid.rows:
+        update_images(shift, w, i, column, row, 0, 0, adding)
 
 
 @kernel
-def enlist_all(big, w, i, column, line, entering):
-    """Add disk i to its cell, or if it is big to the cells of its pattern, or remove it."""
+def update_disk(big, w, i, column, row, adding):
+    """Add disk i to its cell, or if it is big to the cells of its pattern, or remove it from them."""
     if big is not None:
         if i < big.number:
             for j in range(big.listed_first[i], big.listed_first[i + 1]):
-                enlist_big(w.shift, w, i, column + big.listed[j, 0], line + big.listed[j, 1], entering)
+                update_pattern_cell(w.shift, w, i, column + big.listed[j, 0], row + big.listed[j, 1], adding)
             return
-    enlist(w.shift, w, i, column, line, 0, 0, entering)
+    update_images(w.shift, w, i, column, row, 0, 0, adding)
 
 
 @kernel
-def enter(big, w, i, column, line):
-    """Let disk i be in a cell."""
-    w.link[ROW * i + COLUMN] = column
-    w.link[ROW * i + LINE] = line
-    enlist_all(big, w, i, column, line, True)
+def enter(big, w, i, column, row):
+    """List disk i in the cell at a place."""
+    w.link[ws.ROW * i + ws.CELL_COLUMN] = column
+    w.link[ws.ROW * i + ws.CELL_ROW] = row
+    update_disk(big, w, i, column, row, True)
 
 
 @kernel
-def leave(big, w, i, column, line):
-    """Let disk i no longer be in a cell."""
-    enlist_all(big, w, i, column, line, False)
+def leave(big, w, i):
+    """Remove disk i from the cell in which it is listed."""
+    column, row = place_of(w, i)
+    update_disk(big, w, i, column, row, False)
+
+
+# -- which cells an event needs -------------------------------------------------------------------------------------
+
+
+@kernel
+def three_cells(middle, step):
+    """Return the range of a cell, the one a step before it and the one a step after it."""
+    return range(middle - step, middle + 2 * step, step)
+
+
+@kernel
+def rows_around(w, cell):
+    """Return the range of the middle cells of the three rows around a cell."""
+    return three_cells(cell, w.grid.columns + 2)
+
+
+@kernel
+def is_crossing(event):
+    """Whether in an event a disk leaves its cell, or the square of its list."""
+    return ws.LEFT <= event <= ws.UP
+
+
+@kernel
+def steps(w, event):
+    """Return the step in the number of a cell from the one left to the one entered, and along the edge between them."""
+    above = w.grid.columns + 2
+    sideways = event <= ws.RIGHT
+    across, up = (event == ws.RIGHT) - (event == ws.LEFT), (event == ws.UP) - (event == ws.DOWN)
+    return across + above * up, above if sideways else 1
 
 
 @kernel
 def gather_three(w, middle, step, m):
-    """Append the disks of a cell, of the one a step before it and the one after to the m candidates; return the sum.
+    """Append the disks of three cells to the m candidates; return their new number.
 
-    Three disks a cell are copied whether they count or not: most cells have fewer, and no branch has to guess.
+    Three disks a cell are copied whether they are valid or not: most cells have fewer, and no branch is mispredicted.
     """
-    for cell in range(middle - step, middle + 2 * step, step):
+    for cell in three_cells(middle, step):
         first = cell * w.grid.slots
         n = w.cell[first]
         for j in range(3):
@@ -164,72 +216,91 @@ def gather_three(w, middle, step, m):
 
 
 @kernel
-def gather_around(w, column, line):
-    """Make the disks of the 3 x 3 cells around a cell the candidates; return how many there are."""
-    above, middle, m = w.grid.columns + 2, cell_at(w, column, line), 0
-    for across in range(middle - above, middle + 2 * above, above):
-        m = gather_three(w, across, 1, m)
+def prefetch_three_cells(w, middle, step):
+    """Prefetch the three cells that `gather_three` reads."""
+    for cell in three_cells(middle, step):
+        prefetch(w.cell, w.grid.slots * cell)
+
+
+@kernel
+def prefetch_disks_of_three(w, middle, step):
+    """Prefetch the first two disks of each cell that `gather_three` reads; few cells hold more."""
+    cells = len(w.cell) // w.grid.slots
+    for cell in three_cells(middle, step):
+        first = w.grid.slots * min(max(cell, 0), cells - 1)
+        prefetch(w.disk, ws.ROW * (w.cell[first + 1] & ws.DISK_MASK))
+        prefetch(w.disk, ws.ROW * (w.cell[first + 2] & ws.DISK_MASK))
+
+
+@kernel
+def gather_around(w, column, row):
+    """Collect the disks of 3 x 3 cells; return their number."""
+    m = 0
+    for middle in rows_around(w, cell_at(w, column, row)):
+        m = gather_three(w, middle, 1, m)
     return m
 
 
 @kernel
-def crosses(event):
-    """Whether a disk leaves its cell, or the square of its list."""
-    return LEFT <= event <= UP
+def prefetch_cells_around(w, cell):
+    """Prefetch the cells that `gather_around` reads."""
+    for middle in rows_around(w, cell):
+        prefetch_three_cells(w, middle, 1)
 
 
 @kernel
-def steps(w, event):
-    """Return what the number of a cell changes by from one to the one entered, and along the edge between them."""
-    above = w.grid.columns + 2
-    sideways = event <= RIGHT
-    return (event == RIGHT) - (event == LEFT) + above * ((event == UP) - (event == DOWN)), above if sideways else 1
-
-
-@kernel
-def gather_entered(w, column, line, event):
-    """Make the disks of the three cells that are new after a crossing the candidates."""
+def gather_entered(w, column, row, event):
+    """Collect the disks of the three cells that a crossing into a cell made neighbours; return their number."""
     ahead, along = steps(w, event)
-    return gather_three(w, cell_at(w, column, line) + ahead, along, 0)
+    return gather_three(w, cell_at(w, column, row) + ahead, along, 0)
 
 
 @kernel
-def is_outside(shift, w, column, line):
-    """Whether there is no cell at a place, nor, in a periodic box, an image of one."""
-    if shift is not None:
-        return False
-    return column < 0 or column >= w.grid.columns or line < 0 or line >= w.grid.rows
+def prefetch_cells(w, i, event):
+    """Prefetch the cells that an event of disk i reads: `gather_around`, or `leave`, `enter` and `gather_entered`."""
+    cell = cell_of(w, i)
+    if is_crossing(event):
+        ahead, along = steps(w, event)
+        prefetch(w.cell, w.grid.slots * cell)
+        prefetch(w.cell, w.grid.slots * (cell + ahead))
+        prefetch_three_cells(w, cell + 2 * ahead, along)
+    else:
+        prefetch_cells_around(w, cell)
 
 
 @kernel
-def boxes_away(shift, w, column, line):
-    """How many boxes to the right and above a place is."""
-    if shift is None:
-        return 0, 0
-    return column // w.grid.columns, line // w.grid.rows
+def prefetch_candidates(w, i, event):
+    """Prefetch the disks that an event of disk i gathers, from the cells of `prefetch_cells`."""
+    cell = cell_of(w, i)
+    if is_crossing(event):
+        ahead, along = steps(w, event)
+        prefetch_disks_of_three(w, cell + 2 * ahead, along)
+    else:
+        for middle in rows_around(w, cell):
+            prefetch_disks_of_three(w, middle, 1)
 
 
 @kernel
 def images_across(shift):
-    """How far images reach to either side."""
+    """Return how many boxes away the images on either side are at most."""
     if shift is None:
         return 0
     return 1
 
 
 @kernel
-def gather_within_reach(big, w, i, column, line):
-    """Make all disks that big disk i can touch while it stays in its cell, other big ones included, the candidates."""
+def gather_within_reach(big, w, i, column, row):
+    """Collect all disks, other big ones included, that big disk i can touch while it stays in its cell."""
     m = 0
     for j in range(big.reach_first[i], big.reach_first[i + 1]):
-        c, r = column + big.reach[j, 0], line + big.reach[j, 1]
+        c, r = column + big.reach[j, 0], row + big.reach[j, 1]
         if is_outside(w.shift, w, c, r):
             continue
         across, up = boxes_away(w.shift, w, c, r)
         first = cell_at(w, c - across * w.grid.columns, r - up * w.grid.rows) * w.grid.slots
         for entry in range(first + 1, first + 1 + w.cell[first]):
             k = np.int64(w.cell[entry])
-            if k & DISK_MASK >= big.number:
+            if k & ws.DISK_MASK >= big.number:
                 w.candidate[m] = image_of(k, across, up)
                 m += 1
     far = images_across(w.shift)
@@ -242,18 +313,20 @@ def gather_within_reach(big, w, i, column, line):
 
 
 @kernel
-def gather(big, w, i, column, line):
-    """Make all disks that disk i, in a cell, can touch while it stays there the candidates; return their number."""
+def gather(big, w, i):
+    """Collect all disks that disk i can touch while it stays in its cell; return their number."""
+    column, row = place_of(w, i)
     if big is not None:
         if i < big.number:
-            return gather_within_reach(big, w, i, column, line)
-    return gather_around(w, column, line)
+            return gather_within_reach(big, w, i, column, row)
+    return gather_around(w, column, row)
 
 
 @kernel
-def gather_new(big, w, i, column, line, event):
-    """Make at least the disks that are new neighbours after disk i crossed into a cell the candidates."""
+def gather_new(big, w, i, event):
+    """Collect at least the disks that became neighbours of disk i in a crossing into its cell; return their number."""
+    column, row = place_of(w, i)
     if big is not None:
         if i < big.number:
-            return gather_within_reach(big, w, i, column, line)
-    return gather_entered(w, column, line, event)
+            return gather_within_reach(big, w, i, column, row)
+    return gather_entered(w, column, row, event)

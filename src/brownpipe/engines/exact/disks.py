@@ -1,80 +1,86 @@
-"""What a disk is and where: its properties, and pairs of disks as seen from each other.
+"""Properties and motion of a disk, and a pair of disks as seen from one of them.
 
-Arguments that a scene may do without (`mass`, `shift`) come first and are None then: Numba leaves out the branch.
+A disk's position is that at its own time TIME, from which it moves straight. `mass` and `shift` may be None.
 """
 
 from brownpipe.engines.collisions import shares
-from brownpipe.engines.exact.workspace import DISK_BITS, DISK_MASK, RADIUS, ROW, TIME, VX, VY, X, Y
+from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.kernels import kernel
 
 
 @kernel
 def contact_distance(mass, w, i, k):
-    """Return sigma of a pair; without masses all disks are equal."""
+    """Return sigma of disks i and k; without masses all disks are equal."""
     if mass is None:
         return w.grid.sigma
-    return w.disk[ROW * i + RADIUS] + w.disk[ROW * k + RADIUS]
+    return w.disk[ws.ROW * i + ws.RADIUS] + w.disk[ws.ROW * k + ws.RADIUS]
 
 
 @kernel
 def radius_of(mass, w, i):
-    """Return the radius of a disk."""
+    """Return the radius of disk i."""
     if mass is None:
         return 0.5 * w.grid.sigma
-    return w.disk[ROW * i + RADIUS]
+    return w.disk[ws.ROW * i + ws.RADIUS]
 
 
 @kernel
 def mass_of(mass, i):
-    """Return the mass of a disk."""
+    """Return the mass of disk i."""
     if mass is None:
         return 1.0
     return mass[i]
 
 
 @kernel
-def push_apart(mass, w, i, k, fx, fy):
-    """Change the velocities of disks i and k, eqs. (5)-(6); return the mass that makes an impulse of f."""
-    disk, a, b = w.disk, ROW * i, ROW * k
+def apply_impulse(mass, w, i, k, fx, fy):
+    """Apply eqs. (5)-(6) to the velocities of disks i and k; return m, where m f is the impulse given to disk i."""
+    disk, a, b = w.disk, ws.ROW * i, ws.ROW * k
     if mass is None:
-        disk[a + VX] += fx
-        disk[a + VY] += fy
-        disk[b + VX] -= fx
-        disk[b + VY] -= fy
+        disk[a + ws.VX] += fx
+        disk[a + ws.VY] += fy
+        disk[b + ws.VX] -= fx
+        disk[b + ws.VY] -= fy
         return 1.0
-    whole_a, part_a, whole_b, part_b, impulse = shares(mass[i], mass[k])
-    disk[a + VX] = disk[a + VX] + whole_a * fx + part_a * fx
-    disk[a + VY] = disk[a + VY] + whole_a * fy + part_a * fy
-    disk[b + VX] = disk[b + VX] - whole_b * fx - part_b * fx
-    disk[b + VY] = disk[b + VY] - whole_b * fy - part_b * fy
-    return impulse
+    whole_a, part_a, whole_b, part_b, impulse_mass = shares(mass[i], mass[k])
+    disk[a + ws.VX] = disk[a + ws.VX] + whole_a * fx + part_a * fx
+    disk[a + ws.VY] = disk[a + ws.VY] + whole_a * fy + part_a * fy
+    disk[b + ws.VX] = disk[b + ws.VX] - whole_b * fx - part_b * fx
+    disk[b + ws.VY] = disk[b + ws.VY] - whole_b * fy - part_b * fy
+    return impulse_mass
 
 
 @kernel
 def shifted(shift, candidate, x, y):
-    """Move a disk's position to its image's."""
+    """Return the position of the candidate whose disk is at (x, y): periodic images are displaced by a box."""
     if shift is None:
         return x, y
-    image = candidate >> DISK_BITS
+    image = candidate >> ws.DISK_BITS
     return x + shift[image, 0], y + shift[image, 1]
 
 
 @kernel
-def displacement(w, i, candidate, now):
-    """Return position and velocity of a candidate (a disk or an image of it) as seen from disk i."""
-    disk, a, b = w.disk, ROW * i, ROW * (candidate & DISK_MASK)
-    since_a, since_b = now - disk[a + TIME], now - disk[b + TIME]
-    x = (disk[b + X] + disk[b + VX] * since_b) - (disk[a + X] + disk[a + VX] * since_a)
-    y = (disk[b + Y] + disk[b + VY] * since_b) - (disk[a + Y] + disk[a + VY] * since_a)
-    x, y = shifted(w.shift, candidate, x, y)
-    return x, y, disk[b + VX] - disk[a + VX], disk[b + VY] - disk[a + VY]
+def position(w, i, now):
+    """Return the position of disk i at the time now."""
+    a = ws.ROW * i
+    dt = now - w.disk[a + ws.TIME]
+    return w.disk[a + ws.X] + w.disk[a + ws.VX] * dt, w.disk[a + ws.Y] + w.disk[a + ws.VY] * dt
+
+
+@kernel
+def relative_motion(w, i, candidate, now):
+    """Return position and velocity of a candidate relative to disk i, (x, y, u, v) of `collisions.encounter`."""
+    k = candidate & ws.DISK_MASK
+    x_i, y_i = position(w, i, now)
+    x_k, y_k = position(w, k, now)
+    x, y = shifted(w.shift, candidate, x_k - x_i, y_k - y_i)
+    disk, a, b = w.disk, ws.ROW * i, ws.ROW * k
+    return x, y, disk[b + ws.VX] - disk[a + ws.VX], disk[b + ws.VY] - disk[a + ws.VY]
 
 
 @kernel
 def move(w, i, now):
-    """Bring disk i to the time now."""
-    a = ROW * i
-    since = now - w.disk[a + TIME]
-    w.disk[a + X] += w.disk[a + VX] * since
-    w.disk[a + Y] += w.disk[a + VY] * since
-    w.disk[a + TIME] = now
+    """Advance disk i to the time now."""
+    a = ws.ROW * i
+    w.disk[a + ws.X], w.disk[a + ws.Y] = position(w, i, now)
+    w.disk[a + ws.TIME] = now

@@ -1,9 +1,12 @@
 """The events of the exact engine: predict, collide, bounce, change cell; and the loop over them.
 
-Every disk has its own time: its position and velocity are those after its last collision, and it moves straight from
-there. It knows one next event. For every pair of neighbours at least one of the two knows a next pair event that is not
-later than their collision, so that the earliest event of all is always right (B. D. Lubachevsky, J. Comput. Phys. 94,
-255 (1991)). A pair event whose partner has collided in the meantime is stale and only makes the disk predict afresh.
+Every disk has its own time TIME: its position and velocity are those after its last collision, and it moves straight
+from there. It stores one next event. For every pair of neighbours at least one of the two has a next pair event not
+later than their collision, so that the earliest event of all is always correct (B. D. Lubachevsky, J. Comput. Phys. 94,
+255 (1991)). A pair event whose partner has changed course since it was predicted is stale: the disk only predicts anew.
+
+Time is divided into blocks, at whose ends all disks are brought to the same time. TIME and event times are counted from
+the beginning of the block, so that their round-off does not grow with the duration of a run.
 """
 
 import math
@@ -12,95 +15,53 @@ import numpy as np
 
 from brownpipe.engines.collisions import delay, encounter, exchange, meets
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
-from brownpipe.engines.exact.audit import audit_place, sample
-from brownpipe.engines.exact.disks import contact_distance, displacement, mass_of, move, push_apart, radius_of
-from brownpipe.engines.exact.prefetch import ask_ahead
-from brownpipe.engines.exact.workspace import (
-    BLOCK,
-    BLOCK_OVER,
-    BUCKET_NOW,
-    CELL_FULL,
-    COLUMN,
-    COUNT,
-    CROSSINGS,
-    DISK_MASK,
-    DONE,
-    DOWN,
-    EVENT,
-    EVENT_ROW,
-    LEFT,
-    LINE,
-    LOG_FULL,
-    LOGGED,
-    NEAREST,
-    NOW,
-    OPEN,
-    OVERFULL,
-    PAIR,
-    PAIR_TIME,
-    PAIRS,
-    PARTNER,
-    PARTNER_COUNT,
-    PAUSED,
-    RIGHT,
-    ROW,
-    SAMPLE,
-    SOON,
-    STALE,
-    STOP,
-    TIME,
-    TRACER_PAIRS,
-    UP,
-    VIRIAL,
-    VX,
-    VY,
-    WALL,
-    WALL_IMPULSE,
-    WALLS,
-    X,
-    Y,
-)
+from brownpipe.engines.exact import workspace as ws
+from brownpipe.engines.exact.audit import audit_place, take_sample
+from brownpipe.engines.exact.disks import apply_impulse, contact_distance, mass_of, move, radius_of, relative_motion
+from brownpipe.engines.exact.prefetch import prefetch_upcoming
 from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import local_copy
+
+# -- predict --------------------------------------------------------------------------------------------------------
 
 
 @kernel
 def earliest(w, i, now, candidates, first, m):
-    """Make the earliest collision with one of m candidates the pair event of disk i, if it is earlier than that.
+    """Store the earliest collision of disk i with m candidates as its pair event, if earlier than the one it has.
 
-    The candidates begin at `first` of an array, which may be `w.candidate`: that is overwritten.
+    The candidates are at `first` and after in an array, which may be `w.candidate`: that is overwritten.
 
-    Two passes: the first, free of branches, keeps those that are on a course to touch; the second takes their square
-    roots. A partner that will predict afresh before that (its own pair event comes first) is left to find disk i then.
+    The first of two passes, free of branches, keeps the candidates on a course to touch; the second takes the square
+    roots. Skip a partner whose own next collision is earlier: it will be re-predicted then and will find disk i.
     """
-    disk, approach = w.disk, w.quadratic
+    disk, quadratic = w.disk, w.quadratic
     n = 0
     for j in range(m):
         candidate = candidates[first + j]
-        k = candidate & DISK_MASK
-        x, y, u, v = displacement(w, i, candidate, now)
+        k = candidate & ws.DISK_MASK
+        x, y, u, v = relative_motion(w, i, candidate, now)
         sigma = contact_distance(w.mass, w, i, k)
         b, c, d = encounter(x, y, u, v, sigma)
         w.candidate[n] = candidate
-        approach[3 * n], approach[3 * n + 1], approach[3 * n + 2] = b, c, d
+        quadratic[3 * n], quadratic[3 * n + 1], quadratic[3 * n + 2] = b, c, d
         n += meets(b, d)
-        if (c < w.tally[NEAREST] * (sigma * sigma)) & (k != i):
-            w.tally[NEAREST] = c / (sigma * sigma)
-    best, partner = disk[ROW * i + PAIR_TIME], w.candidate[0]
+        if (c < w.tally[ws.NEAREST] * (sigma * sigma)) & (k != i):
+            w.tally[ws.NEAREST] = c / (sigma * sigma)
+    best, partner = disk[ws.ROW * i + ws.PAIR_TIME], w.candidate[0]
     for j in range(n):
-        time = now + delay(approach[3 * j], approach[3 * j + 1], approach[3 * j + 2])
-        sooner = (time < best) & (time <= disk[ROW * (w.candidate[j] & DISK_MASK) + PAIR_TIME])
+        time = now + delay(quadratic[3 * j], quadratic[3 * j + 1], quadratic[3 * j + 2])
+        sooner = (time < best) & (time <= disk[ws.ROW * (w.candidate[j] & ws.DISK_MASK) + ws.PAIR_TIME])
         best = time if sooner else best
         partner = w.candidate[j] if sooner else partner
-    if best < disk[ROW * i + PAIR_TIME]:
-        disk[ROW * i + PAIR_TIME] = best
-        w.link[ROW * i + PARTNER] = partner
-        w.link[ROW * i + PARTNER_COUNT] = disk[ROW * (partner & DISK_MASK) + COUNT]
+    if best < disk[ws.ROW * i + ws.PAIR_TIME]:
+        disk[ws.ROW * i + ws.PAIR_TIME] = best
+        w.link[ws.ROW * i + ws.PARTNER] = partner
+        w.link[ws.ROW * i + ws.PARTNER_CHANGES] = disk[ws.ROW * (partner & ws.DISK_MASK) + ws.CHANGES]
 
 
 @kernel
 def within_walls(shift, edge, low, side, radius):
-    """Return how far a disk can move towards the edge of its cell: with walls no further than contact, eq. (4)."""
+    """Return the coordinate at which a disk moving towards an edge leaves its cell or touches a wall, eq. (4)."""
     if shift is not None:
         return edge
     return min(max(edge, low + radius), low + side - radius)
@@ -108,9 +69,10 @@ def within_walls(shift, edge, low, side, radius):
 
 @kernel
 def leave_time(shift, position, velocity, since, edge, low, side, radius):
-    """Return when a disk is at an edge ahead in one direction, and whether a wall ends its way before.
+    """Return when a disk with this motion at the time `since` reaches the edge ahead in x or y, and whether a wall.
 
-    Only the wall ahead can: a disk that round-off put behind the other one may have that one's contact ahead, too.
+    Consider only the wall the disk moves towards: if round-off has left it slightly beyond the opposite wall, that
+    contact also lies ahead and must be ignored. At a wall that it overlaps by round-off the time is before `since`.
     """
     end = within_walls(shift, edge, low, side, radius)
     time = since + (end - position) / velocity
@@ -119,165 +81,172 @@ def leave_time(shift, position, velocity, since, edge, low, side, radius):
 
 @kernel
 def edges_ahead(lists, w, i, vx, vy):
-    """Return where the cell of disk i, or the square of its list, ends in both directions of its motion."""
+    """Return the edges (x, y) of the cell of disk i, or of the square of its list, to which it moves."""
     if lists is not None:
         return neighbour_lists.edges_ahead(lists, i, vx, vy)
-    box, a = w.grid, ROW * i
-    x = box.x + (w.link[a + COLUMN] + (vx > 0.0)) * box.cell_width
-    return x, box.y + (w.link[a + LINE] + (vy > 0.0)) * box.cell_height
+    box, a = w.grid, ws.ROW * i
+    x = box.x + (w.link[a + ws.CELL_COLUMN] + (vx > 0.0)) * box.cell_width
+    return x, box.y + (w.link[a + ws.CELL_ROW] + (vy > 0.0)) * box.cell_height
 
 
 @kernel
 def schedule(w, i, now):
-    """Enter the next event of disk i: its collision, its next cell or a wall, whichever comes first."""
-    disk, link, box, a = w.disk, w.link, w.grid, ROW * i
-    radius, since = radius_of(w.mass, w, i), disk[a + TIME]
-    vx, vy = disk[a + VX], disk[a + VY]
+    """Push the next event of disk i: its pair collision, a cell crossing or a wall collision, whichever is first."""
+    disk, box, a = w.disk, w.grid, ws.ROW * i
+    radius, since = radius_of(w.mass, w, i), disk[a + ws.TIME]
+    vx, vy = disk[a + ws.VX], disk[a + ws.VY]
     x_edge, y_edge = edges_ahead(w.lists, w, i, vx, vy)
-    x, x_wall = leave_time(w.shift, disk[a + X], vx, since, x_edge, box.x, box.width, radius)
-    y, y_wall = leave_time(w.shift, disk[a + Y], vy, since, y_edge, box.y, box.height, radius)
-    x_event, y_event = LEFT + (vx > 0.0) + WALL * x_wall, DOWN + (vy > 0.0) + WALL * y_wall
-    sideways, pair_time = x < y, disk[a + PAIR_TIME]
-    leaves = min(x, y) < pair_time
-    event = leaves * (sideways * x_event + (1 - sideways) * y_event)  # a branch would be guessed wrong half the time
-    time = max(min(min(x, y), pair_time), now)
-    w.event_time[EVENT_ROW * i] = time
-    link[a + EVENT] = event
+    x_time, x_wall = leave_time(w.shift, disk[a + ws.X], vx, since, x_edge, box.x, box.width, radius)
+    y_time, y_wall = leave_time(w.shift, disk[a + ws.Y], vy, since, y_edge, box.y, box.height, radius)
+    x_event = ws.LEFT + (vx > 0.0) + ws.WALL * x_wall
+    y_event = ws.DOWN + (vy > 0.0) + ws.WALL * y_wall
+    sideways, pair_time = x_time < y_time, disk[a + ws.PAIR_TIME]
+    leaves = min(x_time, y_time) < pair_time
+    event = leaves * (sideways * x_event + (1 - sideways) * y_event)  # a branch would be mispredicted half the time
+    time = max(min(min(x_time, y_time), pair_time), now)
+    w.event_time[ws.EVENT_ROW * i] = time
+    w.link[a + ws.EVENT] = event
     calendar.push(w, i, time)
 
 
 @kernel
-def wrapped(image, w, i, column, line):
-    """Take disk i, about to enter a cell, to the other side of a periodic box if that cell is outside; return if so.
+def candidates_after(lists, w, i, event):
+    """Return the array with the candidates of disk i after an event, the index of the first, and their number.
 
-    Disks see each other as other images then, so that all that was predicted with disk i is out of date.
+    After a crossing these are the new neighbours; else they are all, and the pair event is reset.
+    """
+    if lists is not None:
+        w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
+        return neighbour_lists.neighbours(lists, i)
+    if cells.is_crossing(event):
+        return w.candidate, 0, cells.gather_new(w.big, w, i, event)
+    w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
+    return w.candidate, 0, cells.gather(w.big, w, i)
+
+
+# -- what an event does ---------------------------------------------------------------------------------------------
+
+
+@kernel
+def wrap(image, w, i, column, row):
+    """Move disk i, about to enter a cell outside a periodic box, to the opposite side; return whether it was moved.
+
+    Other disks then see it as another image, so all predictions with disk i are outdated.
     """
     if image is None:
         return False
-    across, up = column // w.grid.columns, line // w.grid.rows
+    across, up = cells.boxes_away(w.shift, w, column, row)
     if across == 0 and up == 0:
         return False
-    w.disk[ROW * i + X] -= across * w.grid.width
-    w.disk[ROW * i + Y] -= up * w.grid.height
+    w.disk[ws.ROW * i + ws.X] -= across * w.grid.width
+    w.disk[ws.ROW * i + ws.Y] -= up * w.grid.height
     image[2 * i] += across
     image[2 * i + 1] += up
-    w.disk[ROW * i + COUNT] += 1.0
+    w.disk[ws.ROW * i + ws.CHANGES] += 1.0
     return True
 
 
 @kernel
-def change_cell(w, i, column, line):
-    """Move disk i from its cell to another; return whether it went round a periodic box."""
-    cells.leave(w.big, w, i, np.int64(w.link[ROW * i + COLUMN]), np.int64(w.link[ROW * i + LINE]))
-    round_the_box = wrapped(w.image, w, i, column, line)
-    if round_the_box:
-        column, line = column % w.grid.columns, line % w.grid.rows
-    cells.enter(w.big, w, i, column, line)
-    return round_the_box
+def enter_cell(w, i, column, row):
+    """List disk i in a cell, after wrapping it if the cell is outside a periodic box; return whether it was wrapped."""
+    is_wrapped = wrap(w.image, w, i, column, row)
+    if is_wrapped:
+        column, row = column % w.grid.columns, row % w.grid.rows
+    cells.enter(w.big, w, i, column, row)
+    return is_wrapped
 
 
 @kernel
 def cross(lists, w, i, now, event):
-    """Let disk i go into the next cell, or make a new list; return whether all must be predicted afresh."""
+    """Move disk i to the next cell, or renew its square and list; return whether all must be predicted anew."""
     if lists is not None:
-        neighbour_lists.forget(lists, i)
-        column, line = cells.place(w, i, now)
-        change_cell(w, i, column, line)
+        neighbour_lists.clear(lists, i)
+        column, row = cells.place(w, i, now)
+        cells.leave(w.big, w, i)
+        enter_cell(w, i, column, row)
         neighbour_lists.centre(lists, w, i, now)
         neighbour_lists.meet(lists, w, i, 0)
         return True
-    column = np.int64(w.link[ROW * i + COLUMN]) + (event == RIGHT) - (event == LEFT)
-    line = np.int64(w.link[ROW * i + LINE]) + (event == UP) - (event == DOWN)
-    return change_cell(w, i, column, line)
+    column, row = cells.place_of(w, i)
+    cells.leave(w.big, w, i)
+    return enter_cell(
+        w, i, column + (event == ws.RIGHT) - (event == ws.LEFT), row + (event == ws.UP) - (event == ws.DOWN)
+    )
 
 
 @kernel
 def collide(w, i, candidate, now):
     """Exchange momentum between disk i and its partner, eqs. (5)-(8); return the impulse given to disk i."""
-    k = candidate & DISK_MASK
-    a, b = ROW * i, ROW * k
+    k = candidate & ws.DISK_MASK
     move(w, i, now)
     move(w, k, now)
-    x, y, u, v = displacement(w, i, candidate, now)
+    x, y, u, v = relative_motion(w, i, candidate, now)
     fx, fy = exchange(x, y, u, v)
-    mass = push_apart(w.mass, w, i, k, fx, fy)
-    w.disk[a + COUNT] += 1.0
-    w.disk[b + COUNT] += 1.0
-    w.tally[VIRIAL] -= mass * (x * fx + y * fy)
+    mass = apply_impulse(w.mass, w, i, k, fx, fy)
+    w.disk[ws.ROW * i + ws.CHANGES] += 1.0
+    w.disk[ws.ROW * k + ws.CHANGES] += 1.0
+    w.tally[ws.VIRIAL] -= mass * (x * fx + y * fy)
     return mass * fx, mass * fy
 
 
 @kernel
 def bounce(w, i, event, now):
-    """Reflect disk i at a wall, eqs. (9)-(10), its edge exactly at it; return the impulse given to the disk."""
-    disk, box, a = w.disk, w.grid, ROW * i
+    """Reflect disk i at a wall, eqs. (9)-(10), its edge exactly at the wall; return the impulse given to the disk."""
+    disk, box, a = w.disk, w.grid, ws.ROW * i
     radius = radius_of(w.mass, w, i)
     mass = mass_of(w.mass, i)
     move(w, i, now)
-    disk[a + COUNT] += 1.0
-    side = event - WALL
-    if side <= RIGHT:
-        disk[a + X] = box.x + radius if side == LEFT else box.x + box.width - radius
-        disk[a + VX] = -disk[a + VX]
-        fx, fy = 2.0 * mass * disk[a + VX], 0.0
+    disk[a + ws.CHANGES] += 1.0
+    side = event - ws.WALL
+    if side <= ws.RIGHT:
+        disk[a + ws.X] = box.x + radius if side == ws.LEFT else box.x + box.width - radius
+        disk[a + ws.VX] = -disk[a + ws.VX]
+        fx, fy = 2.0 * mass * disk[a + ws.VX], 0.0
     else:
-        disk[a + Y] = box.y + radius if side == DOWN else box.y + box.height - radius
-        disk[a + VY] = -disk[a + VY]
-        fx, fy = 0.0, 2.0 * mass * disk[a + VY]
-    w.tally[WALL_IMPULSE + side - 1] += abs(fx + fy)
+        disk[a + ws.Y] = box.y + radius if side == ws.DOWN else box.y + box.height - radius
+        disk[a + ws.VY] = -disk[a + ws.VY]
+        fx, fy = 0.0, 2.0 * mass * disk[a + ws.VY]
+    w.tally[ws.WALL_IMPULSE + side - 1] += abs(fx + fy)
     return fx, fy
 
 
 @kernel
 def log(w, r, i, partner, fx, fy, now):
-    """Note a collision, where a log is asked for."""
-    n = w.progress[LOGGED]
+    """Write a collision to the log, if there is one. `partner` is a disk, or -side for a wall."""
+    n = w.progress[ws.LOGGED]
     if n < len(r.log_time):
-        r.log_block[n], r.log_time[n] = w.progress[BLOCK], now
+        r.log_block[n], r.log_time[n] = w.progress[ws.BLOCK], now
         r.log_pair[n, 0], r.log_pair[n, 1] = i, partner
         r.log_impulse[n, 0], r.log_impulse[n, 1] = fx, fy
-        w.progress[LOGGED] = n + 1
-
-
-@kernel
-def neighbours(lists, w, i, event):
-    """Return where the candidates of disk i after an event are: the new ones if it changed cells, else all."""
-    if lists is not None:
-        w.disk[ROW * i + PAIR_TIME] = math.inf
-        return neighbour_lists.neighbours(lists, i)
-    column, line = np.int64(w.link[ROW * i + COLUMN]), np.int64(w.link[ROW * i + LINE])
-    if cells.crosses(event):
-        return w.candidate, 0, cells.gather_new(w.big, w, i, column, line, event)
-    w.disk[ROW * i + PAIR_TIME] = math.inf
-    return w.candidate, 0, cells.gather(w.big, w, i, column, line)
+        w.progress[ws.LOGGED] = n + 1
 
 
 @kernel
 def happen(w, r, i, now):
-    """Let the next event of disk i happen, and predict what comes next for those that changed course."""
+    """Execute the next event of disk i, and predict the next events of the disks that changed course."""
     link, count = w.link, w.count
-    event, k = int(link[ROW * i + EVENT]), i
-    if event == PAIR:
-        partner = link[ROW * i + PARTNER]
-        if w.disk[ROW * (partner & DISK_MASK) + COUNT] == link[ROW * i + PARTNER_COUNT]:
-            k = partner & DISK_MASK
+    event, k = int(link[ws.ROW * i + ws.EVENT]), i
+    if event == ws.PAIR:
+        partner = link[ws.ROW * i + ws.PARTNER]
+        if w.disk[ws.ROW * (partner & ws.DISK_MASK) + ws.CHANGES] == link[ws.ROW * i + ws.PARTNER_CHANGES]:
+            k = partner & ws.DISK_MASK
             fx, fy = collide(w, i, partner, now)
             log(w, r, i, k, fx, fy, now)
-            count[PAIRS] += 1
-            count[TRACER_PAIRS] += (i == r.tracer) | (k == r.tracer)
-            w.disk[ROW * k + PAIR_TIME] = math.inf
+            count[ws.PAIRS] += 1
+            count[ws.TRACER_PAIRS] += (i == r.tracer) | (k == r.tracer)
+            w.disk[ws.ROW * k + ws.PAIR_TIME] = math.inf
         else:
-            count[STALE] += 1
-    elif event > WALL:
+            count[ws.STALE] += 1
+    elif event > ws.WALL:
         fx, fy = bounce(w, i, event, now)
-        log(w, r, i, WALL - event, fx, fy, now)
-        count[WALLS] += 1
+        log(w, r, i, ws.WALL - event, fx, fy, now)
+        count[ws.WALLS] += 1
     else:
-        count[CROSSINGS] += 1
+        count[ws.CROSSINGS] += 1
         if cross(w.lists, w, i, now, event):
-            event = PAIR
+            event = ws.PAIR
     while True:
-        candidates, first, m = neighbours(w.lists, w, i, event)
+        candidates, first, m = candidates_after(w.lists, w, i, event)
         earliest(w, i, now, candidates, first, m)
         schedule(w, i, now)
         if k == i:
@@ -285,96 +254,88 @@ def happen(w, r, i, now):
         i = k
 
 
+# -- the loop -------------------------------------------------------------------------------------------------------
+
+
 @kernel
 def run(w, r, until, most):
-    """Let events happen up to a time within the block, at most so many; return why it stopped and how many are left."""
-    clock = w.progress
+    """Execute events up to a time within the block, at most so many; return why it stopped and how many are left."""
+    progress = w.progress
     for left in range(most, 0, -1):
-        while not calendar.next_is_due(w):
-            if (clock[BUCKET_NOW] + 1) * w.calendar.width > until:
-                return DONE, left
+        while not calendar.has_next_event(w):
+            if (progress[ws.CURRENT_BUCKET] + 1) * w.calendar.width > until:
+                return ws.DONE, left
             calendar.open_next_bucket(w)
-            ask_ahead(w.deferred, w)
-        soon = clock[SOON] - 1
-        now, i = w.current_time[soon], np.int64(w.current_disk[soon])
+            prefetch_upcoming(w.deferred, w)
+        last = progress[ws.CURRENT_EVENTS] - 1
+        now, i = w.current_time[last], np.int64(w.current_disk[last])
         if now > until:
-            return DONE, left
-        if len(r.log_time) > 0 and clock[LOGGED] == len(r.log_time):
-            return LOG_FULL, left
-        clock[SOON] = soon
-        if w.event_time[EVENT_ROW * i] == now:
+            return ws.DONE, left
+        if len(r.log_time) > 0 and progress[ws.LOGGED] == len(r.log_time):
+            return ws.LOG_FULL, left
+        progress[ws.CURRENT_EVENTS] = last
+        if w.event_time[ws.EVENT_ROW * i] == now:
             happen(w, r, i, now)
-            w.tally[NOW] = now
-            if clock[OVERFULL]:
-                return CELL_FULL, left
-    return PAUSED, 0
+            w.tally[ws.NOW] = now
+            if progress[ws.OVERFLOW]:
+                return ws.CELL_FULL, left
+    return ws.PAUSED, 0
 
 
 @kernel
 def begin_block(w):
-    """Put the disks into cells and let each begin with a stale event, so that it predicts afresh.
+    """List all disks in cells, and let each begin with a stale pair event at local time 0, so that it predicts anew.
 
-    All that follows depends on nothing but the positions and velocities at local time 0. A disk that keeps a list may
-    have left a periodic box by half a square; its neighbours are found only from its cell inside.
+    A block depends on nothing but the positions and velocities at its beginning. A disk with a neighbour list may have
+    left a periodic box by half a square; its neighbours are found only from its cell inside.
     """
     w.cell[:: w.grid.slots] = 0
     calendar.clear(w)
-    for i in range(len(w.disk) // ROW - 1, -1, -1):
-        a = ROW * i
-        column, line = cells.place(w, i, 0.0)
-        if wrapped(w.image, w, i, column, line):
-            column, line = column % w.grid.columns, line % w.grid.rows
-        cells.enter(w.big, w, i, column, line)
-        w.disk[a + PAIR_TIME] = w.disk[a + COUNT] = w.event_time[EVENT_ROW * i] = 0.0
-        w.link[a + EVENT], w.link[a + PARTNER], w.link[a + PARTNER_COUNT] = PAIR, i, 1
+    for i in range(len(w.disk) // ws.ROW - 1, -1, -1):
+        a = ws.ROW * i
+        column, row = cells.place(w, i, 0.0)
+        enter_cell(w, i, column, row)
+        w.disk[a + ws.PAIR_TIME] = w.disk[a + ws.CHANGES] = w.event_time[ws.EVENT_ROW * i] = 0.0
+        w.link[a + ws.EVENT], w.link[a + ws.PARTNER], w.link[a + ws.PARTNER_CHANGES] = ws.PAIR, i, 1
         calendar.insert(w, i, 0.0)
-    make_lists(w.lists, w)
-
-
-@kernel
-def make_lists(lists, w):
-    """Make the lists of all disks anew, if there are any."""
-    if lists is not None:
-        lists.neighbour[:: neighbour_lists.room(lists.wide)] = 0
-        n = len(w.disk) // ROW
-        for i in range(n):
-            neighbour_lists.centre(lists, w, i, 0.0)
-        for i in range(n):
-            neighbour_lists.meet(lists, w, i, i)
+    neighbour_lists.make_all(w.lists, w)
 
 
 @kernel
 def end_block(w):
-    """Bring all disks to the end of the block, which is the beginning of the next."""
-    for i in range(len(w.disk) // ROW):
+    """Advance all disks to the end of the block, which is the beginning of the next."""
+    for i in range(len(w.disk) // ws.ROW):
         move(w, i, w.calendar.block)
-        w.disk[ROW * i + TIME] = 0.0
+        w.disk[ws.ROW * i + ws.TIME] = 0.0
         audit_place(w.lists, w, i, 0.0)
-    w.progress[BLOCK] += 1
-    w.tally[NOW] = 0.0
+    w.progress[ws.BLOCK] += 1
+    w.tally[ws.NOW] = 0.0
 
 
 @entry_point
 def advance(w, r, most):
-    """Run until all samples are taken; return why it stopped. To go on, call it again, unless a cell was full."""
+    """Run until all samples are taken, for at most so many events; return why it stopped (DONE, PAUSED, ...).
+
+    Call it again to continue, except after CELL_FULL: then the run must restart with twice the capacity.
+    """
     w, r = local_copy(w), local_copy(r)
-    clock = w.progress
-    while clock[SAMPLE] < len(r.block):
-        if not clock[OPEN]:
+    progress = w.progress
+    while progress[ws.SAMPLE] < len(r.block):
+        if not progress[ws.BLOCK_BEGUN]:
             begin_block(w)
-            clock[OPEN] = 1
-        if clock[OVERFULL]:
-            return CELL_FULL
-        here = r.block[clock[SAMPLE]] == clock[BLOCK]
-        until = r.time[clock[SAMPLE]] if here else w.calendar.block
+            progress[ws.BLOCK_BEGUN] = 1
+        if progress[ws.OVERFLOW]:
+            return ws.CELL_FULL
+        in_this_block = r.block[progress[ws.SAMPLE]] == progress[ws.BLOCK]
+        until = r.time[progress[ws.SAMPLE]] if in_this_block else w.calendar.block
         outcome, most = run(w, r, until, most)
-        if outcome != DONE:
+        if outcome != ws.DONE:
             return outcome
-        if here:
-            sample(w, r, until)
+        if in_this_block:
+            take_sample(w, r, until)
         else:
             end_block(w)
-            clock[OPEN] = 0
-            if clock[STOP]:
-                return BLOCK_OVER
-    return DONE
+            progress[ws.BLOCK_BEGUN] = 0
+            if progress[ws.STOP]:
+                return ws.BLOCK_OVER
+    return ws.DONE

@@ -1,67 +1,61 @@
-"""Where the neighbours are when it is crowded: every disk keeps a list of them.
+"""Neighbour lists, for dense scenes: every disk has a list of the disks that it may touch.
 
-Each disk has a small square of its own around the place where its list was made. While two disks stay in their squares,
-they can touch only if the squares are less than a contact distance apart; those that are know each other. A disk that
-leaves its square gets a new one around the place where it is, and a new list. The cells then hold the disks by the
-centres of their squares, and are needed only to make lists.
+Neighbour lists in event-driven molecular dynamics are due to A. Donev, S. Torquato, F. H. Stillinger, J. Comput. Phys.
+202, 737 (2005). Here each disk has a small square around its position at the time when its list was made. While two
+disks are in their squares, they can touch only if the squares are less than a contact distance apart; such disks are on
+each other's lists. A disk that leaves its square gets a new square around its position, and a new list. The cell list
+then holds the disks by the centres of their squares, and is read only to make lists.
+
+`lists` is `w.lists`, a `NeighbourLists`.
 """
 
 import math
 
-import numpy as np
-
 from brownpipe.engines.exact import cells
-from brownpipe.engines.exact.disks import contact_distance, shifted
-from brownpipe.engines.exact.workspace import (
-    COLUMN,
-    DISK_BITS,
-    DISK_MASK,
-    LINE,
-    LIST_LINE,
-    OVERFULL,
-    ROW,
-    TIME,
-    VX,
-    VY,
-    WIDE_LINE,
-    X,
-    Y,
-)
-from brownpipe.engines.kernels import kernel
+from brownpipe.engines.exact import workspace as ws
+from brownpipe.engines.exact.disks import contact_distance, position, shifted
+from brownpipe.engines.kernels import kernel, prefetch
 
 
 @kernel
 def reversed_image(candidate, i):
-    """Return disk i as it is seen by a candidate that disk i sees."""
-    image = candidate >> DISK_BITS
+    """Return disk i as a candidate of the disk of which disk i sees this candidate."""
+    image = candidate >> ws.DISK_BITS
     across, up = image % 3, image // 3
-    return i + ((((3 - across) % 3) + 3 * ((3 - up) % 3)) << DISK_BITS)
+    return i + ((((3 - across) % 3) + 3 * ((3 - up) % 3)) << ws.DISK_BITS)
 
 
 @kernel
-def room(wide):
-    """Return how many numbers the list of a disk takes, as a constant: one in the workspace costs 4 %."""
+def words(wide):
+    """Return the number of words of a list. It is a constant: a number in the workspace costs 4 % of the speed."""
     if wide is None:
-        return LIST_LINE
-    return WIDE_LINE
+        return ws.LIST_WORDS
+    return ws.WIDE_LIST_WORDS
 
 
 @kernel
-def append(lists, w, i, candidate):
-    """Put a candidate on the list of disk i; if there is no room, say so in the clock."""
-    first = room(lists.wide) * i
+def entries(lists, i):
+    """Return the range of indices in `lists.neighbour` at which the neighbours of disk i are."""
+    first = words(lists.wide) * i
+    return range(first + 1, first + 1 + lists.neighbour[first])
+
+
+@kernel
+def add(lists, w, i, candidate):
+    """Add a candidate to the list of disk i; if the list is full, set the OVERFLOW flag."""
+    first = words(lists.wide) * i
     n = lists.neighbour[first]
-    if n + 1 == room(lists.wide):
-        w.progress[OVERFULL] = 1
+    if n + 1 == words(lists.wide):
+        w.progress[ws.OVERFLOW] = 1
         return
     lists.neighbour[first + 1 + n] = candidate
     lists.neighbour[first] = n + 1
 
 
 @kernel
-def strike(lists, i, candidate):
-    """Take a candidate off the list of disk i, the last one taking its place."""
-    first = room(lists.wide) * i
+def remove(lists, i, candidate):
+    """Remove a candidate from the list of disk i; the last one of the list takes its place."""
+    first = words(lists.wide) * i
     n = lists.neighbour[first]
     last = lists.neighbour[first + n]
     for j in range(first + 1, first + n):
@@ -71,9 +65,9 @@ def strike(lists, i, candidate):
 
 
 @kernel
-def near(lists, w, i, candidate):
+def can_touch(lists, w, i, candidate):
     """Whether the squares of disk i and of a candidate are less than a contact distance apart."""
-    k = candidate & DISK_MASK
+    k = candidate & ws.DISK_MASK
     x, y = lists.centre[2 * k] - lists.centre[2 * i], lists.centre[2 * k + 1] - lists.centre[2 * i + 1]
     x, y = shifted(w.shift, candidate, x, y)
     x, y = max(abs(x) - 2.0 * lists.half, 0.0), max(abs(y) - 2.0 * lists.half, 0.0)
@@ -82,42 +76,71 @@ def near(lists, w, i, candidate):
 
 
 @kernel
-def forget(lists, i):
-    """Empty the list of disk i, and take it off the lists of its neighbours."""
-    first = room(lists.wide) * i
-    for j in range(first + 1, first + 1 + lists.neighbour[first]):
-        strike(lists, lists.neighbour[j] & DISK_MASK, reversed_image(lists.neighbour[j], i))
-    lists.neighbour[first] = 0
+def clear(lists, i):
+    """Empty the list of disk i, and remove disk i from the lists of its neighbours."""
+    for j in entries(lists, i):
+        remove(lists, lists.neighbour[j] & ws.DISK_MASK, reversed_image(lists.neighbour[j], i))
+    lists.neighbour[words(lists.wide) * i] = 0
 
 
 @kernel
 def centre(lists, w, i, now):
-    """Give disk i a square around the place where it is."""
-    a = ROW * i
-    since = now - w.disk[a + TIME]
-    lists.centre[2 * i] = w.disk[a + X] + w.disk[a + VX] * since
-    lists.centre[2 * i + 1] = w.disk[a + Y] + w.disk[a + VY] * since
+    """Centre the square of disk i at its position at the time now."""
+    lists.centre[2 * i], lists.centre[2 * i + 1] = position(w, i, now)
 
 
 @kernel
 def meet(lists, w, i, least):
-    """Put disk i and its neighbours, of those numbered `least` or more, on each other's lists."""
-    for j in range(cells.gather_around(w, np.int64(w.link[ROW * i + COLUMN]), np.int64(w.link[ROW * i + LINE]))):
+    """Find the neighbours of disk i numbered `least` or more in the cell list, and add each to the other's list."""
+    column, row = cells.place_of(w, i)
+    for j in range(cells.gather_around(w, column, row)):
         candidate = w.candidate[j]
-        k = candidate & DISK_MASK
-        if k >= least and k != i and near(lists, w, i, candidate):
-            append(lists, w, i, candidate)
-            append(lists, w, k, reversed_image(candidate, i))
+        k = candidate & ws.DISK_MASK
+        if k >= least and k != i and can_touch(lists, w, i, candidate):
+            add(lists, w, i, candidate)
+            add(lists, w, k, reversed_image(candidate, i))
+
+
+@kernel
+def make_all(lists, w):
+    """Make the lists of all disks, if there are any."""
+    if lists is not None:
+        lists.neighbour[:: words(lists.wide)] = 0
+        n = len(w.disk) // ws.ROW
+        for i in range(n):
+            centre(lists, w, i, 0.0)
+        for i in range(n):
+            meet(lists, w, i, i)
 
 
 @kernel
 def edges_ahead(lists, i, vx, vy):
-    """Return where the square of disk i ends in both directions of its motion."""
+    """Return the edges (x, y) of the square of disk i to which it moves."""
     return lists.centre[2 * i] + math.copysign(lists.half, vx), lists.centre[2 * i + 1] + math.copysign(lists.half, vy)
 
 
 @kernel
 def neighbours(lists, i):
-    """Return the array that the list of disk i is in, where it begins, and how many it holds."""
-    first = room(lists.wide) * i
+    """Return the array that holds the list of disk i, the index at which it begins, and its length."""
+    first = words(lists.wide) * i
     return lists.neighbour, first + 1, lists.neighbour[first]
+
+
+@kernel
+def prefetch_list(lists, w, i, event):
+    """Prefetch the list of disk i; if the event makes a new one, also the cells that `meet` reads."""
+    prefetch(lists.neighbour, words(lists.wide) * i)
+    prefetch(lists.centre, 2 * i)
+    if cells.is_crossing(event):
+        cells.prefetch_cells_around(w, cells.cell_of(w, i))
+
+
+@kernel
+def prefetch_neighbours(lists, w, i, event):
+    """Prefetch the disks on the list of disk i; if the event makes a new one, also their lists for `clear`."""
+    for j in entries(lists, i):
+        k = lists.neighbour[j] & ws.DISK_MASK
+        prefetch(w.disk, ws.ROW * k)
+        if cells.is_crossing(event):
+            prefetch(lists.neighbour, words(lists.wide) * k)
+            prefetch(lists.centre, 2 * k)

@@ -1,58 +1,77 @@
-"""What the kernels of the exact engine work on: flat arrays, and the names of their columns.
+"""The arrays on which the kernels of the exact engine work, and the names of their columns.
 
-One disk is one row of `disk` (64 bytes, a cache line) and one of `link` (32 bytes). The arrays are flat, disk i
-beginning at 8 * i: two-dimensional ones cost 10 to 28 % here. Identifiers are uint32, so that the compiler knows that
-an index is not negative.
+How to read a kernel
+--------------------
+`w` is the `Workspace` of a run and `r` its `Recorder`; `i` and `k` are disks, `j` counts. A disk is one row of `w.disk`
+(64 bytes, a cache line) and one row of `w.link` (32 bytes). Both arrays are flat, and the rows of disk i begin at
+`ROW * i`:
+
+    w.disk        ROW * i + ...    X | Y | VX | VY | TIME | PAIR_TIME | CHANGES | RADIUS                    8 float64
+    w.link        ROW * i + ...    . | . | PARTNER | PARTNER_CHANGES | CELL_COLUMN | CELL_ROW | BUCKET | EVENT  8 uint32
+    w.event_time  EVENT_ROW * i    `---'   the first 8 bytes of that row, as a float64
+
+`w.disk[ROW * i + VX]` is the x velocity of disk i. (Two-dimensional arrays cost 10 to 28 % of the speed.) Indices are
+uint32, which tells the compiler that they are not negative.
+
+An optional field is an argument of its own beside `w`, as in `gather(w.big, w, i)`: where the argument is
+None, Numba removes the branch behind `if big is not None` when it compiles; a branch on `w.big` would remain. Every
+kind of scene thus has kernels of its own, without code for what it lacks. Records declared with `by_reference` are
+passed as one pointer (see `engines.records`). Without Numba's compiler every kernel is a function of Python with the
+same results.
 """
 
 from typing import NamedTuple
 
+import numpy as np
+
 from brownpipe.engines.records import by_reference
 
-# The row of a disk, what others need of it: position and velocity at its own time, when its next collision is, how
-# often its velocity has changed, its radius.
+# A row of `disk`: position and velocity at the disk's own time TIME; the time of its next pair collision; how often its
+# velocity or its image has changed, by which a partner knows whether its prediction still holds; the radius.
 ROW = 8
-X, Y, VX, VY, TIME, PAIR_TIME, COUNT, RADIUS = range(ROW)
-MOTION = slice(X, TIME)  # what outlasts a block
-# The row of its links, what only the disk itself needs. It begins with the time of its next event, a float64, which is
-# read and written as `event_time`: the same memory as rows of EVENT_ROW such numbers. PARTNER_COUNT is the partner's
-# COUNT when the collision was predicted.
-PARTNER, PARTNER_COUNT, COLUMN, LINE, BUCKET, EVENT = range(2, ROW)
+X, Y, VX, VY, TIME, PAIR_TIME, CHANGES, RADIUS = range(ROW)
+MOTION = slice(X, TIME)  # what is handed from one block of time to the next
+# A row of `link`: the time of the next event, which takes the first two words (see EVENT_ROW); the partner of the next
+# pair collision (a candidate, see DISK_BITS) and its CHANGES when the collision was predicted; the cell; the bucket and
+# the kind of the next event.
+PARTNER, PARTNER_CHANGES, CELL_COLUMN, CELL_ROW, BUCKET, EVENT = range(2, ROW)
 EVENT_ROW = ROW // 2
-# The event that is next: with the partner, into the next cell, or with a wall (whose code is WALL + the side).
+# The kind of an event: with the partner, into a neighbouring cell, or with a wall (WALL + its side, LEFT to UP).
 PAIR, LEFT, RIGHT, DOWN, UP, WALL = 0, 1, 2, 3, 4, 4
-# A candidate for a collision is a disk or an image of it: disk + (image << DISK_BITS), image 0 the disk itself.
+# A candidate for a collision is a disk or a periodic image of it: disk + (image << DISK_BITS); image 0 is the disk.
 DISK_BITS = 28
 DISK_MASK = (1 << DISK_BITS) - 1
-# How many numbers the list of a disk takes, and where lists are wide.
-LIST_LINE, WIDE_LINE = 16, 32
-# Columns of `tally` and `count`: what a run reports.
-# STRAY: how far a disk was outside its cell or square, in cells.
-NOW, NEAREST, STRAY, VIRIAL, WALL_IMPULSE = range(5)  # WALL_IMPULSE + side - 1: four of them
+# Words of a neighbour list, the first of which is the number of neighbours: one or two cache lines.
+LIST_WORDS, WIDE_LIST_WORDS = 16, 32
+# `tally`: time within the block, smallest (r^2 - sigma^2)/sigma^2 of any pair, largest distance of a disk outside its
+# cell or square (in cells), sum of the virial, impulse given by each wall (WALL_IMPULSE + side - 1).
+NOW, NEAREST, STRAY, VIRIAL, WALL_IMPULSE = range(5)
 TALLY = WALL_IMPULSE + 4
+# `count`: events of each kind. STALE pair events have a partner that has changed course since they were predicted.
 PAIRS, WALLS, TRACER_PAIRS, STALE, CROSSINGS = range(5)
 COUNTS = 5
-# Columns of `clock`.
-BUCKET_NOW, SOON, BLOCK, SAMPLE, LOGGED, OVERFULL, OPEN, STOP, WAITING = range(9)  # STOP: at the end of the block
-CLOCK = 9
-# How a call of `advance` ends.
+# `progress`: current bucket and the number of its events; current block, next sample, collisions in the log; whether a
+# cell or list overflowed, the block has begun, and to stop at its end; deferred insertions.
+CURRENT_BUCKET, CURRENT_EVENTS, BLOCK, SAMPLE, LOGGED, OVERFLOW, BLOCK_BEGUN, STOP, DEFERRED = range(9)
+PROGRESS = 9
+# How a call of `events.advance` ends.
 DONE, PAUSED, LOG_FULL, CELL_FULL, BLOCK_OVER = range(5)
 
 
 @by_reference
 class BigDisks(NamedTuple):
-    """The disks much bigger than the cells, numbered first, and the cells around their own that concern them."""
+    """The disks much bigger than a cell, which are numbered first, and the patterns of cells around their own."""
 
     number: int
-    listed_first: object  # (number + 1,) where the rows of big disk i begin
-    listed: object  # (n, 2) offsets (columns, lines) of the cells that list it
-    reach_first: object
-    reach: object  # (n, 2) offsets of the cells in which it can touch something
+    listed_first: np.ndarray  # (number + 1,) int64, index in `listed` where the pattern of each big disk begins
+    listed: np.ndarray  # (n, 2) int64, offsets (columns, rows) of the cells that list it
+    reach_first: np.ndarray  # (number + 1,) int64, likewise in `reach`
+    reach: np.ndarray  # (n, 2) int64, offsets of the cells in which it can touch a disk
 
 
 @by_reference
 class Grid(NamedTuple):
-    """The box, in the engine's frame and units, cut into cells with a rim of ghost cells around them."""
+    """The box in the engine's coordinates and units, divided into cells; a rim of ghost cells surrounds it."""
 
     columns: int
     rows: int
@@ -62,78 +81,78 @@ class Grid(NamedTuple):
     height: float
     cell_width: float
     cell_height: float
-    slots: int  # per cell: how many disks are in it, and which
+    slots: int  # words of a cell: the number of candidates in it, and the candidates
     sigma: float  # contact distance, where all disks are equal
 
 
 @by_reference
 class Calendar(NamedTuple):
-    """The bucket queue's scale: buckets of equal width in time, a ring of them, a block of time cut into them."""
+    """The scale of the calendar queue: blocks of time, and the ring of buckets into which a block is divided."""
 
-    block: float  # length of a block of time, a power of two
-    width: float  # of a bucket, a power of two
+    block: float  # duration of a block, a power of two
+    width: float  # duration of a bucket, a power of two
     per_time: float  # 1/width
-    ring: int  # number of buckets in the ring - 1, a mask
+    ring: int  # number of buckets in the ring - 1, a bit mask; the number is a power of two
 
 
 @by_reference
-class Lists(NamedTuple):
-    """Neighbour lists, and the squares for which they hold."""
+class NeighbourLists(NamedTuple):
+    """The neighbours of each disk, and the squares for which they are complete."""
 
     half: float  # half the side of a square
-    wide: object  # True where a list takes two cache lines, None where it takes one
-    centre: object  # (2 N,) float64, of the squares
-    neighbour: object  # (line * N,) uint32, how many neighbours and which
+    wide: bool | None  # True: a list has WIDE_LIST_WORDS; None: LIST_WORDS
+    centre: np.ndarray  # (2 N,) float64, of each disk's square
+    neighbour: np.ndarray  # (words of a list * N,) uint32: the number of neighbours, and the neighbours (candidates)
 
 
 @by_reference
-class Ahead(NamedTuple):
-    """Where memory is much slower than the processor's cache: disks that wait for their bucket to come from there."""
+class Deferred(NamedTuple):
+    """Deferred insertions: events whose bucket is being prefetched."""
 
-    bucket: object  # (n,) int64, the number of each one's bucket
-    disk: object  # (n,) uint32
+    bucket: np.ndarray  # (n,) int64, number of the bucket, not reduced to the ring
+    disk: np.ndarray  # (n,) uint32
 
 
 @by_reference
 class Workspace(NamedTuple):
-    """All that a run needs. What a scene does not need is None, and the code for it is not compiled."""
+    """All that the kernels read and write in a run, but for the record. None: the scene does not need it."""
 
     grid: Grid
     calendar: Calendar
-    disk: object  # (8 N,) float64
-    link: object  # (8 N,) uint32
-    event_time: object  # (4 N,) float64, a view of `link`
-    mass: object  # (N,) float64, or None where all are equal in mass and radius
-    cell: object  # (cells * slots,) uint32
-    image: object  # (2 N,) int32, times a disk has gone round a periodic box; None between walls
-    shift: object  # (9, 2) float64, of the images; None between walls
-    big: object  # BigDisks, or None
-    lists: object  # Lists, or None
-    bucket: object  # (16 * ring,) uint32
-    current_time: object  # events of the current bucket, the next one last
-    current_disk: object
-    deferred: object  # Ahead; None where memory is near
-    candidate: object  # scratch of `predict`
-    quadratic: object
-    progress: object  # int64
-    count: object  # int64
-    tally: object  # float64
+    disk: np.ndarray  # (8 N,) float64
+    link: np.ndarray  # (8 N,) uint32
+    event_time: np.ndarray  # (4 N,) float64, a view of `link`
+    mass: np.ndarray | None  # (N,) float64; None: all disks have mass 1 and the same radius
+    cell: np.ndarray  # (cells * slots,) uint32
+    image: np.ndarray | None  # (2 N,) int32, how often each disk has left a periodic box to the right and upwards
+    shift: np.ndarray | None  # (9, 2) float64, displacement of each periodic image; None: walls
+    big: BigDisks | None
+    lists: NeighbourLists | None
+    bucket: np.ndarray  # (16 * buckets,) uint32
+    current_time: np.ndarray  # (n,) float64, events of the current bucket, the next one last
+    current_disk: np.ndarray  # (n,) uint32
+    deferred: Deferred | None  # None: few disks, whose buckets are in the cache
+    candidate: np.ndarray  # (m,) uint32, scratch: disks that disk i may touch
+    quadratic: np.ndarray  # (3 m,) float64, scratch: (b, c, d) of `collisions.encounter` for each candidate
+    progress: np.ndarray  # (PROGRESS,) int64
+    count: np.ndarray  # (COUNTS,) int64
+    tally: np.ndarray  # (TALLY,) float64
 
 
 @by_reference
 class Recorder(NamedTuple):
-    """When to sample, and where to write it. Records of all disks and of events are empty if not asked for."""
+    """When to sample, and the arrays to write to. Those of all disks and of collisions are empty if not recorded."""
 
     tracer: int  # its number in the engine
-    block: object  # (T,) int64, the block of each sample
-    time: object  # (T,) time of each sample within its block
-    position: object  # (T, 1, 2) of the tracer
-    velocity: object
-    image: object
-    whole_position: object  # (T, N, 2) of all disks, or (T, 0, 2)
-    whole_velocity: object
-    whole_image: object
-    log_block: object  # (L,) int64, of each collision
-    log_time: object  # (L,)
-    log_pair: object  # (L, 2) int32
-    log_impulse: object  # (L, 2)
+    block: np.ndarray  # (T,) int64, block of each sample
+    time: np.ndarray  # (T,) float64, time of each sample within its block
+    position: np.ndarray  # (T, 1, 2) float64, of the tracer
+    velocity: np.ndarray  # (T, 1, 2) float64
+    image: np.ndarray  # (T, 1, 2) int32
+    whole_position: np.ndarray  # (T, N, 2) float64, of all disks, or (T, 0, 2)
+    whole_velocity: np.ndarray  # likewise
+    whole_image: np.ndarray  # likewise, int32
+    log_block: np.ndarray  # (L,) int64, of each collision
+    log_time: np.ndarray  # (L,) float64, within the block
+    log_pair: np.ndarray  # (L, 2) int32, the disks; the second is -side for a wall
+    log_impulse: np.ndarray  # (L, 2) float64, given to the first disk
