@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import naive
-from brownpipe.engines.collisions import delay, encounter, exchange, meets, pair_time, shares, wall_time
+from brownpipe.engines.collisions import delay, encounter, exchange, meets, shares, wall_time
+from brownpipe.engines.exact.events import leave_time
 
 getcontext().prec = 60
 EPSILON = 2.0**-52
@@ -28,6 +29,12 @@ def aimed(rng, distance, impact, sigma, speed=1.0):
     cos, sin = math.cos(angle), math.sin(angle)
     along = math.sqrt(distance**2 - impact**2)
     return -along * cos - impact * sin, -along * sin + impact * cos, speed * cos, speed * sin, sigma
+
+
+def pair_time(x, y, u, v, sigma):
+    """Time until two disks touch, inf if never, as the engine puts it together."""
+    b, c, d = encounter(x, y, u, v, sigma)
+    return delay(b, c, d) if meets(b, d) else math.inf
 
 
 def test_pair_time_is_eq_1_to_round_off():
@@ -97,20 +104,34 @@ def test_pair_time_does_not_depend_on_who_is_who():
         assert one == other
 
 
-def test_meets_and_delay_make_up_pair_time():
+def test_meets_and_delay_of_a_simple_pair():
     b, c, d = encounter(1.0, 0.5, -1.0, 0.0, 0.6)
     assert (b, c, d) == (-1.0, 1.25 - 0.36, 0.36 - 0.25)
     assert meets(b, d)
-    assert delay(b, c, d) == pair_time(1.0, 0.5, -1.0, 0.0, 0.6) == pytest.approx(1 - math.sqrt(0.11))
+    assert delay(b, c, d) == pytest.approx(1 - math.sqrt(0.11), rel=4 * EPSILON)
     assert not meets(0.0, d)
     assert not meets(b, 0.0)
 
 
 def test_wall_time():
-    assert wall_time(2.0, 0.5) == 4.0
+    assert wall_time(2.0, 0.5) == wall_time(-2.0, -0.5) == 4.0
     assert wall_time(0.0, 0.5) == 0.0
-    assert wall_time(-1e-16, 0.5) == 0.0  # pressed into the wall by round-off: now
-    assert wall_time(2.0, 0.0) == wall_time(2.0, -1.0) == wall_time(-1e-16, -1.0) == math.inf
+    assert wall_time(2.0, 0.0) == wall_time(0.0, 0.0) == wall_time(-1e-16, -0.0) == math.inf
+
+
+def test_a_disk_meets_the_wall_that_it_moves_to():
+    """Eq. (4) for a disk of radius 0.5 at the time 10 in a box from 0 to 4: walls stop its centre at 0.5 and 3.5."""
+    walls, period = (0.0, 4.0, 0.5), np.zeros((9, 2))
+    assert leave_time(None, 1.5, 0.5, 10.0, 4.0, *walls) == (14.0, True)
+    assert leave_time(None, 1.5, -0.5, 10.0, 0.0, *walls) == (12.0, True)
+    assert leave_time(None, 1.5, 0.5, 10.0, 2.0, *walls) == (11.0, False)  # the edge of its cell comes first
+    assert leave_time(period, 1.5, 0.5, 10.0, 4.0, *walls) == (15.0, False)  # no walls
+    assert leave_time(None, 1.5, 0.0, 10.0, 0.0, *walls) == (math.inf, False)
+    assert leave_time(None, 3.5, 0.5, 10.0, 4.0, *walls) == (10.0, True)
+    time, wall = leave_time(None, 3.5 + 1e-15, 0.5, 10.0, 4.0, *walls)  # pressed into the wall by round-off: now
+    assert 10.0 - 4e-15 < time <= 10.0 and wall
+    time, wall = leave_time(None, 0.5 - 1e-15, 0.5, 10.0, 4.0, *walls)  # behind it the wall that it came from
+    assert time == pytest.approx(16.0, rel=2 * EPSILON) and wall
 
 
 def after(x, y, a, b, mass_a, mass_b):

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from brownpipe.engines.collisions import delay, encounter, exchange, meets
+from brownpipe.engines.collisions import delay, encounter, exchange, meets, wall_time
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.audit import audit_place, take_sample
@@ -75,8 +75,7 @@ def leave_time(shift, position, velocity, since, edge, low, side, radius):
     contact also lies ahead and must be ignored. At a wall that it overlaps by round-off the time is before `since`.
     """
     end = within_walls(shift, edge, low, side, radius)
-    time = since + (end - position) / velocity
-    return time if velocity != 0.0 else math.inf, (edge - end) * velocity > 0.0
+    return since + wall_time(end - position, velocity), (edge - end) * velocity > 0.0
 
 
 @kernel
