@@ -1,39 +1,39 @@
-"""Kernels called only by other kernels get no machine code of their own, which saves a third of the compile time.
+"""Save a third of the compile time: make no machine code of kernels that are called only by other kernels.
 
-Numba optimises every function fully and turns it into machine code before it is linked into its callers. All kernels
-are inlined into an entry point, and only the machine code of that is ever executed. The others are only simplified, as
-LLVM's -O1 does: with less the entry point ends up 7 % slower, with more it takes longer and is no faster.
+Numba optimises every function fully and compiles it to machine code before linking it into its callers. Here all
+kernels are inlined into an entry point, whose machine code alone is executed. Kernels are therefore only simplified,
+with LLVM's -O1 passes: with fewer passes the entry point becomes 7 % slower; more take longer and make it no faster.
 
-The classes of Numba that this changes are private. With versions of Numba that it was not tested with, compiling takes
-half as long again and the kernels are 5 % slower; results are the same to the last bit.
+This replaces private classes of Numba. With versions of Numba not listed in TESTED they are left as they are: compiling
+then takes half as long again, the kernels are 5 % slower, and results are the same to the last bit.
 """
 
 import numba
 
-TESTED = ((0, 63), (0, 68))  # first and last version of Numba whose private classes are as used here
-OURS = "_ZN9brownpipe"  # how the names of this package's functions begin in LLVM; wrappers for Python and C are others
+TESTED = ((0, 63), (0, 68))  # first and last version of Numba whose private classes are those used here
+OURS = "_ZN9brownpipe"  # prefix of this package's functions in LLVM; their wrappers for Python and C have other names
 
 
 def is_tested() -> bool:
-    """Whether the private parts of this version of Numba are known."""
+    """Whether this package was tested with the private classes of the installed version of Numba."""
     return TESTED[0] <= numba.version_info[:2] <= TESTED[1]
 
 
 def is_inlined(module) -> bool:
-    """Whether an LLVM module defines nothing but functions of this package that only compiled functions can call."""
+    """Whether an LLVM module defines only functions of this package that can be called by compiled functions alone."""
     return all(function.name.startswith(OURS) for function in module.functions if not function.is_declaration)
 
 
 def install() -> None:
-    """Let Numba compile this package's functions without a wrapper for inlining alone, and all others as usual."""
+    """Let Numba only simplify modules that `is_inlined`, and compile all others as usual."""
     if not is_tested():
         return
     from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 
-    environments = {}  # of functions that have no machine code yet; what they print, for instance, needs one
+    environments = {}  # Numba's data of functions without machine code yet, needed by print(), for instance
 
     class Library(JITCodeLibrary):
-        """The code of a function and of all that it calls."""
+        """Numba's library of a function: its code and that of the functions it calls."""
 
         inlined = False
 
@@ -66,7 +66,7 @@ def install() -> None:
             return 0 if self.inlined else super().get_pointer_to_function(name)
 
     def set_env(self, name, environment):
-        """Tell machine code where its environment is, now or as soon as there is any."""
+        """Set the environment of a function, now or as soon as there is machine code that refers to it."""
         if self._engine.get_global_value_address(name):
             usual(self, name, environment)
         else:

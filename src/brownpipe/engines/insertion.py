@@ -1,23 +1,28 @@
-"""Random sequential insertion of disks into a box, with a cell list."""
+"""Random sequential insertion of disks into a box, with a cell list.
+
+`placement` draws the random numbers and calls `insert` until all disks are placed. Arguments of the kernels: `position`
+(N, 2) and `radius` (N,), with coordinates from 0 to `size` (2,); `grid` (columns, rows) int64, the last disk inserted
+into each cell or -1; `following` (N,) int64, the disk inserted into the same cell before each disk, or -1.
+"""
 
 import numpy as np
 
 from brownpipe.engines.kernels import entry_point, kernel
 
-PLACED, HUNGRY, STUCK = range(3)  # all done; out of random numbers; out of tries
-
-TRIES = 1_000_000  # in a row, before a disk counts as one that cannot be placed
+# How `insert` ends: all disks are placed; it needs more random numbers; a disk found no place in TRIES tries.
+PLACED, HUNGRY, STUCK = range(3)
+TRIES = 1_000_000
 
 
 @kernel
 def cell_of(value, size, cells):
-    """Return which of `cells` equal parts of [0, size] holds a coordinate."""
+    """Return the column or row of a coordinate: which of `cells` equal parts of [0, size] holds it."""
     return min(max(int(value / size * cells), 0), cells - 1)
 
 
 @kernel
 def register(grid, following, position, size, i):
-    """Put disk i at the head of the list of its cell."""
+    """Add disk i to its cell, as the first of the cell's linked list."""
     column, row = cell_of(position[i, 0], size[0], grid.shape[0]), cell_of(position[i, 1], size[1], grid.shape[1])
     following[i] = grid[column, row]
     grid[column, row] = i
@@ -35,7 +40,10 @@ def overlaps(position, radius, size, periodic, i, k):
 
 @kernel
 def fits(position, radius, common, big, size, periodic, grid, following, i):
-    """Whether disk i, of common size or big, overlaps none of those placed before."""
+    """Whether disk i overlaps no disk placed before: no disk of `big`, and no disk of the cells within its reach.
+
+    `common` is the largest radius of the disks not in `big`, which are ascending numbers.
+    """
     for k in big:
         if k >= i:
             break
@@ -59,7 +67,11 @@ def fits(position, radius, common, big, size, periodic, grid, following, i):
 
 @entry_point
 def insert(position, radius, common, big, size, periodic, numbers, grid, following, progress):
-    """Insert disks one after another until all are placed, the random numbers are used up, or one finds no place."""
+    """Insert disks one after another; return PLACED, HUNGRY or STUCK.
+
+    `numbers` (n, 2) are uniform in [0, 1): one row for every try. `progress` (2,) int64 holds the number of disks
+    placed and of tries for the next one, which a further call continues.
+    """
     i, tries = progress
     for j in range(len(numbers)):
         if i == len(radius):
@@ -78,7 +90,7 @@ def insert(position, radius, common, big, size, periodic, numbers, grid, followi
 
 
 def warm_up() -> None:
-    """Compile the kernels, or load them from the cache, without placing anything."""
+    """Compile the kernels, or load them from the cache, without inserting a disk."""
     no_disks, none = np.zeros((0, 2)), np.zeros(0, np.int64)
     cells = np.zeros((1, 1), np.int64)
     insert(no_disks, no_disks[:, 0], 1.0, none, np.ones(2), False, no_disks, cells, none, np.zeros(2, np.int64))

@@ -1,4 +1,8 @@
-"""How the kernels are compiled, where the machine code is kept, and that no two processes compile the same."""
+"""Compile kernels with Numba, cache the machine code on disk, and let no two processes compile the same kernels.
+
+An `entry_point` is called from Python; all functions marked `kernel` that it calls are inlined into it. Its machine
+code is stored in a folder named after the digest of its source. `one_compiler` holds a lock file while it compiles.
+"""
 
 import fcntl
 import hashlib
@@ -25,13 +29,13 @@ from brownpipe.engines import inlining
 from brownpipe.provenance import PACKAGE, sources
 
 inlining.install()
-LOCK = "compiling"  # in each folder of machine code; its time is that of the last use
-UNUSED = 86_400.0  # seconds
+LOCK = "compiling"  # a file in each folder of machine code; its modification time is that of the last use
+UNUSED = 86_400.0  # seconds after which machine code of another source may be removed
 
 # error_model="numpy": x / 0 is inf, as for arrays, and no division needs a branch.
 # forceinline: of all kernels an entry point becomes one function, with the workspace in registers (3.4 times faster).
-# _nrt=False: no reference counts around array arguments (1.6 times faster); private to Numba, so left out if unknown.
-# Never fastmath: results would depend on the model of the CPU.
+# _nrt=False: no reference counts of array arguments (1.6 times faster); private to Numba, left out where it is unknown.
+# fastmath is never used: results would depend on the model of the CPU.
 OPTIONS = {"error_model": "numpy", "forceinline": True}
 if hasattr(CPUTargetOptions, "_nrt"):
     OPTIONS["_nrt"] = False
@@ -73,10 +77,10 @@ _defer_blas()
 
 @cache
 def _cache_folder(module: str) -> str:
-    """Return a folder for the machine code of exactly this source: a module of kernels and all that it imports.
+    """Return the folder for the machine code of a module, named after the source of the module and all it imports.
 
-    Numba looks only at the file of the outermost kernel to see whether its machine code is out of date; an edited
-    callee in another file would go unnoticed, and with it wrong results.
+    Numba itself only checks whether the file of the entry point has changed: after an edit of a kernel in another file
+    it would execute outdated machine code. Returns "" if no folder is writable.
     """
     text = b"".join(path.read_bytes() for path in sources(module))
     name = f"kernels-{hashlib.sha256(text).hexdigest()[:16]}"
@@ -96,7 +100,7 @@ def _cache_folder(module: str) -> str:
 
 
 def _prune(base: Path) -> None:
-    """Remove machine code of sources that no process has used for a day. One that still does compiles again."""
+    """Remove machine code of other sources that no process has used for a day; a later process compiles it again."""
     for lock in base.glob(f"kernels-*/{LOCK}"):
         with suppress(OSError), open(lock) as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -105,23 +109,23 @@ def _prune(base: Path) -> None:
 
 
 def _private(folder: Path) -> bool:
-    """Numba runs what lies in its cache: nobody else may put anything there."""
-    found = folder.lstat()
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+    """Whether only this user can write to a folder: Numba executes what is in its cache."""
+    status = folder.lstat()
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
 
 
-CACHE = _cache_folder("engines.kernels")  # where the locks of all compilers are
+CACHE = _cache_folder("engines.kernels")  # the folder of the lock files
 
 
 def kernel(function):
-    """Let a function be compiled into the kernels that call it. Called from Python it stays a function of Python."""
+    """Inline a function into the entry points that call it. Called from Python, it stays a Python function."""
     return register_jitable(**OPTIONS, no_cfunc_wrapper=True)(function)
 
 
 def entry_point(function):
-    """Compile a function, with all kernels that it calls, at its first call from Python, once per machine."""
+    """Compile a function with all kernels that it calls at its first call from Python, once per machine."""
     inside, _, module = function.__module__.partition("brownpipe.")
-    module = "engines.kernels" if inside else module  # a function of another program: Numba looks at its own file
+    module = "engines.kernels" if inside else module  # for a function of another program Numba checks its file
     saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _cache_folder(module)
     try:
         dispatcher = numba.njit(**OPTIONS, no_cfunc_wrapper=True, cache=True)(function)
@@ -133,29 +137,29 @@ def entry_point(function):
 
 
 def prefetch(array, index):
-    """Ask memory for the cache line of array[index] and do not wait for it. Changes nothing but the speed."""
+    """Load the cache line of array[index] into the processor's cache without waiting; changes only the speed."""
 
 
 if not numba.config.DISABLE_JIT:
 
     @intrinsic
     def prefetch(typing, array, index):
-        """Compile to the processor's own instruction."""
+        """Compile to LLVM's prefetch instruction."""
 
         def code(context, builder, signature, arguments):
             start = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-            byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-            line = builder.bitcast(builder.gep(start, [arguments[1]]), byte)
-            kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-            ask = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+            pointer, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+            address = builder.bitcast(builder.gep(start, [arguments[1]]), pointer)
+            instruction_type = ir.FunctionType(ir.VoidType(), [pointer, word, word, word])
+            instruction = builder.module.declare_intrinsic("llvm.prefetch", [pointer], instruction_type)
             for_reading, into_all_caches, of_data = word(0), word(3), word(1)
-            builder.call(ask, [line, for_reading, into_all_caches, of_data])
+            builder.call(instruction, [address, for_reading, into_all_caches, of_data])
             return context.get_dummy_value()
 
         return types.void(array, types.intp), code
 
 
-on_compile = []  # functions that take a line of text, called when this process compiles or waits for one that does
+on_compile = []  # functions of one line of text, called when this process compiles or waits for another's compiling
 
 
 def _tell(line: str) -> None:
@@ -165,17 +169,19 @@ def _tell(line: str) -> None:
 
 @contextmanager
 def one_compiler(*records):
-    """Let one process at a time compile for records of these types; others then find the result in the cache.
+    """Let only one process at a time compile kernels for records of these types; others wait and load the result.
 
-    Kernels for other types, other scenes that is, are compiled at the same time on other cores. Ctrl-C is heeded.
+    Kernels for records of other types (other kinds of scenes) can be compiled at the same time on other cores. Signals
+    such as Ctrl-C interrupt the compiling.
     """
     if not CACHE:
         with _compiling():
             yield
         return
     Path(CACHE).mkdir(parents=True, exist_ok=True)  # it may have been removed meanwhile
-    kinds = [numba.typeof(record).name for record in records]
-    with open(Path(CACHE) / LOCK, "w") as in_use, open(Path(CACHE) / "-".join([LOCK, "for", *kinds]), "w") as lock:
+    record_types = [numba.typeof(record).name for record in records]
+    name = "-".join([LOCK, "for", *record_types])
+    with open(Path(CACHE) / LOCK, "w") as in_use, open(Path(CACHE) / name, "w") as lock:
         os.utime(in_use.fileno())
         fcntl.flock(in_use, fcntl.LOCK_SH)
         _take(lock)
@@ -184,9 +190,9 @@ def one_compiler(*records):
 
 
 def _save_one_by_one(dispatcher) -> None:
-    """Let one process at a time enter machine code into the disk cache of a function, whose index they share.
+    """Let only one process at a time save machine code of a function to the disk cache, whose index they share.
 
-    Numba gives two files the same name if two processes enter theirs at the same time.
+    If two processes saved at the same time, Numba would give their files the same name.
     """
     save = dispatcher._cache.save_overload
 
@@ -201,7 +207,7 @@ def _save_one_by_one(dispatcher) -> None:
 
 
 def _take(lock) -> None:
-    """Lock a file. That another process loads its kernels takes less than a second, and is not worth a word."""
+    """Lock a file; tell the listeners if this takes more than 2 s (another process may only be loading kernels)."""
     for _ in range(20):
         with suppress(BlockingIOError):
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -212,7 +218,7 @@ def _take(lock) -> None:
 
 
 class _FirstKernel(event.Listener):
-    """Tells of the first kernel that is compiled and not found in the cache."""
+    """Tell the listeners at the first kernel that is compiled because the cache does not have it."""
 
     told = False
 
@@ -227,15 +233,16 @@ class _FirstKernel(event.Listener):
 
 @contextmanager
 def _compiling():
-    """Let signals like Ctrl-C end the compiling, at the latest after a call of LLVM, which takes up to a second.
+    """Let signals such as Ctrl-C interrupt the compiling, at the latest after a call of LLVM (up to a second).
 
-    An exception raised in a callback from LLVM is lost, so a signal that arrives there is raised again after compiling.
+    An exception raised in a callback from LLVM is lost. A signal that arrives there is therefore deferred, and raised
+    again after compiling.
     """
-    held, usual = [], {}
+    deferred, usual = [], {}
 
-    def heed(number, frame):
+    def handle(number, frame):
         if _is_callback(frame):
-            held.append(number)
+            deferred.append(number)
         elif callable(usual[number]):
             usual[number](number, frame)
         else:
@@ -246,18 +253,18 @@ def _compiling():
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
                 usual[number] = signal.getsignal(number) or signal.SIG_DFL
-                signal.signal(number, heed)
+                signal.signal(number, handle)
         with event.install_listener("numba:compile", _FirstKernel()):
             yield
     finally:
         for number, handler in usual.items():
             signal.signal(number, handler)
-    for number in held:
+    for number in deferred:
         signal.raise_signal(number)
 
 
 def _is_callback(frame) -> bool:
-    """Whether a frame is within Numba's functions that LLVM calls with machine code that is made or asked for."""
+    """Whether a frame is within one of Numba's callbacks from LLVM, which pass machine code to and from its cache."""
     while frame is not None:
         if frame.f_code.co_name in ("_object_compiled_hook", "_object_getbuffer_hook"):
             return True

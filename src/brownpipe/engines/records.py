@@ -1,12 +1,12 @@
-"""Records of arrays that kernels take by reference: how a NamedTuple becomes one pointer.
+"""Pass a NamedTuple of arrays to a kernel as one pointer.
 
-Numba passes a NamedTuple field by field, and an array as seven words, so that a workspace of twenty arrays is some 180
-arguments of every kernel; packing and unpacking them took most of the time to compile. A NamedTuple declared with
-`by_reference` is passed as the address of a struct instead, nested ones in the same struct. Python without Numba's
-compiler (NUMBA_DISABLE_JIT) sees the NamedTuple as it is.
+Numba passes a NamedTuple field by field, and an array as seven words: a workspace of twenty arrays was some 180
+arguments of every kernel, and packing and unpacking them took most of the compile time. A NamedTuple declared with
+`by_reference` is passed as the address of a struct instead; a nested one is part of the same struct. Without Numba's
+compiler (NUMBA_DISABLE_JIT) kernels get the NamedTuple itself.
 
-An entry point first makes a `local_copy`. As all kernels are inlined into it, the compiler then keeps the fields in
-registers, and need not read an array's address again after every store.
+An entry point first makes a `local_copy`. As all kernels are inlined into it, the compiler can then keep the fields in
+registers; otherwise it would have to reload an array's address after every store.
 """
 
 import hashlib
@@ -30,12 +30,12 @@ from numba.extending import (
 
 
 class Reference(types.Type):
-    """The type of a reference to a record: the record's name, and (name, type) of each field."""
+    """The Numba type of a reference to a record: the record's name, and (name, type) of each field."""
 
     def __init__(self, record: str, fields: tuple[tuple[str, types.Type], ...]):
         self.record, self.fields = record, fields
         text = ", ".join(f"{name}: {kind}" for name, kind in fields)
-        # It is part of every function's name: short, and different for different fields.
+        # The name of a type is part of every function's name: short, and different for different fields.
         super().__init__(f"{record}.{hashlib.sha256(text.encode()).hexdigest()[:16]}")
 
     @property
@@ -44,7 +44,11 @@ class Reference(types.Type):
 
 
 def by_reference(record: type) -> type:
-    """Let kernels take a NamedTuple by reference. A field may be None; branches on `is None` end at compile time."""
+    """Declare that kernels take a NamedTuple by reference.
+
+    The type of every field is taken from its value, whatever the annotation says. A field may be None; where it is
+    passed on as an argument, Numba prunes branches on `is None` at compile time.
+    """
 
     @typeof_impl.register(record)
     def reference_to(value, _):
@@ -54,12 +58,12 @@ def by_reference(record: type) -> type:
 
 
 def local_copy(record):
-    """Return a copy of a record (not of its arrays) that belongs to the kernel that calls this."""
+    """Return a copy of a record, not of its arrays, in the memory of the calling kernel."""
     return record
 
 
 def _struct(manager, reference: Reference):
-    """Return the memory layout of a record."""
+    """Return the LLVM struct type of a record."""
     layouts = [
         _struct(manager, kind) if isinstance(kind, Reference) else manager.lookup(kind).get_value_type()
         for _, kind in reference.fields
@@ -106,7 +110,7 @@ def _from_python(reference, value, c):
 
 
 def _fill(c, reference, value, pointer, failed, taken):
-    """Store the fields, and append (type, value) of each to what is taken, references to arrays among it."""
+    """Store the fields in the struct, and append (type, value) of each to `taken`, to be released after the call."""
     for number, (_, kind) in enumerate(reference.fields):
         item, address = c.pyapi.tuple_getitem(value, number), cgutils.gep_inbounds(c.builder, pointer, 0, number)
         if isinstance(kind, Reference):
