@@ -438,7 +438,7 @@ def test_a_workspace_that_had_to_grow_changes_nothing():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("phi", [0.14, 0.65])
-def test_asking_memory_ahead_changes_no_bit(phi, monkeypatch):
+def test_prefetching_changes_no_bit(phi, monkeypatch):
     """With cells and with lists, as for many disks and as for few."""
     side = np.sqrt(1200 * np.pi / 4 / phi)
     disks = {"species": species((1200, 0.5, 1.0)), "placement": "random" if phi < 0.3 else "lattice"}
@@ -449,10 +449,10 @@ def test_asking_memory_ahead_changes_no_bit(phi, monkeypatch):
     w = layout.prepare(scene, units.frame_of(scene))
     assert w.deferred is not None
     assert all(array.ctypes.data % 64 == 0 for array in (w.disk, w.link, w.bucket, w.cell))
-    asking = simulate(scene, [1], {"all"})
+    prefetched = simulate(scene, [1], {"all"})
     assert plain.observables["pair_collisions"][0] > 5000
-    assert np.array_equal(plain.whole[1].position, asking.whole[1].position)
-    assert plain.observables == asking.observables
+    assert np.array_equal(plain.whole[1].position, prefetched.whole[1].position)
+    assert plain.observables == prefetched.observables
 
 
 def in_plain_python(code):

@@ -22,7 +22,7 @@ OFF_POWERS_OF_TWO = 0.75
 
 
 @kernel
-def encounter(x, y, u, v, sigma):
+def encounter(x: float, y: float, u: float, v: float, sigma: float) -> tuple[float, float, float]:
     """Return (b, c, d) of the quadratic equation behind eqs. (1)-(3) for a pair with contact distance sigma.
 
     r = (x, y) and v = (u, v) are position and velocity of the second disk relative to the first. b = r.v,
@@ -34,13 +34,13 @@ def encounter(x, y, u, v, sigma):
 
 
 @kernel
-def meets(b, d):
+def meets(b: float, d: float) -> bool:
     """Whether a pair with (b, d) of `encounter` is on a course to touch: approaching, and not passing by."""
     return (b < 0.0) & (d > 0.0)
 
 
 @kernel
-def delay(b, c, d):
+def delay(b: float, c: float, d: float) -> float:
     """Return the time until a pair that `meets` touches, eqs. (1)-(3) multiplied by their conjugate.
 
     A pair that overlaps by round-off (c < 0, of order 1e-16 sigma^2) collides now; eq. (1) taken literally would give a
@@ -50,7 +50,7 @@ def delay(b, c, d):
 
 
 @kernel
-def wall_time(gap, velocity):
+def wall_time(gap: float, velocity: float) -> float:
     """Return the time, eq. (4), in which a disk of this velocity covers a gap to a wall or a cell's edge.
 
     Gap and velocity have signs. A negative time belongs to a gap behind the disk; the time is inf for a disk at rest.
@@ -59,7 +59,7 @@ def wall_time(gap, velocity):
 
 
 @kernel
-def exchange(x, y, u, v):
+def exchange(x: float, y: float, u: float, v: float) -> tuple[float, float]:
     """Return the vector f of eqs. (7)-(8), the part of the relative velocity (u, v) along the line of centres (x, y).
 
     Numerator and denominator have a factor that cancels, see OFF_POWERS_OF_TWO.
@@ -69,7 +69,7 @@ def exchange(x, y, u, v):
 
 
 @kernel
-def shares(mass_a, mass_b):
+def shares(mass_a: float, mass_b: float) -> tuple[float, float, float, float, float]:
     """Return the factors of f in eqs. (5)-(6) in two parts each, a's first, and the mass m of the impulse m f.
 
     The heavier disk's factor is 2 m/(m_a + m_b) with the lighter disk's mass m, the lighter disk's is 2 minus that.

@@ -66,7 +66,7 @@ def fits(position, radius, common, big, size, periodic, grid, following, i):
 
 
 @entry_point
-def insert(position, radius, common, big, size, periodic, numbers, grid, following, progress):
+def insert(position, radius, common, big, size, periodic, numbers, grid, following, progress) -> int:
     """Insert disks one after another; return PLACED, HUNGRY or STUCK.
 
     `numbers` (n, 2) are uniform in [0, 1): one row for every try. `progress` (2,) int64 holds the number of disks

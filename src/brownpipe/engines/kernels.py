@@ -14,11 +14,14 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numba
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import event
@@ -117,12 +120,12 @@ def _private(folder: Path) -> bool:
 CACHE = _cache_folder("engines.kernels")  # the folder of the lock files
 
 
-def kernel(function):
+def kernel(function: Callable) -> Callable:
     """Inline a function into the entry points that call it. Called from Python, it stays a Python function."""
     return register_jitable(**OPTIONS, no_cfunc_wrapper=True)(function)
 
 
-def entry_point(function):
+def entry_point(function: Callable) -> Callable:
     """Compile a function with all kernels that it calls at its first call from Python, once per machine."""
     inside, _, module = function.__module__.partition("brownpipe.")
     module = "engines.kernels" if inside else module  # for a function of another program Numba checks its file
@@ -136,7 +139,7 @@ def entry_point(function):
     return dispatcher
 
 
-def prefetch(array, index):
+def prefetch(array: np.ndarray, index: int) -> None:
     """Load the cache line of array[index] into the processor's cache without waiting; changes only the speed."""
 
 
@@ -168,7 +171,7 @@ def _tell(line: str) -> None:
 
 
 @contextmanager
-def one_compiler(*records):
+def one_compiler(*records: NamedTuple) -> Iterator[None]:
     """Let only one process at a time compile kernels for records of these types; others wait and load the result.
 
     Kernels for records of other types (other kinds of scenes) can be compiled at the same time on other cores. Signals

@@ -91,15 +91,18 @@ def edges_ahead(lists, w, i, vx, vy):
 @kernel
 def schedule(w, i, now):
     """Push the next event of disk i: its pair collision, a cell crossing or a wall collision, whichever is first."""
-    disk, box, a = w.disk, w.grid, ws.ROW * i
-    radius, since = radius_of(w.mass, w, i), disk[a + ws.TIME]
+    disk, a = w.disk, ws.ROW * i
+    box = w.grid
+    radius = radius_of(w.mass, w, i)
+    since = disk[a + ws.TIME]
     vx, vy = disk[a + ws.VX], disk[a + ws.VY]
     x_edge, y_edge = edges_ahead(w.lists, w, i, vx, vy)
     x_time, x_wall = leave_time(w.shift, disk[a + ws.X], vx, since, x_edge, box.x, box.width, radius)
     y_time, y_wall = leave_time(w.shift, disk[a + ws.Y], vy, since, y_edge, box.y, box.height, radius)
     x_event = ws.LEFT + (vx > 0.0) + ws.WALL * x_wall
     y_event = ws.DOWN + (vy > 0.0) + ws.WALL * y_wall
-    sideways, pair_time = x_time < y_time, disk[a + ws.PAIR_TIME]
+    sideways = x_time < y_time
+    pair_time = disk[a + ws.PAIR_TIME]
     leaves = min(x_time, y_time) < pair_time
     event = leaves * (sideways * x_event + (1 - sideways) * y_event)  # a branch would be mispredicted half the time
     time = max(min(min(x_time, y_time), pair_time), now)
@@ -191,7 +194,8 @@ def collide(w, i, candidate, now):
 @kernel
 def bounce(w, i, event, now):
     """Reflect disk i at a wall, eqs. (9)-(10), its edge exactly at the wall; return the impulse given to the disk."""
-    disk, box, a = w.disk, w.grid, ws.ROW * i
+    disk, a = w.disk, ws.ROW * i
+    box = w.grid
     radius = radius_of(w.mass, w, i)
     mass = mass_of(w.mass, i)
     move(w, i, now)
@@ -224,7 +228,8 @@ def log(w, r, i, partner, fx, fy, now):
 def happen(w, r, i, now):
     """Execute the next event of disk i, and predict the next events of the disks that changed course."""
     link, count = w.link, w.count
-    event, k = int(link[ws.ROW * i + ws.EVENT]), i
+    event = int(link[ws.ROW * i + ws.EVENT])
+    k = i  # the other disk that changes course, if there is one
     if event == ws.PAIR:
         partner = link[ws.ROW * i + ws.PARTNER]
         if w.disk[ws.ROW * (partner & ws.DISK_MASK) + ws.CHANGES] == link[ws.ROW * i + ws.PARTNER_CHANGES]:
@@ -312,7 +317,7 @@ def end_block(w):
 
 
 @entry_point
-def advance(w, r, most):
+def advance(w: ws.Workspace, r: ws.Recorder, most: int) -> int:
     """Run until all samples are taken, for at most so many events; return why it stopped (DONE, PAUSED, ...).
 
     Call it again to continue, except after CELL_FULL: then the run must restart with twice the capacity.

@@ -27,7 +27,9 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     A `pinned` tracer has infinite mass. `slots` is the size of a cell where the usual one proved too small; such a
     workspace has no neighbour lists.
     """
-    n, radius, mass = scene.particles, scene.radius[frame.order] / frame.length, scene.mass[frame.order] / frame.mass
+    n = scene.particles
+    radius = scene.radius[frame.order] / frame.length
+    mass = scene.mass[frame.order] / frame.mass
     if pinned:
         mass[frame.back[0]] = np.inf
     equal = n < 2 or (np.all(radius == radius[0]) and np.all(mass == mass[0]))
