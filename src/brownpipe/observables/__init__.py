@@ -168,9 +168,9 @@ def _axis(scene: Scene, dim: str) -> np.ndarray | list[str]:
 
 def refuse_unfit(scene: Scene, names: tuple[str, ...], average: str = "runs") -> None:
     """Raise RequestError if an observable is unknown, or observables or average make no sense in the scene."""
-    found = problem(scene, names, average)
-    if found is not None:
-        raise RequestError(f"{scene.name}: {': '.join(found)}")
+    key_and_reason = problem(scene, names, average)
+    if key_and_reason is not None:
+        raise RequestError(f"{scene.name}: {': '.join(key_and_reason)}")
 
 
 def problem(scene: Scene, names: tuple[str, ...], average: str = "runs") -> tuple[str, str] | None:

@@ -1,4 +1,4 @@
-"""What is simulated: the scene, its file, and the seeds of its runs."""
+"""Scenes: what is simulated. Their records, their files, sample times, and the seeds of runs."""
 
 from brownpipe.scene.sample_times import Samples
 from brownpipe.scene.scene import Box, Disk, Scene, Species, Velocities

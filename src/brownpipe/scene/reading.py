@@ -1,8 +1,8 @@
-"""Strict reading of YAML 1.2 (core schema), and checked access to what was read.
+"""Strict reading of YAML 1.2 (core schema), and checked access to the values.
 
-Every refusal is one line that names the file, the key, the value and what is allowed. What YAML offers beyond plain
-mappings, lists and scalars (anchors, aliases, tags, merge keys, several documents) is refused, and so is what two
-programs may read differently (duplicate keys, numbers with leading zeros).
+Every refusal is one line that names the file, the key, the value and the allowed values. Files may have mappings, lists
+and scalars. Further features of YAML (anchors, aliases, tags, merge keys, several documents) are refused, and so is any
+text that two programs may read differently (duplicate keys, numbers with leading zeros).
 """
 
 import difflib
@@ -31,9 +31,9 @@ _WORDS |= dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan)
 
 
 def read_yaml(path: str | Path, most_bytes: int) -> object:
-    """Return what the YAML file holds as dicts (with str keys), lists, str, int, float, bool and None.
+    """Return the contents of a YAML file as dicts with str keys, lists, str, int, float, bool and None.
 
-    Raises RequestError for a file that cannot be read, is larger than most_bytes, or is not strict YAML.
+    Raises RequestError if the file cannot be read, is larger than `most_bytes`, or is not strict YAML.
     """
     text = _text(path, most_bytes)
     loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
@@ -47,6 +47,7 @@ def read_yaml(path: str | Path, most_bytes: int) -> object:
 
 
 def _text(path: str | Path, most_bytes: int) -> str:
+    """Return the text of a file in UTF-8, without reading more than most_bytes + 1."""
     try:
         with open(path, "rb") as stream:
             data = stream.read(most_bytes + 1)
@@ -63,6 +64,7 @@ def _text(path: str | Path, most_bytes: int) -> str:
 
 
 def _document(file: str, events: Iterator[yaml.Event]) -> object:
+    """Return the value of the only document in a stream of parser events."""
     next(events)  # the start of the stream
     if isinstance(next(events), yaml.StreamEndEvent):
         raise RequestError(f"{file}: empty; must be a mapping of keys to values")
@@ -74,7 +76,7 @@ def _document(file: str, events: Iterator[yaml.Event]) -> object:
 
 
 def _value(file: str, events: Iterator[yaml.Event], event: yaml.Event, depth: int) -> object:
-    """Return the value that starts with `event`, taking from `events` what belongs to it."""
+    """Return the value that begins with `event`; a list or mapping takes its parts from the following `events`."""
     if event.anchor is not None:
         _refuse_line(file, event, "anchors (&name) and aliases (*name) are not allowed; write the value out")
     if event.tag is not None:
@@ -96,6 +98,7 @@ def _value(file: str, events: Iterator[yaml.Event], event: yaml.Event, depth: in
 
 
 def _key(file: str, event: yaml.Event, mapping: dict) -> str:
+    """Return a key that the mapping does not have yet."""
     if not isinstance(event, yaml.ScalarEvent) or event.anchor is not None or event.tag is not None:
         _refuse_line(file, event, "a key must be a plain word")
     if event.value in mapping:
@@ -104,7 +107,7 @@ def _key(file: str, event: yaml.Event, mapping: dict) -> str:
 
 
 def _scalar(file: str, event: yaml.ScalarEvent) -> object:
-    """Resolve a plain scalar by the core schema: null, bool, int, float, else str."""
+    """Return the value of a plain scalar by the core schema: None, bool, int, float, otherwise str."""
     text = event.value
     if text in _WORDS:
         return _WORDS[text]
@@ -127,11 +130,11 @@ def _refuse_line(file: str, event: yaml.Event, problem: str) -> NoReturn:
     raise RequestError(f"{file}: line {event.start_mark.line + 1}: {problem}")
 
 
-# -- its values -----------------------------------------------------------------------------------------------------
+# -- values -----------------------------------------------------------------------------------------------------
 
 
 class Entry(NamedTuple):
-    """A value together with the place where it stands, so that every message can name it."""
+    """A value with its file and key, which every message about it names."""
 
     value: object
     file: str
@@ -139,22 +142,22 @@ class Entry(NamedTuple):
 
     @property
     def key(self) -> str:
-        """The dotted key, disks[3].radius."""
+        """The key as messages show it, disks[3].radius."""
         return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.path).lstrip(".")
 
 
 def refuse(entry: Entry, problem: str) -> NoReturn:
-    """Raise RequestError: file, key, problem."""
+    """Raise RequestError with file, key and problem."""
     raise RequestError(": ".join(part for part in (entry.file, entry.key, problem) if part))
 
 
 def must_be(entry: Entry, allowed: str) -> NoReturn:
-    """Raise RequestError: file, key, what is allowed, the value."""
+    """Raise RequestError with file, key, the allowed values and the value."""
     refuse(entry, f"must be {allowed}, not {_shown(entry.value)}")
 
 
 def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] | None = None) -> dict[str, Entry]:
-    """Return the entries of a mapping by key, optional ones with their defaults; refuse unknown and missing keys."""
+    """Return the entries of a mapping by key, with defaults for optional keys; refuse unknown and missing keys."""
     allowed = (*required, *(optional or {}))
     if not isinstance(entry.value, dict):
         must_be(entry, f"a mapping with the keys {', '.join(allowed)}")
@@ -169,14 +172,14 @@ def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] 
 
 
 def items(entry: Entry, length: int | None = None, what: str = "a list") -> list[Entry]:
-    """Return the entries of a list, of `length` if that is given."""
+    """Return the entries of a list, of `length` if given; `what` says in the refusal what is allowed."""
     if not isinstance(entry.value, list | tuple) or length not in (None, len(entry.value)):
         must_be(entry, what)
     return [Entry(value, entry.file, (*entry.path, index)) for index, value in enumerate(entry.value)]
 
 
 def number(entry: Entry, above: float | None = None, least: float | None = None) -> float:
-    """Return a finite float, > above and >= least where these are given. (-0.0 becomes 0.0.)"""
+    """Return a finite float, > `above` and >= `least` if given. (-0.0 becomes 0.0.)"""
     value = entry.value
     bound = f" > {above:g}" if above is not None else f" >= {least:g}" if least is not None else ""
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -190,7 +193,7 @@ def number(entry: Entry, above: float | None = None, least: float | None = None)
 
 
 def integer(entry: Entry, least: int, most: int, otherwise: str = "") -> int:
-    """Return an int between least and most, both included. `otherwise`: what else the message is to allow."""
+    """Return an int from `least` to `most`; `otherwise` adds further allowed values to the refusal."""
     value = entry.value
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         must_be(entry, f"an integer from {least} to {most}{otherwise}")
@@ -198,12 +201,12 @@ def integer(entry: Entry, least: int, most: int, otherwise: str = "") -> int:
 
 
 def flag(entry: Entry) -> bool:
-    """Return true or false."""
+    """Return a bool."""
     return entry.value if isinstance(entry.value, bool) else must_be(entry, "true or false")
 
 
 def choice(entry: Entry, options: tuple[str, ...]) -> str:
-    """Return one of the options."""
+    """Return a str that is one of the options."""
     if not isinstance(entry.value, str) or entry.value not in options:
         hint = _did_you_mean(entry.value, options)
         refuse(entry, f"{_shown(entry.value)} is unknown; {hint}must be {' or '.join(options)}")
@@ -211,16 +214,17 @@ def choice(entry: Entry, options: tuple[str, ...]) -> str:
 
 
 def current_name(entry: Entry, renamed: dict[str, str]) -> Entry:
-    """Return the entry with a name of an earlier version replaced by today's, saying so in one line on stderr."""
+    """Return the entry, a name of an earlier version replaced by the current one, with a line about it on stderr."""
     if not isinstance(entry.value, str) or entry.value not in renamed:
         return entry
-    place, today = ": ".join(filter(None, (entry.file, entry.key))), renamed[entry.value]
-    print(f"brownpipe: {place} {entry.value}: now called {today}", file=sys.stderr)
-    return entry._replace(value=today)
+    current = renamed[entry.value]
+    place = ": ".join(filter(None, (entry.file, entry.key)))
+    print(f"brownpipe: {place} {entry.value}: now called {current}", file=sys.stderr)
+    return entry._replace(value=current)
 
 
 def name(entry: Entry) -> str:
-    """Return a name that can become part of a path."""
+    """Return a name that can be part of a path."""
     if not isinstance(entry.value, str) or not _NAME.fullmatch(entry.value):
         must_be(entry, "a name: letters, digits, '.', '_', '-', the first a letter or digit, at most 64")
     return entry.value
@@ -233,12 +237,13 @@ def pair(entry: Entry) -> tuple[float, float]:
 
 
 def _did_you_mean(word: object, options: tuple[str, ...]) -> str:
+    """Return a question about the most similar option, "" if none is similar."""
     near = difflib.get_close_matches(str(word)[:80], options, n=1)
     return f"did you mean {near[0]}? " if near else ""
 
 
 def _shown(value: object) -> str:
-    """Return the value as a message shows it: as in YAML, short, on one line."""
+    """Return the value as in YAML, on one line and shortened."""
     if isinstance(value, dict):
         return "a mapping"
     if isinstance(value, list | tuple) and len(value) > 4:

@@ -1,7 +1,7 @@
-"""The scene: what is simulated and nothing else. Frozen, validated, hashable.
+"""The scene: box, disks and times of a run, everything that decides its physics but the seed. Frozen and hashable.
 
-A scene is read from a YAML file (`scene_file`) and is right when it exists: all numbers are finite, radii and masses
-positive, the disks inside the box and without overlap, or, for species, not more than can fit.
+Scenes are made by `scene_file` and valid by construction: all numbers are finite, radii and masses positive; listed
+disks lie inside the box and do not overlap, and no species has more disks than can fit.
 """
 
 import hashlib
@@ -47,18 +47,18 @@ class Box:
 
 @dataclass(frozen=True)
 class Species:
-    """Disks of one kind, placed by `state.draw`."""
+    """Equal disks, which `engines.initial_state.draw` places."""
 
     name: str
     count: int
     radius: float
     mass: float
-    position: tuple[float, float] | None = None  # of the tracer; None is placed like the others
+    position: tuple[float, float] | None = None  # of the tracer; None: it is placed like the other disks
 
 
 @dataclass(frozen=True)
 class Disk:
-    """One disk of an explicit list."""
+    """A disk of an explicit list, with its initial position [length] and velocity [length/time]."""
 
     position: tuple[float, float]
     velocity: tuple[float, float]
@@ -68,16 +68,16 @@ class Disk:
 
 @dataclass(frozen=True)
 class Velocities:
-    """How velocity components are drawn: normal, of a given standard deviation or of variance kT/m."""
+    """Normal distribution of the initial velocity components: one of the two widths is given."""
 
-    standard_deviation: float | None
-    temperature: float | None  # kT [energy]
-    zero_momentum: bool = False
+    standard_deviation: float | None  # the same for all disks [length/time]
+    temperature: float | None  # kT [energy]; the variance is kT/m
+    zero_momentum: bool = False  # whether velocities are taken relative to the centre of mass
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The physics of one run. Disk 0 is the disk that is followed."""
+    """The physics of one run. Disk 0 is the tracer."""
 
     name: str
     box: Box
@@ -85,11 +85,11 @@ class Scene:
     disks: tuple[Disk, ...]  # () for species
     placement: str  # "random" or "lattice"
     velocities: Velocities | None  # None for explicit disks
-    duration: float
-    sample_interval: float
-    equilibrate: float = 0.0  # time before t = 0
+    duration: float  # [time]
+    sample_interval: float  # [time]
+    equilibrate: float = 0.0  # simulated before t = 0 [time]
     tracer_while_equilibrating: str = "free"  # or "pinned"
-    samples: Samples | None = None  # logarithmic sample times, in the place of the sample interval
+    samples: Samples | None = None  # logarithmic sample times, which replace the sample interval
 
     @property
     def particles(self) -> int:
@@ -98,25 +98,22 @@ class Scene:
 
     @property
     def radius(self) -> np.ndarray:
-        """(N,) radii [length]."""
+        """Radii (N,) [length]."""
         return self._of_each_disk("radius")
 
     @property
     def mass(self) -> np.ndarray:
-        """(N,) masses."""
+        """Masses (N,)."""
         return self._of_each_disk("mass")
 
     @property
     def packing_fraction(self) -> float:
-        """phi = sum(pi R^2)/A."""
+        """Packing fraction, phi = sum(pi R^2)/A."""
         return float(math.pi * np.sum((self.radius / self.box.width) * (self.radius / self.box.height)))
 
     @property
     def times(self) -> np.ndarray:
-        """(T,) sample times: 0, the multiples of the sample interval, and the duration exactly.
-
-        Logarithmic ones: 0, first * 10**(k / per_decade) for k = 0, 1, ... below the duration, and the duration.
-        """
+        """Sample times (T,) [time] from 0 to the duration, both exactly: multiples of the interval, or logarithmic."""
         if self.samples is not None:
             return sample_times.logarithmic_times(self.samples, self.duration)
         return sample_times.linear_times(self.sample_interval, self.duration)
@@ -128,30 +125,32 @@ class Scene:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the text: equal for equal physics, whatever the name."""
+        """SHA-256 of the text: equal for equal physics, whatever the scene's name."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
-    def _of_each_disk(self, what: str) -> np.ndarray:
-        kinds = self.disks or self.species
-        counts = np.array([getattr(kind, "count", 1) for kind in kinds], dtype=int)
-        return np.repeat(np.array([getattr(kind, what) for kind in kinds], dtype=float), counts)
+    def _of_each_disk(self, field: str) -> np.ndarray:
+        """Return a field of the listed disks or of the species, repeated for each of their disks, (N,)."""
+        records = self.disks or self.species
+        counts = np.array([getattr(record, "count", 1) for record in records], dtype=int)
+        return np.repeat(np.array([getattr(record, field) for record in records], dtype=float), counts)
 
 
 def _as_mapping(scene: Scene) -> dict:
-    """Return what a scene file that leaves nothing to defaults would hold."""
+    """Return the scene as a mapping like that of a scene file, with every default written out."""
     common = {"box": asdict(scene.box), "duration": scene.duration}
     if scene.samples is None:
         common["sample_interval"] = scene.sample_interval
-    else:  # not even named in other scenes, so that their digests are what they were
+    else:  # other scenes do not have the key, so that their digests stay those of earlier versions
         common["samples"] = asdict(scene.samples)
     if scene.velocities is None:
         return common | {"disks": [asdict(disk) for disk in scene.disks]}
     disks = {"tracer": None, "species": [], "placement": scene.placement}
-    for one in scene.species:
-        if one.name == "tracer":
-            disks["tracer"] = {"radius": one.radius, "mass": one.mass, "position": one.position}
+    for species in scene.species:
+        size = {"radius": species.radius, "mass": species.mass}
+        if species.name == "tracer":
+            disks["tracer"] = size | {"position": species.position}
         else:
-            disks["species"].append({"name": one.name, "count": one.count, "radius": one.radius, "mass": one.mass})
+            disks["species"].append({"name": species.name, "count": species.count} | size)
     return common | {
         "particles": scene.particles,
         "disks": disks,

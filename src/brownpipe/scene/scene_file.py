@@ -1,4 +1,4 @@
-"""Scene files: strict reading, and every refusal in one line (config/README.md describes every key)."""
+"""Scene files: strict reading, every refusal in one line. config/README.md describes the keys."""
 
 import math
 from pathlib import Path
@@ -13,58 +13,61 @@ from brownpipe.scene.scene import Box, Disk, Scene, Species, Velocities
 
 MOST_BYTES = 64 * 2**20  # of a scene file: some 500,000 explicit disks
 MOST_DISKS = 10_000_000
-LARGEST_MASS_RATIO = 1e200  # products of masses and squares of speeds are then floating-point numbers
-LONGEST = 1e140  # of a box, and the inverse: squares of displacements are then floating-point numbers, to 1e-14 of it
-SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a place is then 1e-6 of it
-HEAVIEST = 1e302  # and the inverse
-FASTEST = 1e300  # of a velocity component
-SLOWEST_SQUARE = 1e-300  # kT/m, if it is not 0
+LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
+LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
+SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
+HEAVIEST = 1e302  # mass; its inverse the lightest
+FASTEST = 1e300  # velocity component
+SLOWEST_SQUARE = 1e-300  # smallest kT/m except 0
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
 
 
 def read_scene(path: str | Path, particles: int | None = None) -> Scene:
-    """Return the scene of a YAML file; `particles` replaces its total number of disks.
+    """Return the scene of a YAML file, with `particles` disks in total if that is given.
 
-    Raises RequestError, one line, for whatever is wrong with the file or the scene.
+    Raises RequestError, one line, for anything wrong with the file or the scene.
     """
     return parse_scene(reading.read_yaml(path, MOST_BYTES), str(path), particles)
 
 
 def parse_scene(mapping: object, where: str, particles: int | None = None) -> Scene:
-    """Return the scene that a mapping, as read from a scene file, describes.
+    """Return the scene of a mapping as read from a scene file.
 
-    `where` is the file that messages name; its stem becomes the name of the scene. `particles` replaces the total
-    number of disks; of an explicit list it must be the length.
+    where: the file that messages name; its stem is the name of the scene. particles: total number of disks instead of
+    the file's; for an explicit list it must be the length of the list. Raises RequestError for anything wrong.
     """
     if isinstance(mapping, dict) and "scenes" in mapping and "box" not in mapping:
         raise RequestError(f"{where}: is a study, not a scene; run snakemake --configfile {where}")
     optional = dict.fromkeys(("particles", "velocities", "sample_interval", "samples", "equilibrate"))
-    given = reading.fields(Entry(mapping, where), ("box", "disks", "duration"), optional)
-    explicit = isinstance(given["disks"].value, list | tuple)
+    entries = reading.fields(Entry(mapping, where), ("box", "disks", "duration"), optional)
+    explicit = isinstance(entries["disks"].value, list | tuple)
     if particles is not None:
-        asked = Entry(particles, where, ("particles asked for",))
-        if explicit and particles != len(given["disks"].value):
-            must_be(asked, f"{len(given['disks'].value)}, the number of disks listed")
-        given |= {} if explicit else {"particles": asked}
-    duration = reading.number(given["duration"], above=0)
+        total = Entry(particles, where, ("particles asked for",))
+        if explicit and particles != len(entries["disks"].value):
+            must_be(total, f"{len(entries['disks'].value)}, the number of disks listed")
+        entries |= {} if explicit else {"particles": total}
+    duration = reading.number(entries["duration"], above=0)
     common = {
         "name": reading.name(Entry(Path(where).stem, where, ("name of the file",))),
-        "box": _box(given["box"]),
+        "box": _box(entries["box"]),
         "duration": duration,
-        "sample_interval": sample_times.read_interval(given["sample_interval"], duration),
-        "samples": sample_times.read_samples(given["samples"], given["sample_interval"], duration),
+        "sample_interval": sample_times.read_interval(entries["sample_interval"], duration),
+        "samples": sample_times.read_samples(entries["samples"], entries["sample_interval"], duration),
     }
-    return _explicit(given, common) if explicit else _of_species(given, common)
+    return _explicit(entries, common) if explicit else _of_species(entries, common)
 
 
 def _box(entry: Entry) -> Box:
-    given = reading.fields(entry, ("x", "y"), {"boundary": "reflecting"})
-    return Box(_side(given["x"]), _side(given["y"]), reading.choice(given["boundary"], ("reflecting", "periodic")))
+    """Return the box of a scene; its default boundary is reflecting."""
+    entries = reading.fields(entry, ("x", "y"), {"boundary": "reflecting"})
+    boundary = reading.choice(entries["boundary"], ("reflecting", "periodic"))
+    return Box(_side(entries["x"]), _side(entries["y"]), boundary)
 
 
 def _side(entry: Entry) -> tuple[float, float]:
+    """Return the ends of a side of the box [length], low < high."""
     low, high = (reading.number(end) for end in reading.items(entry, 2, "two numbers [low, high]"))
     if not 0 < high - low < math.inf:
         must_be(entry, "two numbers [low, high] with low < high")
@@ -76,29 +79,33 @@ def _side(entry: Entry) -> tuple[float, float]:
 # -- explicit disks -------------------------------------------------------------------------------------------------
 
 
-def _explicit(given: dict[str, Entry], common: dict) -> Scene:
+def _explicit(entries: dict[str, Entry], common: dict) -> Scene:
+    """Return the scene of a list of disks; `common` are the fields that every scene has."""
     for key in ("particles", "velocities", "equilibrate"):
-        if given[key].value is not None:
-            refuse(given[key], "must not be given with an explicit list of disks, which says it all")
-    entries = reading.items(given["disks"])
-    if len(entries) > MOST_DISKS:
-        must_be(given["disks"], f"at most {MOST_DISKS} disks")
-    disks = tuple(_disk(entry, common["box"]) for entry in entries)
-    _refuse_ratio(given["disks"], disks)
-    _refuse_narrow(given["box"], common["box"], disks)
-    _refuse_overlap(given["disks"], common["box"], disks)
+        if entries[key].value is not None:
+            refuse(entries[key], "must not be given with an explicit list of disks, which says it all")
+    listed = reading.items(entries["disks"])
+    if len(listed) > MOST_DISKS:
+        must_be(entries["disks"], f"at most {MOST_DISKS} disks")
+    disks = tuple(_disk(entry, common["box"]) for entry in listed)
+    _refuse_ratio(entries["disks"], disks)
+    _refuse_narrow(entries["box"], common["box"], disks)
+    _refuse_overlap(entries["disks"], common["box"], disks)
     return Scene(species=(), disks=disks, placement="random", velocities=None, **common)
 
 
 def _disk(entry: Entry, box: Box) -> Disk:
-    given = reading.fields(entry, ("position", "velocity", "radius", "mass"))
-    radius, mass, velocity = _radius(given["radius"], box), _mass(given["mass"]), reading.pair(given["velocity"])
+    """Return a disk of an explicit list, inside the box."""
+    entries = reading.fields(entry, ("position", "velocity", "radius", "mass"))
+    radius, mass = _radius(entries["radius"], box), _mass(entries["mass"])
+    velocity = reading.pair(entries["velocity"])
     if max(map(abs, velocity)) > FASTEST:
-        must_be(given["velocity"], f"two numbers up to {FASTEST:g}, either sign")
-    return Disk(_inside(given["position"], box, radius), velocity, radius, mass)
+        must_be(entries["velocity"], f"two numbers up to {FASTEST:g}, either sign")
+    return Disk(_inside(entries["position"], box, radius), velocity, radius, mass)
 
 
 def _radius(entry: Entry, box: Box) -> float:
+    """Return a radius [length]: the disk fits into the box, and round-off of its position is far below its size."""
     radius, most = reading.number(entry, above=0), min(box.width, box.height) / 2
     if radius > most:
         must_be(entry, f"at most half the shorter side of the box, {most!r}")
@@ -109,12 +116,13 @@ def _radius(entry: Entry, box: Box) -> float:
 
 
 def _mass(entry: Entry) -> float:
+    """Return a mass from 1/HEAVIEST to HEAVIEST."""
     mass = reading.number(entry, above=0)
     return mass if 1 / HEAVIEST <= mass <= HEAVIEST else must_be(entry, f"from {1 / HEAVIEST:g} to {HEAVIEST:g}")
 
 
 def _refuse_ratio(entry: Entry, disks: tuple[Disk | Species, ...]) -> None:
-    """Refuse masses so far apart that an engine's numbers would overflow."""
+    """Refuse masses so different that numbers of an engine would overflow."""
     masses = [disk.mass for disk in disks if getattr(disk, "count", 1)]
     if masses and max(masses) / LARGEST_MASS_RATIO > min(masses):
         pair = f"masses {min(masses)!r} and {max(masses)!r} are too far apart"
@@ -122,7 +130,7 @@ def _refuse_ratio(entry: Entry, disks: tuple[Disk | Species, ...]) -> None:
 
 
 def _inside(entry: Entry, box: Box, radius: float) -> tuple[float, float]:
-    """Return a centre inside the box; with walls, the edge of the disk is inside as well, or in contact."""
+    """Return the centre of a disk: inside a periodic box, or inside walls by at least its radius."""
     position = reading.pair(entry)
     for axis, value, (low, high) in zip("xy", position, (box.x, box.y), strict=True):
         slack = ROUND_OFF * radius + 2 * math.ulp(max(-low, high))
@@ -134,7 +142,7 @@ def _inside(entry: Entry, box: Box, radius: float) -> tuple[float, float]:
 
 
 def _refuse_narrow(entry: Entry, box: Box, disks: tuple[Disk | Species, ...]) -> None:
-    """In a narrow periodic box a disk can touch two images of the same neighbour."""
+    """Refuse a periodic box in which a disk could touch two images of one neighbour."""
     least = 4 * max((disk.radius for disk in disks), default=0.0)
     if box.periodic and min(box.width, box.height) < least:
         size = f"a periodic box of {box.width!r} by {box.height!r}"
@@ -142,11 +150,12 @@ def _refuse_narrow(entry: Entry, box: Box, disks: tuple[Disk | Species, ...]) ->
 
 
 def _refuse_overlap(entry: Entry, box: Box, disks: tuple[Disk, ...]) -> None:
+    """Refuse a list with two overlapping disks; disks in contact are allowed."""
     position, radius = np.array([disk.position for disk in disks]), np.array([disk.radius for disk in disks])
-    found = overlap(position, radius, (box.x, box.y) if box.periodic else None)
-    if found is None:
+    pair = overlap(position, radius, (box.x, box.y) if box.periodic else None)
+    if pair is None:
         return
-    a, b, gap = found
+    a, b, gap = pair
     at = f"disk {a} at {list(disks[a].position)} and disk {b} at {list(disks[b].position)}"
     refuse(entry, f"{at} overlap: the gap between their edges is {gap:.6g}; must be >= 0")
 
@@ -154,21 +163,22 @@ def _refuse_overlap(entry: Entry, box: Box, disks: tuple[Disk, ...]) -> None:
 # -- species --------------------------------------------------------------------------------------------------------
 
 
-def _of_species(given: dict[str, Entry], common: dict) -> Scene:
-    box, disks = common["box"], given["disks"]
+def _of_species(entries: dict[str, Entry], common: dict) -> Scene:
+    """Return the scene of a tracer and species; `common` are the fields that every scene has."""
+    box, disks = common["box"], entries["disks"]
     if not isinstance(disks.value, dict) or not disks.value.keys() & {"tracer", "species"}:
         must_be(disks, "a list of disks, or a mapping with tracer, species or both")
     inside = reading.fields(disks, (), {"tracer": None, "species": [], "placement": "random"})
-    species = _species(inside, given["particles"], box)
+    species = _species(inside, entries["particles"], box)
     _refuse_ratio(disks, species)
-    _refuse_narrow(given["box"], box, species)
+    _refuse_narrow(entries["box"], box, species)
     _refuse_crowd(disks, box, species)
-    equilibrate, tracer = _equilibrate(given["equilibrate"], inside["tracer"].value is not None)
+    equilibrate, tracer = _equilibrate(entries["equilibrate"], inside["tracer"].value is not None)
     return Scene(
         species=species,
         disks=(),
         placement=reading.choice(inside["placement"], ("random", "lattice")),
-        velocities=_velocities(given["velocities"], species),
+        velocities=_velocities(entries["velocities"], species),
         equilibrate=equilibrate,
         tracer_while_equilibrating=tracer,
         **common,
@@ -176,26 +186,28 @@ def _of_species(given: dict[str, Entry], common: dict) -> Scene:
 
 
 def _species(inside: dict[str, Entry], particles: Entry, box: Box) -> tuple[Species, ...]:
+    """Return the tracer, if there is one, and the species; `inside` are the entries of `disks`."""
     species = [] if inside["tracer"].value is None else [_tracer(inside["tracer"], box)]
-    kinds = [reading.fields(one, ("name", "count", "radius", "mass")) for one in reading.items(inside["species"])]
-    counts = _counts([kind["count"] for kind in kinds], particles, len(species))
-    for kind, count in zip(kinds, counts, strict=True):
-        own = reading.name(kind["name"])
-        if own in ("tracer", *(one.name for one in species)):
-            must_be(kind["name"], "a name of its own (tracer is reserved)")
-        species.append(Species(own, count, _radius(kind["radius"], box), _mass(kind["mass"])))
+    listed = [reading.fields(entry, ("name", "count", "radius", "mass")) for entry in reading.items(inside["species"])]
+    counts = _counts([entries["count"] for entries in listed], particles, len(species))
+    for entries, count in zip(listed, counts, strict=True):
+        name = reading.name(entries["name"])
+        if name in ("tracer", *(other.name for other in species)):
+            must_be(entries["name"], "a name of its own (tracer is reserved)")
+        species.append(Species(name, count, _radius(entries["radius"], box), _mass(entries["mass"])))
     return tuple(species)
 
 
 def _tracer(entry: Entry, box: Box) -> Species:
-    given = reading.fields(entry, ("radius", "mass"), {"position": None})
-    radius = _radius(given["radius"], box)
-    position = None if given["position"].value is None else _inside(given["position"], box, radius)
-    return Species("tracer", 1, radius, _mass(given["mass"]), position)
+    """Return the tracer as a species of one disk."""
+    entries = reading.fields(entry, ("radius", "mass"), {"position": None})
+    radius = _radius(entries["radius"], box)
+    position = None if entries["position"].value is None else _inside(entries["position"], box, radius)
+    return Species("tracer", 1, radius, _mass(entries["mass"]), position)
 
 
 def _counts(entries: list[Entry], particles: Entry, tracers: int) -> list[int]:
-    """Return the number of disks of each species, with `rest` worked out from the total."""
+    """Return the number of disks of each species; `rest` is the total less all others."""
     rest = [entry for entry in entries if entry.value == "rest"]
     if len(rest) > 1:
         must_be(rest[1], "a number, as only one species can be the rest")
@@ -213,40 +225,42 @@ def _counts(entries: list[Entry], particles: Entry, tracers: int) -> list[int]:
 
 
 def _refuse_crowd(entry: Entry, box: Box, species: tuple[Species, ...]) -> None:
-    """Refuse more disks than can fit, each species alone or all together; what passes may still be hard to place."""
-    for one in species:
-        most = most_disks(box.width, box.height, 2 * one.radius, box.periodic)
-        if one.count > most:
-            refuse(entry, f"{one.count} disks of radius {one.radius!r} ({one.name}) cannot fit; must be at most {most}")
-    phi = math.fsum(math.pi * one.count * (one.radius / box.width) * (one.radius / box.height) for one in species)
+    """Refuse more disks of a species, or of all together, than can fit; those accepted may still be hard to place."""
+    for s in species:
+        most = most_disks(box.width, box.height, 2 * s.radius, box.periodic)
+        if s.count > most:
+            crowd = f"{s.count} disks of radius {s.radius!r} ({s.name})"
+            refuse(entry, f"{crowd} cannot fit; must be at most {most}")
+    phi = math.fsum(math.pi * s.count * (s.radius / box.width) * (s.radius / box.height) for s in species)
     if phi > 1:
         refuse(entry, f"the disks cover {phi:.4g} times the area of the box; must be at most 1")
 
 
 def _velocities(entry: Entry, species: tuple[Species, ...]) -> Velocities:
+    """Return the distribution of the initial velocities: a standard deviation or a temperature must be given."""
     if entry.value is None:
         refuse(entry, "missing; must be given with species")
-    given = reading.fields(entry, (), {"standard_deviation": None, "temperature": None, "zero_momentum": False})
-    spreads = [given[key] for key in ("standard_deviation", "temperature")]
-    if sum(spread.value is not None for spread in spreads) != 1:
+    entries = reading.fields(entry, (), {"standard_deviation": None, "temperature": None, "zero_momentum": False})
+    widths = [entries[key] for key in ("standard_deviation", "temperature")]
+    if sum(width.value is not None for width in widths) != 1:
         refuse(entry, "must have either standard_deviation or temperature")
-    deviation, temperature = (None if one.value is None else reading.number(one, least=0) for one in spreads)
+    deviation, temperature = (None if width.value is None else reading.number(width, least=0) for width in widths)
     if deviation is not None and deviation > FASTEST:
-        must_be(given["standard_deviation"], f"at most {FASTEST:g}")
-    for one in species:
-        if temperature and one.count and not SLOWEST_SQUARE <= temperature / one.mass < math.inf:
-            allowed = f"0, or {SLOWEST_SQUARE:g} to 1.8e308 times the mass {one.mass!r} ({one.name})"
-            must_be(given["temperature"], allowed)
-    return Velocities(deviation, temperature, reading.flag(given["zero_momentum"]))
+        must_be(entries["standard_deviation"], f"at most {FASTEST:g}")
+    for s in species:
+        if temperature and s.count and not SLOWEST_SQUARE <= temperature / s.mass < math.inf:
+            allowed = f"0, or {SLOWEST_SQUARE:g} to 1.8e308 times the mass {s.mass!r} ({s.name})"
+            must_be(entries["temperature"], allowed)
+    return Velocities(deviation, temperature, reading.flag(entries["zero_momentum"]))
 
 
 def _equilibrate(entry: Entry, has_tracer: bool) -> tuple[float, str]:
-    """Return the time before t = 0 and whether the tracer is then pinned (the default) or free."""
-    usual = "pinned" if has_tracer else "free"
+    """Return the time simulated before t = 0, and whether the tracer is then pinned (the default) or free."""
+    default = "pinned" if has_tracer else "free"
     if not isinstance(entry.value, dict):
-        return (0.0 if entry.value is None else reading.number(entry, least=0)), usual
-    given = reading.fields(entry, ("time",), {"tracer": usual})
-    time, tracer = reading.number(given["time"], least=0), reading.choice(given["tracer"], ("pinned", "free"))
+        return (0.0 if entry.value is None else reading.number(entry, least=0)), default
+    entries = reading.fields(entry, ("time",), {"tracer": default})
+    time, tracer = reading.number(entries["time"], least=0), reading.choice(entries["tracer"], ("pinned", "free"))
     if tracer == "pinned" and not has_tracer:
-        must_be(given["tracer"], "free, as there is no tracer")
-    return time, tracer if time > 0 else usual
+        must_be(entries["tracer"], "free, as there is no tracer")
+    return time, tracer if time > 0 else default

@@ -78,5 +78,6 @@ def batches(seeds: Sequence[int], size: int) -> list[tuple[int, int]]:
 
 
 def _batches(first: int, last: int, size: int) -> list[tuple[int, int]]:
+    """Return the batches of one range of consecutive seeds."""
     starts = [first, *range(first - first % size + size, last + 1, size)]
     return [(start, min(last, start - start % size + size - 1)) for start in starts]

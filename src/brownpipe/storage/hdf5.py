@@ -73,6 +73,7 @@ def to_bytes(nodes: Tree, compress: bool = True) -> bytes:
 
 
 def _create(file: h5py.File, path: str, node: Node | Link, compress: bool) -> None:
+    """Create a group, dataset, scale or hard link in a file."""
     if isinstance(node, Link):
         file[path] = file[node.target]
         return
@@ -97,10 +98,10 @@ def _filters(node: Node) -> dict:
 
 def _chunks(shape: tuple[int, ...], itemsize: int, axes: Iterable[int]) -> tuple[int, ...]:
     """Return the shape of a chunk of at most CHUNK_BYTES that extends along the first of `axes` as far as it can."""
-    chunks, room = [1] * len(shape), CHUNK_BYTES // itemsize
+    chunks, items = [1] * len(shape), CHUNK_BYTES // itemsize
     for axis in axes:
-        chunks[axis] = max(1, min(shape[axis], room))
-        room //= chunks[axis]
+        chunks[axis] = max(1, min(shape[axis], items))
+        items //= chunks[axis]
     return tuple(chunks)
 
 
@@ -110,6 +111,7 @@ def _is_scale(path: str, node: Node) -> bool:
 
 
 def _attach_scales(file: h5py.File, path: str, node: Node | Link) -> None:
+    """Name the dimensions of a dataset by its scales, which exist by now."""
     if isinstance(node, Link) or not node.dims or _is_scale(path, node):
         return
     dataset, group = file[path], path.rpartition("/")[0]

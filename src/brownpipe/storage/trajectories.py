@@ -259,9 +259,10 @@ def _parameters(trajectories: Trajectories) -> Tree:
 def _command(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
     """Return the command that makes these runs again, in backquotes, by which `_remedy` finds it in a damaged file."""
     particles = f" --particles {scene.particles}" if scene.species else ""
-    words = ["all"] * bool(ensemble.whole) + ["events"] * bool(ensemble.events)
-    nothing = ["none"] * (ensemble.tracer is None and scene.particles > 0)
-    record = f" --record {','.join(words or nothing)}" if words or nothing else ""
+    tracks = ["all"] * bool(ensemble.whole) + ["events"] * bool(ensemble.events)
+    if not tracks and ensemble.tracer is None and scene.particles > 0:
+        tracks = ["none"]
+    record = f" --record {','.join(tracks)}" if tracks else ""
     seeds = f" --seeds {seed_text(ensemble.seeds)}"
     observables = arrays.command_options(ensemble)
     return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.options}{record}{observables}`"
