@@ -7,11 +7,17 @@ import os
 import signal
 import sys
 import time
+from argparse import Namespace
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from brownpipe.errors import FAILED, BrownpipeError
 from brownpipe.parser import build_parser
+
+if TYPE_CHECKING:
+    from brownpipe.engines import Engine
+    from brownpipe.engines.state import Ensemble
+    from brownpipe.scene import Scene
 
 DONE = 0
 RECORDS = ("tracer", "all", "events", "none")
@@ -51,7 +57,7 @@ def _say(message: str, status: int) -> int:
 # -- verbs ----------------------------------------------------------------------------------------------------------
 
 
-def simulate(arguments) -> int:
+def simulate(arguments: Namespace) -> int:
     """Run a scene once for every seed and write the trajectories.
 
     The tracer is always recorded, except with `--record none`. Runs that fail their health check are named, marked in
@@ -98,7 +104,7 @@ def simulate(arguments) -> int:
     return FAILED if len(failed) == len(seeds) else DONE
 
 
-def aggregate(arguments) -> int:
+def aggregate(arguments: Namespace) -> int:
     """Analyse trajectory files: one dataset of displacements, fits and distributions, with their errors over runs."""
     from brownpipe import analysis
     from brownpipe.storage import write_dataset
@@ -109,7 +115,7 @@ def aggregate(arguments) -> int:
     return DONE
 
 
-def figures(arguments) -> int:
+def figures(arguments: Namespace) -> int:
     """Draw the figures of a dataset, each with a table of its numbers, and write the summary."""
     from brownpipe import figures as drawing
     from brownpipe.storage import read_dataset, write_file
@@ -125,7 +131,7 @@ def figures(arguments) -> int:
     return DONE
 
 
-def movie(arguments) -> int:
+def movie(arguments: Namespace) -> int:
     """Show one whole run of a trajectory file: a picture, an animation (GIF), or a video (MP4, by ffmpeg).
 
     The file must have been recorded with `--record all`. The picture shows the end of the run.
@@ -144,7 +150,7 @@ def movie(arguments) -> int:
     return DONE
 
 
-def tradeoff(arguments) -> int:
+def tradeoff(arguments: Namespace) -> int:
     """Measure the cost-accuracy trade-off: bias and CPU time of every engine of a study, relative to its exact runs.
 
     Compares the trajectory files of the study, or those given by --files, and runs each engine for some seconds to
@@ -162,7 +168,7 @@ def tradeoff(arguments) -> int:
     return DONE
 
 
-def plan(arguments) -> int:
+def plan(arguments: Namespace) -> int:
     """Find the engine and number of runs that meet a tolerance at the lowest cost, or the best accuracy for a CPU time.
 
     Uses stored results of `brownpipe tradeoff` that have the same scenes, otherwise pilot runs of some seconds.
@@ -188,7 +194,7 @@ def plan(arguments) -> int:
     return FAILED if best is None else DONE
 
 
-def inspect(arguments) -> int:
+def inspect(arguments: Namespace) -> int:
     """Describe the contents of a trajectory file or dataset, and say whether it is intact."""
     from brownpipe.storage import report, verify
 
@@ -200,7 +206,7 @@ def inspect(arguments) -> int:
     return FAILED if problems else DONE
 
 
-def check(arguments) -> int:
+def check(arguments: Namespace) -> int:
     """Say whether a scene or study is valid, what will be simulated, and what it will cost."""
     from brownpipe.study.check import describe
 
@@ -214,7 +220,7 @@ VERBS = (simulate, aggregate, figures, movie, tradeoff, plan, inspect, check)
 # -- parts of the verbs ---------------------------------------------------------------------------------------------
 
 
-def _made(output: str, ensemble, seconds: float) -> str:
+def _made(output: str, ensemble: "Ensemble", seconds: float) -> str:
     """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and the CPU time."""
     from brownpipe.formatting import in_time
 
@@ -227,7 +233,7 @@ def _number(count: int, name: str) -> str:
     return f"{count:,} {name}{'' if count == 1 else 's'}"
 
 
-def _engine(arguments):
+def _engine(arguments: Namespace) -> "Engine":
     """Return the requested engine with its settings. Raises RequestError for checkpoints of an engine without them."""
     from brownpipe.engines import DEFINITIONS, requested
     from brownpipe.errors import RequestError
@@ -265,7 +271,7 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
     return (Checkpoints(due, store, read_checkpoint(path, made_by)),)
 
 
-def _target(arguments) -> str | None:
+def _target(arguments: Namespace) -> str | None:
     """Return the quantity of --target, or of --observable, its old name; None if neither is given."""
     from brownpipe.errors import RequestError
     from brownpipe.scene.reading import Entry
@@ -280,7 +286,7 @@ def _target(arguments) -> str | None:
     return next((read_target(Entry(value, "", (option,))) for option, value in options.items()), None)
 
 
-def _measures(arguments, scene) -> dict:
+def _measures(arguments: Namespace, scene: "Scene") -> dict[str, object]:
     """Return the observables to measure in each run and what they average over, as keywords of `simulate`."""
     from brownpipe.errors import RequestError
     from brownpipe.observables import problem

@@ -1,4 +1,8 @@
-"""The arguments of the command line: every verb with its options, and how their values are read."""
+"""The arguments of the command line: every verb with its options, and how their values are read.
+
+A verb is a function of `cli`. Its arguments are added by the function of the same name here, which takes `add_argument`
+of the verb's parser; ARGUMENTS lists them. Values that only a study or a scene can judge are read by the verb itself.
+"""
 
 import argparse
 from collections.abc import Callable, Iterable
@@ -132,6 +136,7 @@ ARGUMENTS = {  # verb: (function that adds its arguments, an example of them)
 
 
 # -- their values ---------------------------------------------------------------------------------------------------
+# Each function raises ArgumentTypeError, which argparse shows with the name of the option.
 
 
 def _observables(text: str) -> str:
@@ -144,6 +149,7 @@ def _observables(text: str) -> str:
 
 
 def _window(text: str) -> tuple[float, float]:
+    """Return the start and end [time] of T0:T1."""
     try:
         start, end = map(float, text.split(":"))
     except ValueError:
@@ -154,6 +160,7 @@ def _window(text: str) -> tuple[float, float]:
 
 
 def _positive(text: str) -> float:
+    """Return a finite number above 0."""
     try:
         value = float(text)
     except ValueError:
@@ -173,6 +180,7 @@ def _seconds(text: str) -> float:
 
 
 def _integer(text: str, least: int = 0, most: int = 999_999_999) -> int:
+    """Return an integer written in at most nine ASCII digits, from `least` to `most`."""
     if not (text.isascii() and text.isdigit() and len(text) <= 9 and least <= int(text) <= most):
         raise argparse.ArgumentTypeError(f"must be an integer from {least} to {most}, not {text!r}")
     return int(text)

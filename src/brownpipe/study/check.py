@@ -1,4 +1,8 @@
-"""`brownpipe check`: what a scene or study will simulate, and its expected cost, before anything is run."""
+"""`brownpipe check`: what a scene or study will simulate, and its expected cost, before anything is run.
+
+The report has one line per property, which begins with a word of at most nine letters. Collisions and CPU times are
+those of `engines.forecast`; nothing is simulated or timed here.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,6 +40,7 @@ def _is_study(mapping: dict) -> bool:
 
 
 def _scene(scene: Scene) -> list[str]:
+    """Return the lines of the report on a scene."""
     cost = forecast.of_run(scene)
     return [
         f"box       {scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
@@ -53,11 +58,13 @@ def _scene(scene: Scene) -> list[str]:
 
 
 def _disks(scene: Scene) -> str:
+    """Return number, radius and mass of the disks of each species."""
     species = [f"{s.count} {s.name} (radius {s.radius:g}, mass {s.mass:g})" for s in scene.species if s.count]
     return f"{scene.particles}: {', '.join(species)}" if species else f"{scene.particles}, listed one by one"
 
 
 def _start(scene: Scene) -> str:
+    """Return how positions and velocities are drawn, and how they are equilibrated."""
     velocities = scene.velocities
     if velocities is None:
         return "as listed"
@@ -74,6 +81,7 @@ def _start(scene: Scene) -> str:
 
 
 def _collisions(scene: Scene, cost: forecast.Cost) -> str:
+    """Return the expected numbers of collisions of a run."""
     if scene.particles < FEWEST_DISKS:
         return "too few disks to predict collisions"
     walls = f" and {_rounded(cost.wall_collisions)} with walls" if not scene.box.periodic else ""
@@ -120,11 +128,13 @@ def _approximate_engines(scene: Scene) -> list[str]:
 
 
 def _cautions(engine: Engine, scenes: Sequence[Scene]) -> list[str]:
+    """Return a line for each limit of the engine's results in these scenes, each once."""
     cautions = dict.fromkeys(engine.definition.caution(scene) for scene in scenes)
     return [f"caution   {caution}" for caution in cautions if caution]
 
 
 def _study(study: Study) -> list[str]:
+    """Return the lines of the report on a study: a table of its cases, its engines and the whole workload."""
     study, seeds = _with_seeds(study)
     width = max(len(case.name) for case in study.cases)
     lines = [f"{'scene':<{width}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  per run"]

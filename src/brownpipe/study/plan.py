@@ -1,4 +1,8 @@
-"""The report of `brownpipe plan`: engine and number of runs to use, the runner-up, and why others are excluded."""
+"""The report of `brownpipe plan`: engine and number of runs to use, the runner-up, and why others are excluded.
+
+An engine is excluded if a run costs at least as much as an exact one, or if its bias, or the standard error of an
+unresolved bias, is at least as large as the tolerance.
+"""
 
 from brownpipe.formatting import in_bytes, in_time
 from brownpipe.scene.reading import Entry
@@ -51,6 +55,7 @@ def _choice(cases: list[CasePerformance], tolerance: float | None, budget: float
 
 
 def _offer(offer: Offer) -> str:
+    """Return runs, error and cost of an offer."""
     runs = f"{offer.engine.label}: {offer.runs:,} runs in jobs of {offer.batch:,}, error {_percent(offer.error)}"
     wall = f"{in_time(offer.wall_seconds)} on {cores()} cores"
     return f"{runs}; {in_time(offer.seconds)} of CPU, {wall}, {in_bytes(offer.size)} of files"
@@ -70,6 +75,7 @@ def _excluded(case: CasePerformance, tolerance: float | None) -> list[str]:
 
 
 def _bias(performance: EnginePerformance) -> str:
+    """Return the bias of an engine, or that it is not resolved, with its standard error."""
     if abs(performance.bias) > RESOLVED * performance.bias_error:
         return f"its bias is {_percent(performance.bias)}, with a standard error of {_percent(performance.bias_error)}"
     return f"its bias is not resolved, with a standard error of {_percent(performance.bias_error)}"

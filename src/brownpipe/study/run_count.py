@@ -87,6 +87,7 @@ def relative_scatter(scene: Scene, target: str, window: tuple[float, float]) -> 
 
 
 def case_title(scene: Scene) -> str:
+    """Return scene and number of disks, as messages name a case."""
     return f"{scene.name}, N = {scene.particles}"
 
 

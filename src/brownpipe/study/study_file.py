@@ -1,4 +1,9 @@
-"""Study files: strict reading, with every refusal in one line (config/README.md describes the keys)."""
+"""Study files: strict reading, with every refusal in one line (config/README.md describes the keys).
+
+Each key has a function here that takes its `Entry` (value, file and key) and returns the value for the `Study`, or
+raises a RequestError that names file, key, value and what is allowed. A new key needs its default in DEFAULTS, such a
+function, a field of `Study`, and a row in config/README.md.
+"""
 
 import re
 from collections.abc import Sequence
@@ -14,7 +19,7 @@ from brownpipe.scene.scene_file import MOST_BYTES, MOST_DISKS
 from brownpipe.scene.seeds import MOST_SEEDS, read_seeds
 from brownpipe.study.study import EngineUse, Study
 
-MOST_STUDY_BYTES = 2**20
+MOST_STUDY_BYTES = 2**20  # larger files are refused
 MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
 
 FOLLOWED, COUNTS = "a disk to follow", "two particle counts or more"
@@ -124,7 +129,7 @@ def _one_or_more(entry: Entry) -> list[Entry]:
 
 
 def _scenes(entry: Entry, folder: Path) -> tuple[Path, ...]:
-    """Return the paths of the scene files."""
+    """Return the paths of the scene files. Their stems name the scenes in results, and so must differ."""
     paths = {}
     for item in _one_or_more(entry):
         if not isinstance(item.value, str) or not item.value:
@@ -146,6 +151,7 @@ def _cases(scenes: tuple[Path, ...], particles: Entry) -> tuple[Scene, ...]:
 
 
 def _engine_uses(entry: Entry, cases: tuple[Scene, ...]) -> tuple[EngineUse, ...]:
+    """Return the engines, each fit for its scenes; no engine with the same settings runs a scene twice."""
     uses = tuple(_engine_use(item, cases) for item in _one_or_more(entry))
     pairs = [(use.engine, scene) for use in uses for scene in use.scenes]
     return uses if len(set(pairs)) == len(pairs) else must_be(entry, "engines or settings that differ")
