@@ -41,7 +41,12 @@ def complete(
 
 
 def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str, np.ndarray]:
-    """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies."""
+    """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies.
+
+    `done` is the number of finished runs; `tracer.*`, `observables`, `whole.SEED.*` and `events.SEED.*` are their
+    columns and records in the ensemble; `run.*` is the RunState of the unfinished run, with `run.samples.*` and
+    `run.events.*`.
+    """
     arrays = {"done": np.array(finished)}
     if ensemble.tracer is not None:
         arrays |= _named("tracer", Track(*(_first_columns(values, finished) for values in ensemble.tracer)))
