@@ -7,13 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from brownpipe import provenance
-from brownpipe.engines import DEFINITIONS
+from brownpipe import cli, provenance
+from brownpipe.engines import DEFINITIONS, recorded
+from brownpipe.engines.definition import Setting
+from brownpipe.errors import RequestError
+from brownpipe.parser import build_parser
+from brownpipe.scene import reading
 
 ROOMS = (  # each may import those before it
     "errors",
     "formatting",
-    "parser",
     "provenance",
     "theory",
     "scene",
@@ -25,6 +28,7 @@ ROOMS = (  # each may import those before it
     "tradeoff",
     "figures",
     "study",
+    "parser",
     "cli",
     "__main__",
 )
@@ -113,6 +117,34 @@ def test_kernels_know_arrays_alone(module):
     """No scene, no file, no table: what is compiled into an entry point is kernels and the records they work on."""
     known = {file.relative_to(provenance.PACKAGE).as_posix() for file in provenance.sources(module)}
     assert all(name.startswith("engines/") or name == "provenance.py" for name in known), known
+
+
+def test_no_other_room_names_an_approximate_engine():
+    """What depends on an engine is in its package, so that a new one needs its package and a line in DEFINITIONS."""
+    names = set(DEFINITIONS) - {"exact"}  # the reference that the others are compared with
+    chains = [
+        f"{module}: {node.value}"
+        for module, file in MODULES.items()
+        if not module.startswith("brownpipe.engines.") and module != "brownpipe.figures.tradeoff"
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Constant) and node.value in names
+    ]
+    assert chains == []
+
+
+def test_a_new_engine_needs_nothing_but_its_definition(monkeypatch):
+    """Command line, study, label and options of an engine that was not there when they were written."""
+    settings = {"field": Setting(reading.number, "E", "must be given", is_positive=True)}
+    drift = DEFINITIONS["timestep"]._replace(name="drift", summary="in a field", settings=settings)
+    monkeypatch.setitem(DEFINITIONS, "drift", drift)
+    words = ["simulate", "scene.yaml", "--engine", "drift", "--field", "2.5"]
+    parser = build_parser(cli.VERBS, words)
+    arguments = parser.parse_args(words)
+    engine = cli._engine(arguments)
+    assert (engine.label, engine.options) == ("drift-2.5", "drift --field 2.5")
+    assert recorded({"name": "drift", "field": 2.5}) == engine
+    with pytest.raises(RequestError, match="the exact engine has no such setting; must go with drift"):
+        cli._engine(parser.parse_args([*words[:2], *words[4:]]))
 
 
 @pytest.mark.parametrize("engine", DEFINITIONS)

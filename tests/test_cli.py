@@ -204,7 +204,7 @@ def test_help_has_an_example_that_parses(verb, capsys):
     shown = " ".join(capsys.readouterr().out.split())
     example = shown.partition("example: brownpipe ")[2].split()
     assert example[0] == verb
-    build_parser(VERBS).parse_args(example)
+    build_parser(VERBS, example).parse_args(example)
 
 
 def test_version(capsys):
@@ -448,7 +448,7 @@ def test_nobody_reads_on():
 @pytest.mark.parametrize(
     ("code", "absent"),
     [
-        ("from brownpipe import cli, parser; parser.build_parser(cli.VERBS)", {"numpy", "yaml", "numba", "h5py"}),
+        ("from brownpipe import cli, parser; parser.build_parser(cli.VERBS, [])", {"numpy", "yaml", "numba", "h5py"}),
         ("import brownpipe.study, brownpipe.provenance", {"numba", "h5py", "scipy", "xarray", "matplotlib"}),
         (f"from brownpipe.cli import main; main(['simulate', {SCENE!r}])", {"xarray", "matplotlib", "scipy.stats"}),
     ],

@@ -28,8 +28,9 @@ def main(argv: list[str] | None = None) -> int:
     try:
         signal.signal(signal.SIGTERM, _terminate)
         sys.stdout.reconfigure(errors="backslashreplace")  # any path can be printed, whatever the encoding
-        arguments = build_parser(VERBS).parse_args(argv)
-        arguments.argv = sys.argv[1:] if argv is None else argv
+        argv = sys.argv[1:] if argv is None else argv
+        arguments = build_parser(VERBS, argv).parse_args(argv)
+        arguments.argv = argv
         status = arguments.verb(arguments)
         sys.stdout.flush()
         return status
@@ -241,8 +242,9 @@ def _engine(arguments: Namespace) -> "Engine":
     settings = {key: getattr(arguments, key) for definition in DEFINITIONS.values() for key in definition.settings}
     engine = requested(arguments.engine, {key: value for key, value in settings.items() if value is not None})
     if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
-        option = f"--checkpoint-every {arguments.checkpoint_every:g}"
-        raise RequestError(f"{option}: the {engine.name} engine keeps no checkpoints; must go with exact")
+        keepers = " or ".join(definition.name for definition in DEFINITIONS.values() if definition.keeps_checkpoints)
+        wrong = f"--checkpoint-every {arguments.checkpoint_every:g}: the {engine.name} engine keeps no checkpoints"
+        raise RequestError(f"{wrong}; must go with {keepers}")
     return engine
 
 

@@ -5,7 +5,7 @@ of the verb's parser; ARGUMENTS lists them. Values that only a study or a scene 
 """
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NoReturn
 
 from brownpipe.errors import WRONG_REQUEST
@@ -15,8 +15,11 @@ FIGURES += ("pair_distribution", "energy", "thermodynamics", "particle_counts", 
 SCENE = "config/scenes/harrison2020.yaml"  # of the examples
 
 
-def build_parser(verbs: Iterable[Callable]) -> argparse.ArgumentParser:
-    """Return the parser of the command line. A verb is a function: its name is the word, its docstring the help."""
+def build_parser(verbs: Iterable[Callable], argv: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser of a command line. A verb is a function: its name is the word, its docstring the help.
+
+    Only the verb that `argv` begins with gets its arguments, as those of `simulate` need the list of engines.
+    """
     parser = _Parser("brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones.")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
@@ -25,7 +28,8 @@ def build_parser(verbs: Iterable[Callable]) -> argparse.ArgumentParser:
         brief, epilog = verb.__doc__.partition("\n")[0], f"example: brownpipe {verb.__name__} {example}"
         subparser = subparsers.add_parser(verb.__name__, help=brief, description=verb.__doc__, epilog=epilog)
         subparser.set_defaults(verb=verb)
-        add_arguments(subparser.add_argument)
+        if verb.__name__ in argv[:1]:
+            add_arguments(subparser.add_argument)
     return parser
 
 
@@ -53,12 +57,7 @@ def _simulate(add: Callable) -> None:
     add("scene", metavar="SCENE", help="scene file (YAML)")
     add("--particles", type=_integer, metavar="N", help="number of disks instead of the scene's")
     add("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default: 0)")
-    engines = "exact (default): event by event; timestep: in steps; langevin: the tracer alone, in friction and noise"
-    add("--engine", default="exact", metavar="NAME", help=engines)
-    add("--time-step", type=_positive, metavar="DT", help="of timestep: must be given")
-    add("--precision", metavar="WHICH", help="of timestep: double (default) or single")
-    add("--collisions", metavar="WHEN", help="of timestep: at_contact (default) or late")
-    add("--friction", metavar="WHICH", help="of langevin: enskog, boltzmann or measured")
+    _add_engines(add)
     add("--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events")
     measured = "what to measure in each run, like square_displacement,species_energy"
     add("--observables", type=_observables, metavar="NAMES", help=measured)
@@ -66,6 +65,19 @@ def _simulate(add: Callable) -> None:
     add("--average", default="runs", metavar="OVER", help=over)
     add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
     add("--checkpoint-every", type=_positive, metavar="SECONDS", help="store checkpoints, to resume a killed run")
+
+
+def _add_engines(add: Callable) -> None:
+    """Add the option --engine and one option for each setting of each engine; the first engine is the default."""
+    from brownpipe.engines import DEFINITIONS, option
+
+    first, *others = DEFINITIONS.values()
+    names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
+    add("--engine", default=first.name, metavar="NAME", help="; ".join(names))
+    for definition in DEFINITIONS.values():
+        for key, setting in definition.settings.items():
+            read = _positive if setting.is_positive else str
+            add(option(key), type=read, metavar=setting.metavar, help=f"of {definition.name}: {setting.help}")
 
 
 def _aggregate(add: Callable) -> None:

@@ -12,14 +12,18 @@ class Setting(NamedTuple):
     """A setting of an engine."""
 
     read: Callable[[Entry], object]  # returns the value of an entry; raises RequestError if it is not allowed
+    metavar: str  # of the command line's option
+    help: str  # of the option: the values, in a few words
     default: object = None  # None: it must be given
     unrecorded: object = None  # its value in files written before the setting existed; None: `default`
+    is_positive: bool = False  # the option takes a positive number; otherwise a word
 
 
 class Definition(NamedTuple):
     """An engine. The functions take `settings`, a mapping with a value for each setting of the engine."""
 
     name: str
+    summary: str  # for the help of the command line
     simulation: str  # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
     settings: dict[str, Setting]
     model: Callable[[Sequence[Scene], dict], str]  # (scenes, settings): the model, in a few words

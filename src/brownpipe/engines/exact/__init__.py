@@ -32,6 +32,7 @@ def _candidates(scene: Scene) -> list[dict]:
 
 EXACT = Definition(
     name="exact",
+    summary="event by event",
     simulation="brownpipe.engines.exact.simulation",
     settings={},
     model=_model,

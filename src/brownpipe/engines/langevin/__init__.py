@@ -118,8 +118,11 @@ def scene_to_measure_rate(scene: Scene) -> Scene | None:
 
 LANGEVIN = Definition(
     name="langevin",
+    summary="the tracer alone, in friction and noise",
     simulation="brownpipe.engines.langevin.simulation",
-    settings={"friction": Setting(lambda entry: reading.choice(entry, FRICTIONS))},
+    settings={
+        "friction": Setting(lambda entry: reading.choice(entry, FRICTIONS), "WHICH", "enskog, boltzmann or measured")
+    },
     model=_model,
     refuse_unfit=refuse_unfit,
     caution=caution,

@@ -44,11 +44,20 @@ def _candidates(scene: Scene) -> list[dict]:
 
 TIMESTEP = Definition(
     name="timestep",
+    summary="in steps",
     simulation="brownpipe.engines.timestep.simulation",
     settings={
-        "time_step": Setting(lambda entry: reading.number(entry, above=0)),
-        "precision": Setting(lambda entry: reading.choice(entry, tuple(PRECISIONS)), "double"),
-        "collisions": Setting(lambda entry: reading.choice(entry, COLLISIONS), "at_contact", unrecorded="late"),
+        "time_step": Setting(lambda entry: reading.number(entry, above=0), "DT", "must be given", is_positive=True),
+        "precision": Setting(
+            lambda entry: reading.choice(entry, tuple(PRECISIONS)), "WHICH", "double (default) or single", "double"
+        ),
+        "collisions": Setting(
+            lambda entry: reading.choice(entry, COLLISIONS),
+            "WHEN",
+            "at_contact (default) or late",
+            "at_contact",
+            unrecorded="late",
+        ),
     },
     model=_model,
     refuse_unfit=_refuse_unfit,
