@@ -111,18 +111,18 @@ def recorded(mapping: dict, where: str = "") -> Engine:
     return read_engine(Entry(older | mapping, where))
 
 
-def requested(name: str, given: dict[str, object]) -> Engine:
-    """Return the engine of a command line; `given` has the values of the settings that stand there.
+def requested(name: str, values: dict[str, object]) -> Engine:
+    """Return the engine of a command line; `values` are those of the settings that stand there.
 
     Raises RequestError, naming the option, for a setting that the engine lacks, that is missing or that is not allowed.
     """
     definition = DEFINITIONS[reading.choice(Entry(name, "", ("--engine",)), tuple(DEFINITIONS))]
     settings = definition.settings
     defaults = _defaults(definition)
-    for key in given.keys() - settings.keys():
+    for key in values.keys() - settings.keys():
         owners = " or ".join(other.name for other in DEFINITIONS.values() if key in other.settings)
-        raise RequestError(f"{option(key)} {given[key]}: the {name} engine has no such setting; must go with {owners}")
-    for key in settings.keys() - given.keys() - defaults.keys():
+        raise RequestError(f"{option(key)} {values[key]}: the {name} engine has no such setting; must go with {owners}")
+    for key in settings.keys() - values.keys() - defaults.keys():
         raise RequestError(f"{option(key)}: missing; must be given with --engine {name}")
-    entries = {key: Entry(value, "", (option(key),)) for key, value in (defaults | given).items()}
+    entries = {key: Entry(value, "", (option(key),)) for key, value in (defaults | values).items()}
     return Engine(name, tuple((key, setting.read(entries[key])) for key, setting in settings.items()))

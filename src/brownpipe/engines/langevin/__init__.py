@@ -47,8 +47,8 @@ def refuse_unfit(scene: Scene, settings: dict, record=frozenset({"tracer"})) -> 
     if not math.isfinite(temperature):
         _refuse(scene, "needs a temperature of the bath below 1.8e308")
     if moves and not min(temperature, temperature / followed(scene).mass) >= SMALLEST:
-        found = f"{temperature:.3g} for a disk of mass {followed(scene).mass:g}"
-        _refuse(scene, f"needs kT and kT/m of at least {SMALLEST:.3g}, found kT = {found}; choose other units")
+        shown = f"{temperature:.3g} for a disk of mass {followed(scene).mass:g}"
+        _refuse(scene, f"needs kT and kT/m of at least {SMALLEST:.3g}, found kT = {shown}; choose other units")
     if settings["friction"] == "enskog" and scene.packing_fraction > DENSEST:
         phi = f"the packing fraction is {scene.packing_fraction:.4g}; must be at most {DENSEST:g}"
         _refuse(scene, f"has no contact value for --friction enskog: {phi}, or --friction measured")
