@@ -67,9 +67,8 @@ def _pair_list(capacity: int, real) -> PairList:
 def skin_of(scene: Scene, time_step: float) -> float:
     """Return the skin of the lists, in contact distances, at which a run costs least.
 
-    The cost of a step grows with the number of listed pairs, in proportion to phi skin; the cost of building lists per
-    step falls as 1/skin in units of the path of a step. Their sum is least for a skin in proportion to
-    sqrt(path per step/phi).
+    Per step, listed pairs cost in proportion to phi skin, and building lists costs in proportion to (path per
+    step)/skin. The sum is least for a skin in proportion to sqrt(path per step/phi).
     """
     sigma = 2 * common_radius(scene.radius) if scene.particles else 1.0
     path = thermal_speed(scene) * time_step / sigma
