@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from brownpipe import theory
-from brownpipe.analysis import aggregate, conditions, distribution, measure, runs
+from brownpipe.analysis import aggregate, conditions, distribution, estimator, runs
 from brownpipe.errors import AnalysisError
 from ensembles import DIFFUSION, make_runs, make_scene, write
 
@@ -20,12 +20,14 @@ def dataset(tmp_path_factory):
 
 def found_of(squared, at=(0,)):
     """What runs with the squared displacements (n, T) add up to, as the measure sees them."""
-    asked = measure.Asked(((0.0, 1.0),), distribution.ring_edges(0.1, 10), tuple(0.5 + np.array(at)))
-    case = measure.Case(make_scene(), "exact", 0.5 + np.arange(squared.shape[1]), asked, edges=(asked.edges,) * len(at))
-    found = measure.NOTHING
+    asked = estimator.Options(((0.0, 1.0),), distribution.ring_edges(0.1, 10), tuple(0.5 + np.array(at)))
+    case = estimator.Case(
+        make_scene(), "exact", 0.5 + np.arange(squared.shape[1]), asked, edges=(asked.edges,) * len(at)
+    )
+    found = estimator.NO_RUNS
     for seeds in np.split(np.arange(len(squared)), range(1024, len(squared), 1024)):
-        one = runs.Runs(seeds, None, {"square_displacement": squared[seeds]})
-        found = measure.add_runs(found, seeds, distribution.MEASURE.sample(case, one))
+        one = runs.RunBlock(seeds, None, {"square_displacement": squared[seeds]})
+        found = estimator.add_runs(found, seeds, distribution.ESTIMATOR.columns(case, one))
     return found
 
 
@@ -113,10 +115,10 @@ def test_width_and_number_of_rings_go_together(tmp_path):
 
 def test_distribution_of_an_average_is_none():
     """Averages over time origins are no displacements: they have an MSD, and no distribution."""
-    asked = measure.Asked(((0.0, 1.0),), distribution.ring_edges(0.1, 10), ())
-    case = measure.Case(make_scene(), "exact", np.arange(3.0), asked, "origins")
-    squared = runs.Runs(np.arange(20), None, {"square_displacement": np.ones((20, 3))})
-    assert distribution.MEASURE.sample(case, squared).means == {}
+    asked = estimator.Options(((0.0, 1.0),), distribution.ring_edges(0.1, 10), ())
+    case = estimator.Case(make_scene(), "exact", np.arange(3.0), asked, "origins")
+    squared = runs.RunBlock(np.arange(20), None, {"square_displacement": np.ones((20, 3))})
+    assert distribution.ESTIMATOR.columns(case, squared).means == {}
 
 
 @pytest.mark.parametrize(("times", "message"), [

@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from brownpipe import theory
-from brownpipe.analysis import measure, thermodynamics
-from brownpipe.analysis.runs import Runs
+from brownpipe.analysis import estimator, thermodynamics
+from brownpipe.analysis.runs import RunBlock
 from brownpipe.engines import units
 from brownpipe.engines.exact import layout
 from brownpipe.engines.exact.simulation import simulate
@@ -106,9 +106,9 @@ def test_collision_rate_at_the_temperature_of_the_scene():
     1/sqrt(2 x 149) of each, a false alarm in 10,000.
     """
     scene, seeds = fluid(0.14, 40.0, {"placement": "random"}), np.arange(150)
-    case = measure.Case(scene, "exact", scene.times, measure.Asked((), np.arange(2.0), ()))
-    means = thermodynamics.MEASURE.sample(
-        case, Runs(seeds, None, simulate(scene, seeds, frozenset()).observables)
+    case = estimator.Case(scene, "exact", scene.times, estimator.Options((), np.arange(2.0), ()))
+    means = thermodynamics.ESTIMATOR.columns(
+        case, RunBlock(seeds, None, simulate(scene, seeds, frozenset()).observables)
     ).means
     raw, scaled = means["collision_rate"], means["collision_rate_at_temperature"]
     gain = np.sqrt(1 + (scaled.mean() / scaled.std(ddof=1)) ** 2 / (4 * 1023))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from brownpipe import analysis, observables, theory
-from brownpipe.analysis import conditions, displacement, measure, pairs, runs, thermodynamics, velocity
+from brownpipe.analysis import conditions, displacement, estimator, pairs, runs, thermodynamics, velocity
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import simulation as exact
@@ -36,14 +36,14 @@ def gas(boundary="periodic", number=16, side=8.0, tracer=None, **more):
 
 
 def case_of(scene):
-    return measure.Case(scene, "exact", scene.times, measure.Asked(((0.0, 1.0),), np.arange(4.0), ()))
+    return estimator.Case(scene, "exact", scene.times, estimator.Options(((0.0, 1.0),), np.arange(4.0), ()))
 
 
 def found_of(one, case, seen):
     """What the arrays `seen`, (n, ...) each, add up to."""
     seeds = np.arange(len(next(iter(seen.values()))))
-    columns = one.sample(case, runs.Runs(seeds, None, seen))
-    return measure.estimated(measure.add_runs(measure.NOTHING, seeds, columns))
+    columns = one.columns(case, runs.RunBlock(seeds, None, seen))
+    return estimator.with_estimates(estimator.add_runs(estimator.NO_RUNS, seeds, columns))
 
 
 # --- real runs
@@ -59,9 +59,9 @@ def dataset(tmp_path_factory):
     return analysis.aggregate(sorted(folder.iterdir()), windows=((0.5, 2.0),))
 
 
-def test_every_measure_is_there(dataset):
+def test_every_variable_is_there(dataset):
     """And says its unit; the bath's autocorrelation and the pressure on walls are in the second scene alone."""
-    assert set(dataset.data_vars) == set(analysis.dataset._table())
+    assert set(dataset.data_vars) == set(analysis.dataset.ALL_VARIABLES)
     assert all({"units", "long_name"} <= set(dataset[name].attrs) for name in dataset.data_vars)
     assert all("long_name" in dataset[name].attrs for name in dataset.coords)
     assert dataset.species.values.tolist() == ["gas", "tracer"]
@@ -122,12 +122,12 @@ def estimates(scene, seen):
     """The variables of both measures, of runs with the arrays `seen`."""
     case, n = case_of(scene), len(seen["square_displacement"])
     values = {}
-    for one in (displacement.MEASURE, velocity.MEASURE):
-        found = measure.NOTHING
+    for one in (displacement.ESTIMATOR, velocity.ESTIMATOR):
+        found = estimator.NO_RUNS
         for seeds in np.split(np.arange(n), range(1024, n, 1024)):
-            part = runs.Runs(seeds, None, {name: array[seeds] for name, array in seen.items()})
-            found = measure.add_runs(found, seeds, one.sample(case, part))
-        values |= one.estimate(case, measure.estimated(found))
+            part = runs.RunBlock(seeds, None, {name: array[seeds] for name, array in seen.items()})
+            found = estimator.add_runs(found, seeds, one.columns(case, part))
+        values |= one.estimate(case, estimator.with_estimates(found))
     return values
 
 
@@ -164,11 +164,11 @@ def test_routes_to_d_from_a_recorded_track_with_velocities(boundary):
     track = Track(*(None if values is None else values[:, :1] for values in made.whole[0]))
     assert boundary == "reflecting" or track.image.any()
     case = case_of(scene)
-    for one, name in ((displacement.MEASURE, "diffusion_running"), (velocity.MEASURE, "green_kubo")):
-        seen = one.sample(case, runs.Runs(np.arange(1), None, made.observables)).means
-        from_track = one.sample(case, runs.Runs(np.arange(1), track, {})).means
+    for one, name in ((displacement.ESTIMATOR, "diffusion_running"), (velocity.ESTIMATOR, "green_kubo")):
+        seen = one.columns(case, runs.RunBlock(np.arange(1), None, made.observables)).means
+        from_track = one.columns(case, runs.RunBlock(np.arange(1), track, {})).means
         assert from_track[name].tobytes() == seen[name].tobytes()
-        assert name not in one.sample(case, runs.Runs(np.arange(1), track._replace(velocity=None), {})).means
+        assert name not in one.columns(case, runs.RunBlock(np.arange(1), track._replace(velocity=None), {})).means
 
 
 def test_files_without_products_of_velocity_and_displacement_have_no_running_d():
@@ -214,7 +214,7 @@ def decaying(scene, rate, runs=12):
 
 def slope_of(scene, seen):
     """The slope at 0, its stated error, and the ends of its interval."""
-    values = velocity.MEASURE.estimate(case_of(scene), found_of(velocity.MEASURE, case_of(scene), seen))
+    values = velocity.ESTIMATOR.estimate(case_of(scene), found_of(velocity.ESTIMATOR, case_of(scene), seen))
     return [float(values[f"vacf_initial_slope{part}"]) for part in ("", "_standard_error", "_low", "_high")]
 
 
@@ -273,10 +273,10 @@ def test_expected_slope_is_enskogs_friction():
     case, n = case_of(gas(tracer={"radius": 1.0, "mass": 3.0})), 0.25
     rate = theory.collision_rate(n, 1.5, 1.3, 0.75, 1.0)
     correlation = np.full((12, len(case.times)), 2 / 3)
-    found = found_of(velocity.MEASURE, case, {"velocity_autocorrelation": correlation})
+    found = found_of(velocity.ESTIMATOR, case, {"velocity_autocorrelation": correlation})
     assert np.isnan(velocity.expected_slope(case, found))
     both = {"tracer_collisions": np.full(12, rate * case.times[-1]), "velocity_autocorrelation": correlation}
-    found = measure.add_runs(measure.NOTHING, np.arange(12), measure.Columns(both))
+    found = estimator.add_runs(estimator.NO_RUNS, np.arange(12), estimator.Columns(both))
     friction = theory.enskog_friction(n, 1.5, 1.3, 0.75, 1.0)
     expected = -friction / 3.0 * 2 / 3  # with <v^2> = 2 kT/m
     share = 3 / 19  # of the tracer in the mass of all disks
@@ -300,7 +300,7 @@ def test_expected_slope_is_that_of_the_collisions(still):
     slope = np.array([-np.sum(made.events[seed].impulse ** 2) / (4 * 4.0) for seed in range(n)])
     correlation = made.observables["velocity_autocorrelation"]
     means = {"tracer_collisions": made.observables["pair_collisions"] / 2, "velocity_autocorrelation": correlation}
-    found = measure.add_runs(measure.NOTHING, np.arange(n), measure.Columns(means))
+    found = estimator.add_runs(estimator.NO_RUNS, np.arange(n), estimator.Columns(means))
     expected = velocity.expected_slope(case_of(scene)._replace(average="disks"), found)
     relative = slope / slope.mean() - sum(
         column / column.mean() for column in (means["tracer_collisions"], correlation[:, 0])
@@ -323,7 +323,7 @@ def test_initial_slope_of_a_real_gas():
     for each in (2, 5, 10, 25):
         case = case_of(scene)._replace(times=scene.times[::each], average="disks")
         found = found_of(
-            velocity.MEASURE, case, {"velocity_autocorrelation": seen["velocity_autocorrelation"][:, ::each]}
+            velocity.ESTIMATOR, case, {"velocity_autocorrelation": seen["velocity_autocorrelation"][:, ::each]}
         )
         slope = velocity.initial_slope(case, found)
         stated.append(bool(np.isfinite(slope.mean)))
@@ -348,7 +348,7 @@ def snapshots(scene, held=None, runs=300):
 
 def g_of(scene, seen):
     """g(r) and its standard error (P, R)."""
-    values = pairs.MEASURE.estimate(case_of(scene), found_of(pairs.MEASURE, case_of(scene), seen))
+    values = pairs.ESTIMATOR.estimate(case_of(scene), found_of(pairs.ESTIMATOR, case_of(scene), seen))
     return values["pair_distribution"], values["pair_distribution_standard_error"]
 
 
@@ -393,8 +393,8 @@ def test_points_around_a_tracer_off_centre_have_no_structure():
 def test_contact_value_around_a_tracer_off_centre():
     """A gas of points has 1 at contact, too, though walls cut the ring of contact around the tracer."""
     scene = gas("reflecting", number=40, tracer={"radius": 1.5, "mass": 1.0})
-    found = found_of(pairs.MEASURE, case_of(scene), snapshots(scene, held=(1.6, 2.2), runs=1000))
-    values = pairs.MEASURE.estimate(case_of(scene), found)
+    found = found_of(pairs.ESTIMATOR, case_of(scene), snapshots(scene, held=(1.6, 2.2), runs=1000))
+    values = pairs.ESTIMATOR.estimate(case_of(scene), found)
     assert values["contact_value_standard_error"][1] < 0.1
     assert values["contact_value"][1] == pytest.approx(1, abs=4 * values["contact_value_standard_error"][1])
     assert found.mean("contact_value_ideal")[1] < 0.8
@@ -460,7 +460,7 @@ def test_contact_value_of_the_fluid_is_that_of_its_collisions(phi, time):
     scene = replace(scene, placement="lattice")
     found = exact.simulate(scene, np.arange(16), frozenset({"none"}), observables=("pair_distribution",)).observables
     case = case_of(scene)
-    values = pairs.MEASURE.estimate(case, found_of(pairs.MEASURE, case, found))
+    values = pairs.ESTIMATOR.estimate(case, found_of(pairs.ESTIMATOR, case, found))
     both = np.hypot(values["contact_value_standard_error"], values["contact_value_rate_standard_error"])
     assert np.abs(values["contact_value"] - values["contact_value_rate"]) < 3 * both
     assert both < 0.02 * values["contact_value_rate"]  # of 16 runs it is 1.1 to 1.4 %
@@ -490,7 +490,7 @@ def test_pair_virial_and_wall_pressure_differ_by_the_room_of_the_centres():
     """
     scene = gas("reflecting", number=24, duration=40.0)
     seen = exact.simulate(scene, np.arange(60), frozenset({"none"})).observables
-    means = thermodynamics.MEASURE.sample(case_of(scene), runs.Runs(np.arange(60), None, seen)).means
+    means = thermodynamics.ESTIMATOR.columns(case_of(scene), runs.RunBlock(np.arange(60), None, seen)).means
     difference = means["compressibility"] - 7 / 8 * means["wall_compressibility"]
     error = difference.std(ddof=1) / np.sqrt(60)
     assert abs(difference.mean()) < 4 * error
@@ -505,8 +505,8 @@ def test_rate_and_virial_of_four_disks_have_one_contact_value(boundary):
     Within 4 standard errors of the mean difference of 100 runs: 1 false alarm in 8,000.
     """
     scene = gas(boundary, number=4, side=4.0, duration=200.0)
-    seen = runs.Runs(np.arange(100), None, exact.simulate(scene, np.arange(100), frozenset({"none"})).observables)
-    means = thermodynamics.MEASURE.sample(case_of(scene), seen).means
+    seen = runs.RunBlock(np.arange(100), None, exact.simulate(scene, np.arange(100), frozenset({"none"})).observables)
+    means = thermodynamics.ESTIMATOR.columns(case_of(scene), seen).means
     difference = means["compressibility_rate"] - means["compressibility"]
     error = difference.std(ddof=1) / np.sqrt(100)
     assert abs(difference.mean()) < 4 * error
@@ -536,7 +536,7 @@ def test_control_variate_takes_away_what_v0_explains():
         v2 = rng.exponential(8.0, 50)
         squared = np.repeat((v2 + rng.exponential(8.0, 50))[:, None], 21, axis=1)
         seen = {"square_displacement": squared, "initial_square_speed": v2}
-        found = found_of(displacement.MEASURE, case_of(scene), seen)
+        found = found_of(displacement.ESTIMATOR, case_of(scene), seen)
         values = displacement._controlled(case_of(scene), found)
         covered.append(values["msd_controlled_low"][-1] < 16 < values["msd_controlled_high"][-1])
         ratios.append(values["control_variance_ratio"][-1])
@@ -547,4 +547,4 @@ def test_control_variate_takes_away_what_v0_explains():
 def test_no_control_where_v0_is_always_the_same():
     seen = {"square_displacement": np.ones((20, 21)), "initial_square_speed": np.full(20, 8.0)}
     case = case_of(make_scene())
-    assert displacement._controlled(case, found_of(displacement.MEASURE, case, seen)) == {}
+    assert displacement._controlled(case, found_of(displacement.ESTIMATOR, case, seen)) == {}

@@ -1,4 +1,4 @@
-"""The price list: estimators on made-up runs with known answers, and the study of them from end to end."""
+"""The cost-accuracy trade-off: estimators on made-up runs with known answers, and the study of them from end to end."""
 
 import math
 from itertools import pairwise
@@ -16,7 +16,7 @@ from brownpipe.errors import AnalysisError
 from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
 from brownpipe.tradeoff import bias, front, timing
-from brownpipe.tradeoff.front import Setting, Stretch
+from brownpipe.tradeoff.front import Interval, Setting
 from brownpipe.tradeoff.variables import VARIABLES
 from ensembles import make_runs, make_scene, write
 
@@ -150,9 +150,9 @@ def test_largest_deviation_near_contact():
 def test_cheap_and_biased_pays_until_exact_is_as_good():
     exact, fast = Setting("exact", 0.0, 1.0, 1e-3), Setting("fast", 0.02**2, 1.0, 1e-4)
     dear = Setting("dear", 0.01**2, 1.0, 2e-3)
-    stretches = front.pareto_front([exact, fast, dear])
+    intervals = front.pareto_front([exact, fast, dear])
     crossing = (1e-3 - 1e-4) / 0.02**2  # where 1/n of exact runs = bias^2 + 1/n of fast ones
-    assert [(one.label, one.start, one.end) for one in stretches] == [
+    assert [(one.label, one.start, one.end) for one in intervals] == [
         ("fast", pytest.approx(1e-3), pytest.approx(crossing)),
         ("exact", pytest.approx(crossing), np.inf),
     ]
@@ -164,18 +164,18 @@ def test_front_is_the_smallest_error_at_every_time():
     rng = np.random.default_rng(5)
     settings = [Setting("exact", 0.0, 1.0, 0.01)]
     settings += [Setting(f"{k}", b**2, 1.0, c) for k, (b, c) in enumerate(rng.lognormal(-5, 2, (12, 2)))]
-    stretches = front.pareto_front(settings)
+    intervals = front.pareto_front(settings)
     by_label = {one.label: one for one in settings}
-    assert stretches[-1].end == np.inf and all(a.end == b.start for a, b in pairwise(stretches))
-    for time in np.geomspace(stretches[0].start * 1.001, 1e6, 999):
-        (best,) = [one.label for one in stretches if one.start <= time < one.end]
+    assert intervals[-1].end == np.inf and all(a.end == b.start for a, b in pairwise(intervals))
+    for time in np.geomspace(intervals[0].start * 1.001, 1e6, 999):
+        (best,) = [one.label for one in intervals if one.start <= time < one.end]
         errors = [front.total_error(one, time) for one in settings]
         assert front.total_error(by_label[best], time) == pytest.approx(np.nanmin(errors))
 
 
 def test_equally_good_settings_count_for_the_first():
     twins = [Setting("exact", 0.0, 1.0, 1.0), Setting("other", 0.0, 1.0, 1.0)]
-    assert front.pareto_front(twins) == [Stretch("exact", 10.0, np.inf)]
+    assert front.pareto_front(twins) == [Interval("exact", 10.0, np.inf)]
 
 
 def test_runs_for_a_tolerance():
@@ -189,11 +189,11 @@ def test_runs_for_a_tolerance():
 
 STEP = {"time_step": 0.01, "precision": "single", "collisions": "at_contact"}
 FAST = "timestep-0.01-single"
-PRICES = {"exact": 1e-3, FAST: 2e-4}
+COSTS = {"exact": 1e-3, FAST: 2e-4}
 
 
-def price(engine, scene):
-    return PRICES[engine.label] * scene.particles / 20
+def cost(engine, scene):
+    return COSTS[engine.label] * scene.particles / 20
 
 
 def stretched(trajectories, by, settings=STEP):
@@ -216,12 +216,12 @@ def files(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def prices(files):
-    return tradeoff.measure(files, {"full": ["small"]}, seconds_per_run=price)
+def measured(files):
+    return tradeoff.measure(files, {"full": ["small"]}, seconds_per_run=cost)
 
 
-def test_bias_of_paired_runs_is_found_to_the_last_digits(prices):
-    one = prices.sel(scene="full", setting=FAST)
+def test_bias_of_paired_runs_is_found_to_the_last_digits(measured):
+    one = measured.sel(scene="full", setting=FAST)
     assert (one.runs, one.failed_runs, one.paired_runs) == (199, 1, 198)  # seed 7 failed in the exact engine
     # the same runs, stretched: regression leaves nothing but what 198 of them say about 399
     assert one.msd_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.msd_bias_standard_error))
@@ -231,56 +231,56 @@ def test_bias_of_paired_runs_is_found_to_the_last_digits(prices):
     assert one.departure_time == pytest.approx(0.05)  # the first sample
 
 
-def test_stand_in_is_compared_unpaired(prices):
-    one = prices.sel(scene="full", setting="exact in small")
+def test_stand_in_is_compared_unpaired(measured):
+    one = measured.sel(scene="full", setting="exact in small")
     assert (one.runs, one.paired_runs) == (300, 0) and np.isnan(one.departure_time)
     assert abs(one.msd_bias) < 4 * one.msd_bias_standard_error
     assert one.msd_bias_standard_error == pytest.approx(math.sqrt(1 / 300 + 1 / 399), rel=0.2)
     assert one.seconds == pytest.approx(0.5e-3)
 
 
-def test_exact_runs_are_off_by_nothing(prices):
-    one = prices.sel(scene="full", setting="exact")
+def test_exact_runs_are_off_by_nothing(measured):
+    one = measured.sel(scene="full", setting="exact")
     assert one.msd_bias == one.msd_bias_square == one.displacement_bias == one.d_bias == 0.0
     assert one.departure_time == np.inf and one.study_seconds == pytest.approx(0.4)
     assert one.msd_spread == pytest.approx(1.0, rel=0.2)  # r^2 of a Gaussian displacement; 400 runs say so to 7 %
 
 
-def test_what_pays_is_the_front_of_the_settings(prices):
+def test_what_pays_is_the_front_of_the_settings(measured):
     for name, careful in (("pays", True), ("may_pay", False)):
-        settings = tradeoff.settings_of(prices, "full", careful=careful)
+        settings = tradeoff.settings_of(measured, "full", careful=careful)
         assert [one.label for one in settings] == ["exact", "exact in small", FAST]
-        stretches = {one.label: one for one in tradeoff.pareto_front(settings)}
+        intervals = {one.label: one for one in tradeoff.pareto_front(settings)}
         for one in settings:
-            found = prices.sel(scene="full", setting=one.label)
-            stretch = stretches.get(one.label, Stretch("", np.nan, np.nan))
+            found = measured.sel(scene="full", setting=one.label)
+            interval = intervals.get(one.label, Interval("", np.nan, np.nan))
             times = [float(found[f"{name}_{end}"]) for end in ("from", "to")]
-            assert times == pytest.approx([stretch.start, stretch.end], nan_ok=True)
+            assert times == pytest.approx([interval.start, interval.end], nan_ok=True)
     # the stand-in is cheaper and its bias not resolved: it may pay in the end, and is not known to
-    small = prices.sel(scene="full", setting="exact in small")
+    small = measured.sel(scene="full", setting="exact in small")
     assert np.isnan(small.pays_to) and small.may_pay_to == np.inf
 
 
-def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, prices, tmp_path):
+def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measured, tmp_path):
     again = tradeoff.measure(files[::-1], {"full": ["small"]}, seconds_per_run=lambda *_: 1.0)
     timed = ["seconds", "study_seconds", *drawing.COST_RATIO, "pays_from", "pays_to", "may_pay_from", "may_pay_to"]
-    assert again.drop_vars(timed).identical(prices.drop_vars(timed))
-    storage.write_dataset(tmp_path / "prices.nc", prices)
-    assert storage.read_dataset(tmp_path / "prices.nc").identical(prices)
+    assert again.drop_vars(timed).identical(measured.drop_vars(timed))
+    storage.write_dataset(tmp_path / "tradeoff.nc", measured)
+    assert storage.read_dataset(tmp_path / "tradeoff.nc").identical(measured)
 
 
 def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
     with pytest.raises(AnalysisError, match=r"^full: no runs of the exact engine to compare with"):
-        tradeoff.measure(files[2:3], seconds_per_run=price)
-    with pytest.raises(AnalysisError, match="seed 300 is there twice"):
-        tradeoff.measure([*files, files[1]], seconds_per_run=price)
+        tradeoff.measure(files[2:3], seconds_per_run=cost)
+    with pytest.raises(AnalysisError, match=r"seed 300 is already in .*; each run may count only once"):
+        tradeoff.measure([*files, files[1]], seconds_per_run=cost)
     with pytest.raises(
         AnalysisError, match=r"^nowhere: no runs of the exact engine, and so it cannot stand in for full"
     ):
-        tradeoff.measure(files, {"full": ["nowhere"]}, seconds_per_run=price)
+        tradeoff.measure(files, {"full": ["nowhere"]}, seconds_per_run=cost)
     short = write(tmp_path, make_runs(make_scene("short", duration=0.5), range(10)))
     with pytest.raises(AnalysisError, match=r"^short: has other sample times than full"):
-        tradeoff.measure([*files, short], {"full": ["short"]}, seconds_per_run=price)
+        tradeoff.measure([*files, short], {"full": ["short"]}, seconds_per_run=cost)
 
 
 class Clocked(NamedTuple):
@@ -295,14 +295,14 @@ class Clocked(NamedTuple):
         self.clock[0] += 1.0 + late + 3e-3 * len(seeds)
 
 
-def test_a_price_leaves_out_compiling_what_a_call_takes_once_and_what_disturbs(monkeypatch):
+def test_a_cost_leaves_out_compiling_what_a_call_takes_once_and_what_disturbs(monkeypatch):
     engine = Clocked([0.0], [])
     monkeypatch.setattr(timing.time, "process_time", lambda: engine.clock[0])
     assert timing.seconds_per_run(engine, None) == pytest.approx(3e-3)
-    stretches = engine.calls[4::2]
-    assert len(stretches) == timing.STRETCHES
-    once = 1.0  # second, of each call; it is to be small beside a stretch
-    assert {len(seeds) for seeds in stretches} == {1 + math.ceil(max(timing.LEAST, timing.LONGER * once) / 3e-3)}
+    repeats = engine.calls[4::2]
+    assert len(repeats) == timing.REPEATS
+    once = 1.0  # second, of each call; it is to be small beside a measurement
+    assert {len(seeds) for seeds in repeats} == {1 + math.ceil(max(timing.LEAST, timing.LONGER * once) / 3e-3)}
     seeds = [seed for call in engine.calls for seed in call]
     assert len(set(seeds)) == len(seeds) and min(seeds) > 10**9  # new runs each time, none of a study
 
@@ -361,7 +361,7 @@ def made(labels):
     dataset = xarray.Dataset(values, {"scene": ["box"], "setting": labels})
     for name, careful in (("pays", True), ("may_pay", False)):
         ends = {one.label: one for one in front.pareto_front(front.settings_of(dataset, "box", careful=careful))}
-        ends |= {label: Stretch(label, np.nan, np.nan) for label in labels if label not in ends}
+        ends |= {label: Interval(label, np.nan, np.nan) for label in labels if label not in ends}
         dataset[f"{name}_from"] = ("scene", "setting"), [[ends[label].start for label in labels]]
         dataset[f"{name}_to"] = ("scene", "setting"), [[ends[label].end for label in labels]]
     return dataset

@@ -120,9 +120,10 @@ def figures(arguments: Namespace) -> int:
     """Draw the figures of a dataset, each with a table of its numbers, and write the summary."""
     from brownpipe import figures as drawing
     from brownpipe.storage import read_dataset, write_file
+    from brownpipe.tradeoff import is_tradeoff
 
     dataset = read_dataset(arguments.dataset)
-    if "seconds" in dataset:  # of `tradeoff`, not of `aggregate`
+    if is_tradeoff(dataset):
         if arguments.figures or arguments.particles is not None:
             raise drawing.FigureError(f"{arguments.dataset}: a trade-off; it is shown as a whole")
         drawing.tradeoff.render(dataset, arguments.output)

@@ -1,19 +1,20 @@
-"""What the scene alone says: box, disks, and how the tracer starts. No run is looked at."""
+"""Properties of the scene: box, disks, initial state of the tracer. No run is needed."""
 
 import numpy as np
 
-from brownpipe.analysis.measure import Columns, Measure
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.variables import EACH, SPEED2, Variable
+from brownpipe.scene import Scene
 
-CENTRED = 1e-12  # relative distance from the centre, and difference of sides, that is round-off
+CENTRED = 1e-12  # relative distance from the centre, or difference of the sides, that counts as round-off
 
 
-def initial_square_speed(scene):
-    """<v0^2> [length^2/time^2] of the tracer as the scene prescribes it: the coefficient of ballistic flight.
+def initial_square_speed(scene: Scene) -> float:
+    """Return <v0^2> [length^2/time^2] of the tracer as the scene prescribes it: the coefficient of ballistic flight.
 
-    2 s^2 for components of standard deviation s, 2 kT/m for a temperature, the speed itself for explicit disks. Without
-    total momentum the tracer shares in the common velocity that is taken away. NaN if it is not known beforehand: a
-    tracer that exchanges energy before t = 0 in a bath of another temperature.
+    2 s^2 for components of standard deviation s, 2 kT/m for a temperature, the squared speed of explicit disks. With
+    zero total momentum the subtracted centre-of-mass velocity is accounted for. NaN if it is not known beforehand:
+    a tracer that exchanges energy before t = 0 with a bath of another temperature.
     """
     if scene.velocities is None:
         return float(np.square(scene.disks[0].velocity).sum()) if scene.disks else np.nan
@@ -27,8 +28,8 @@ def initial_square_speed(scene):
     return 2.0 * scene.velocities.temperature / scene.mass[0] * still
 
 
-def start(scene):
-    """Where the tracer is at t = 0 [length], (2,); NaN where it is left to chance."""
+def start(scene: Scene) -> np.ndarray:
+    """Return the position (2,) [length] of the tracer at t = 0; NaN if it is random."""
     moved = scene.equilibrate > 0 and scene.tracer_while_equilibrating == "free"
     first = next(iter(scene.disks or scene.species), None)
     if first is None or first.position is None or moved:
@@ -36,24 +37,27 @@ def start(scene):
     return np.array(first.position, float)
 
 
-def accessible(scene, radius):
-    """Width and height [length] of the rectangle for the centre of a disk of `radius`: all of a periodic box."""
+def accessible(scene: Scene, radius: float) -> tuple[float, float]:
+    """Return width and height [length] of the rectangle accessible to the centre of a disk; a periodic box as it is."""
     inset = 0.0 if scene.box.periodic else 2 * radius
     return scene.box.width - inset, scene.box.height - inset
 
 
-def accessible_half_width(scene):
-    """Half the side [length] of the square in which the tracer's centre moves, if it starts in its middle; else NaN."""
+def accessible_half_width(scene: Scene) -> float:
+    """Return half the side [length] of the square accessible to the tracer's centre; NaN if it starts elsewhere.
+
+    Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for this start.
+    """
     box = scene.box
-    middle = np.array([sum(box.x) / 2, sum(box.y) / 2])
-    centred = np.all(np.abs(start(scene) - middle) <= CENTRED * box.width)
+    centre = np.array([sum(box.x) / 2, sum(box.y) / 2])
+    centred = np.all(np.abs(start(scene) - centre) <= CENTRED * box.width)
     if box.periodic or not centred or abs(box.width - box.height) > CENTRED * box.width:
         return np.nan
     half_width = (box.width - 2 * scene.radius[0]) / 2
     return half_width if half_width > 0 else np.nan
 
 
-def _estimate(case, found):
+def _estimate(case: Case, averages: Averages) -> dict[str, object]:
     scene, (x, y) = case.scene, start(case.scene)
     return {
         "box_width": scene.box.width,
@@ -69,24 +73,24 @@ def _estimate(case, found):
     }
 
 
-MEASURE = Measure(
+ESTIMATOR = Estimator(
     lambda case, runs: Columns(),
     _estimate,
     {
         "box_width": Variable(EACH, "length", "width of the box"),
         "box_height": Variable(EACH, "length", "height of the box"),
         "periodic": Variable(
-            EACH, "1", "what bounds the box", np.int8, -1,
+            EACH, "1", "boundary of the box", np.int8, -1,
             {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_runs walls periodic"},
         ),
         "duration": Variable(EACH, "time", "duration of a run"),
-        "packing_fraction": Variable(EACH, "1", "share of the box covered by disks"),
+        "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
         "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
         "tracer_radius": Variable(EACH, "length", "radius of the tracer"),
-        "start_x": Variable(EACH, "length", "where the tracer starts, horizontally, unless left to chance"),
-        "start_y": Variable(EACH, "length", "where the tracer starts, vertically, unless left to chance"),
+        "start_x": Variable(EACH, "length", "initial x of the tracer, if not random"),
+        "start_y": Variable(EACH, "length", "initial y of the tracer, if not random"),
         "accessible_half_width": Variable(
-            EACH, "length", "half the side of the square of the tracer's centre, if it starts in its middle"
+            EACH, "length", "half the side of the square accessible to the tracer's centre, if it starts in its centre"
         ),
     },
 )  # fmt: skip

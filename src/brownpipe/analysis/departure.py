@@ -1,19 +1,27 @@
-"""When the track of an approximate run departs from that of the exact run with the same initial state."""
+"""Time at which an approximate trajectory departs from the exact one with the same initial state."""
 
 import numpy as np
 
-SHARE = 1e-3  # of the tracer's radius: beyond it two tracks are no longer the same
+SHARE = 1e-3  # of the tracer's radius: two trajectories further apart than this have departed
 
 
-def departure_time(times, position, reference, bound, size=None):
-    """Return the first sample time at which tracks are further apart than `bound` [length], (S,); inf if never.
+def departure_time(
+    times: np.ndarray,
+    position: np.ndarray,
+    reference: np.ndarray,
+    bound: np.ndarray | float,
+    size: tuple[float, float] | None = None,
+) -> np.ndarray:
+    """Return the first sample time (S,) at which trajectories are further apart than `bound`; inf for never.
 
-    times: (T,) [time]. position, reference: (T, S, 2) of the same seeds at these times, as tracks are recorded.
-    bound: a number or (S,), for the tracer `SHARE` of its radius. size: (width, height) of a periodic box, in which
-    the nearest images count. What is no number counts as departed.
+    times: (T,) [time].
+    position, reference: (T, S, 2) [length] of the same seeds.
+    bound: a number or (S,) [length]; for the tracer `SHARE` of its radius.
+    size: (width, height) of a periodic box, in which the nearest images are compared.
 
-    Neighbouring courses part exponentially, so that the time grows only as the logarithm of 1/error: it says for how
-    long single events can be believed, and nothing about averages. It is known to one sample interval.
+    A position that is NaN counts as departed. Trajectories of hard disks diverge exponentially, so this time grows only
+    as the logarithm of 1/error: it tells for how long single collisions are right, and nothing about averages. It is
+    resolved to one sample interval.
     """
     apart = np.asarray(position, float) - np.asarray(reference, float)
     if size is not None:

@@ -1,19 +1,20 @@
-"""Mean squared displacement of the tracer: its curve, its straight-line fits, its slope at each time.
+"""Mean squared displacement of the tracer: the curve, straight-line fits in windows, the slope at each time.
 
-S runs, T sample times, W windows. Lengths and times in the scene's own units.
+S runs, n runs of a block, T sample times, W windows. Lengths and times in the reduced units of the scene. See
+docs/theory.md, section 5.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.analysis import resampling
 from brownpipe.analysis.conditions import initial_square_speed
-from brownpipe.analysis.measure import Columns, Measure, scaled, with_error, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled, with_error, with_interval
+from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import AREA, EACH, RATE, Variable, error_of, estimate_of, kept_always
 from brownpipe.observables import displacement as of_a_run
-
-SAME_TIME = 1e-9  # relative difference of sample times that are one: k dt depends on dt by round-off
 
 
 class Line(NamedTuple):
@@ -24,16 +25,21 @@ class Line(NamedTuple):
     naive_slope_error: float  # by least squares for independent points; not valid for an MSD, see `fit_line`
 
 
-def squared_displacement(position, image=None, size=(0.0, 0.0)):
-    """Squared distance from the start, (S, T), of tracks `position` (T, S, 2), as measured in a run."""
+def squared_displacement(
+    position: np.ndarray, image: np.ndarray | None = None, size: tuple[float, float] = (0.0, 0.0)
+) -> np.ndarray:
+    """Return the squared distance from the start, (S, T) [length^2], of tracks `position` (T, S, 2).
+
+    image: (T, S, 2) periodic images in a box of `size`, None between walls.
+    """
     return np.ascontiguousarray(of_a_run.square_from_start(position, image, size).T)
 
 
-def line_weights(times, window):
-    """Weights (2, T) such that slope, intercept = weights @ y is the least-squares line through y(t) in `window`.
+def line_weights(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
+    """Return weights (2, T) such that slope, intercept = weights @ y is the least-squares line through y(t).
 
-    Points count from the window's start to its end, both included. NaN where the line is not defined: the times end
-    before the window does, or fewer than three fall into it.
+    The line is fitted from the window's start to its end, both included. NaN where it is not defined: the times (T,)
+    end before the window does, or fewer than three lie in it.
     """
     inside = _inside(times, window)
     if np.count_nonzero(inside) < 3:
@@ -44,19 +50,19 @@ def line_weights(times, window):
     return np.stack([slope, inside / np.count_nonzero(inside) - middle * slope])
 
 
-def _inside(times, window):
-    """Which times (T,) lie in the window, but for round-off; none if they do not reach its end."""
+def _inside(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
+    """(T,) whether times lie in the window, to round-off; False for all if they do not reach its end."""
     start, end = window
     slack = 1e-9 * max(abs(start), abs(end))
     return (times >= start - slack) & (times <= end + slack) & (times[-1] >= end - slack)
 
 
-def fit_line(times, values, window):
-    """Least-squares line through `values` (T,) at `times` (T,) inside `window`.
+def fit_line(times: np.ndarray, values: np.ndarray, window: tuple[float, float]) -> Line:
+    """Return the least-squares line through `values` (T,) at `times` (T,) inside `window`.
 
-    The points of an MSD curve come from the same runs, so the standard error of least squares, which is for independent
-    points, is not valid (13 times too small in the note's scene). For the slope's true error `resample` the slopes of
-    the single runs, `per_run_lines`.
+    The points of an MSD curve come from the same runs, so the standard error of least squares for independent points is
+    not valid (13 times too small in the note's scene). The error of the slope is that of the mean of the slopes of
+    single runs, `per_run_lines`.
     """
     slope, intercept = (line_weights(times, window) * values).sum(axis=-1)
     inside = _inside(times, window)
@@ -67,38 +73,44 @@ def fit_line(times, values, window):
     return Line(slope, intercept, np.sqrt((residual**2).sum() / (residual.size - 2) / spread))
 
 
-def per_run_lines(squared, times, windows):
-    """Slope and intercept of every single run over each window, (S, 2, W). Their means are those of the MSD's line."""
+def per_run_lines(squared: np.ndarray, times: np.ndarray, windows: Sequence[tuple[float, float]]) -> np.ndarray:
+    """Return slope and intercept (S, 2, W) of the line through r^2(t) (S, T) of every run in each window.
+
+    Least squares is linear: their means over runs are slope and intercept of the line through the MSD.
+    """
     lines = [(squared[:, None, :] * line_weights(times, window)).sum(axis=-1) for window in windows]
     return np.stack(lines, axis=-1)
 
 
-def labels(windows):
-    """Names of windows, from their first six digits."""
+def labels(windows: Sequence[tuple[float, float]]) -> list[str]:
+    """Return labels of windows, from the first six digits of their ends."""
     return [f"[{start:g}, {end:g}]" for start, end in windows]
 
 
-# --- the measure
+# --- the estimator
 
 
-def squared_of(case, runs):
-    """Squared displacement (n, T) of every run, None if there is none: as observed, else of the tracer's track."""
+def squared_of(case: Case, runs: RunBlock) -> np.ndarray | None:
+    """Return the squared displacement (n, T) of every run: the observable, else from the tracer's track; else None."""
     if "square_displacement" in runs.observables:
         return runs.observables["square_displacement"]
-    return from_start(case, runs)
+    return tracer_square_displacement(case, runs)
 
 
-def from_start(case, runs):
-    """Squared distance (n, T) of the tracer from where it started, None if it was not recorded."""
+def tracer_square_displacement(case: Case, runs: RunBlock) -> np.ndarray | None:
+    """Return the squared distance (n, T) of the tracer from its start, None if it was not recorded.
+
+    Unlike `squared_of` it is never an average over time origins or disks.
+    """
     if runs.tracer is None:
         return runs.observables.get("square_displacement") if case.average == "runs" else None
     return squared_displacement(runs.tracer.position, runs.tracer.image, (case.scene.box.width, case.scene.box.height))
 
 
-def with_velocity(case, runs, name):
-    """The observable `displacement_velocity` or `velocity_displacement` (n, T) of every run.
+def with_velocity(case: Case, runs: RunBlock, name: str) -> np.ndarray | None:
+    """Return `displacement_velocity`, v(t).(r(t) - r(0)), or `velocity_displacement`, v(0).(r(t) - r(0)), (n, T).
 
-    v(t).(r(t) - r(0)) or v(0).(r(t) - r(0)): as observed, else of the tracer's track; None if that has no velocities.
+    The observable of that name, else from the tracer's track; None if that has no velocities.
     """
     if name in runs.observables or runs.tracer is None or runs.tracer.velocity is None:
         return runs.observables.get(name)
@@ -107,11 +119,11 @@ def with_velocity(case, runs, name):
     return of_a_run.dot(moved, velocity if name == "displacement_velocity" else velocity[:1]).T
 
 
-def _sample(case, runs):
+def _columns(case: Case, runs: RunBlock) -> Columns:
     squared = squared_of(case, runs)
     if squared is None:
         return Columns()
-    means = {"msd": squared, "lines": per_run_lines(squared, case.times, case.asked.windows)}
+    means = {"msd": squared, "lines": per_run_lines(squared, case.times, case.options.windows)}
     growth = with_velocity(case, runs, "displacement_velocity")
     if growth is not None:
         means["diffusion_running"] = growth / 2
@@ -121,10 +133,10 @@ def _sample(case, runs):
     return Columns(means | {"v2": v2}, {"r2_v2": squared * v2[:, None]})
 
 
-def _estimate(case, found):
-    if "msd" not in found:
+def _estimate(case: Case, averages: Averages) -> dict[str, object]:
+    if "msd" not in averages:
         return {}
-    msd, lines, times = found.estimate("msd"), found.estimate("lines"), case.times
+    msd, lines, times = averages.estimate("msd"), averages.estimate("lines"), case.times
     slope, intercept = (resampling.Estimate(*(values[k] for values in lines)) for k in range(2))
     over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
     values = {
@@ -132,44 +144,45 @@ def _estimate(case, found):
         **with_interval("msd_over_4t", scaled(msd, over_4t)),
         **with_interval("slope", slope),
         **with_error("intercept", intercept),
-        "naive_slope_error": [fit_line(times, msd.mean, window).naive_slope_error for window in case.asked.windows],
+        "naive_slope_error": [fit_line(times, msd.mean, window).naive_slope_error for window in case.options.windows],
         **with_interval("diffusion_coefficient", scaled(slope, 0.25)),
     }
-    if "diffusion_running" in found:
-        values |= with_interval("diffusion_running", found.estimate("diffusion_running"))
-    return values | _controlled(case, found)
+    if "diffusion_running" in averages:
+        values |= with_interval("diffusion_running", averages.estimate("diffusion_running"))
+    return values | _controlled(case, averages)
 
 
-def _controlled(case, found):
+def _controlled(case: Case, averages: Averages) -> dict[str, np.ndarray]:
     """MSD with the initial square speed as control variate, and the ratio of its variance to that of the plain mean.
 
-    <r^2> - b (<v0^2> - its exact mean), b the regression of r^2 on v0^2 over runs (R. Y. Rubinstein and R. Marcus,
-    Oper. Res. 33, 661 (1985)). In the replicates the mean over all runs is the exact one. {} where v0 is always the
-    same.
+    <r^2> - b (<v0^2> - its exact mean), b the regression coefficient of r^2 on v0^2 over runs (R. Y. Rubinstein and
+    R. Marcus, Oper. Res. 33, 661 (1985)). In the replicates the mean over all runs takes the place of the exact one.
+    {} if v0 is the same in all runs.
     """
-    if "r2_v2" not in found or not found.variance("v2") > 0.0 or found.runs < 3:
+    if "r2_v2" not in averages or not averages.variance("v2") > 0.0 or averages.runs < 3:
         return {}
-    r2, v2, drawn_r2, drawn_v2 = found.mean("msd"), found.mean("v2"), found.drawn("msd"), found.drawn("v2")[:, None]
-    b, left = _regression(found.mean("r2_v2") - r2 * v2, found.variance("msd"), found.variance("v2"))
-    of_r2, of_v2 = found.drawn_variance("msd"), found.drawn_variance("v2")[:, None]
-    drawn_b, drawn_left = _regression(found.drawn("r2_v2") - drawn_r2 * drawn_v2, of_r2, of_v2)
+    r2, drawn_r2, plain = averages.mean("msd"), averages.drawn("msd"), averages.variance("msd")
+    v2, drawn_v2 = averages.mean("v2"), averages.drawn("v2")[:, None]
+    b, residual = _regression(averages.mean("r2_v2") - r2 * v2, plain, averages.variance("v2"))
+    of_r2, of_v2 = averages.drawn_variance("msd"), averages.drawn_variance("v2")[:, None]
+    drawn_b, drawn_residual = _regression(averages.drawn("r2_v2") - drawn_r2 * drawn_v2, of_r2, of_v2)
     value = r2 - b * (v2 - initial_square_speed(case.scene))
-    error = np.sqrt(left / (found.runs - 2))
+    error = np.sqrt(residual / (averages.runs - 2))
     shift = drawn_r2 - drawn_b * (drawn_v2 - v2) - r2
-    estimate = resampling.studentized(found.runs, value, error, shift, drawn_left / resampling.degrees(found.sums))
-    whole = found.variance("msd")
-    ratio = np.divide(left, whole, out=np.full_like(whole, np.nan), where=whole > 0.0)
+    drawn_square = drawn_residual / resampling.degrees(averages.sums)
+    estimate = resampling.studentized(averages.runs, value, error, shift, drawn_square)
+    ratio = np.divide(residual, plain, out=np.full_like(plain, np.nan), where=plain > 0.0)
     return with_interval("msd_controlled", estimate) | {"control_variance_ratio": ratio}
 
 
-def _regression(covariance, of_r2, of_v2):
-    """Coefficient of the regression of r^2 on v0^2, and the variance of r^2 that it leaves."""
+def _regression(covariance: np.ndarray, of_r2: np.ndarray, of_v2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficient of the regression of r^2 on v0^2, and the residual variance, from covariance and variances."""
     b = np.divide(covariance, of_v2, out=np.zeros_like(covariance), where=of_v2 > 0.0)
     return b, np.maximum(of_r2 - b * covariance, 0.0)
 
 
-def _axes(case, found):
-    windows = case.asked.windows
+def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
+    windows = case.options.windows
     return {
         "window": ("window", labels(windows)),
         "window_start": ("window", [start for start, _ in windows]),
@@ -179,37 +192,35 @@ def _axes(case, found):
 
 TIME, WINDOW = (*EACH, "time"), (*EACH, "window")
 
-MEASURE = Measure(
-    _sample,
+ESTIMATOR = Estimator(
+    _columns,
     _estimate,
     kept_always(
         {
             **estimate_of("msd", TIME, AREA, "mean squared displacement of the tracer"),
             **estimate_of("msd_over_4t", TIME, RATE, "mean squared displacement over 4 t"),
-            **estimate_of(
-                "slope", WINDOW, RATE, "least-squares slope of the mean squared displacement over the window"
-            ),
-            **error_of("intercept", WINDOW, AREA, "intercept of the least-squares line over the window"),
+            **estimate_of("slope", WINDOW, RATE, "least-squares slope of the mean squared displacement in the window"),
+            **error_of("intercept", WINDOW, AREA, "intercept of the least-squares line in the window"),
             "naive_slope_error": Variable(
                 WINDOW,
                 RATE,
-                "the standard error that least squares would state for independent points; an MSD's points are the "
-                "same runs, so it is not valid",
+                "standard error of the slope by least squares for independent points; not valid here, as all points of "
+                "the MSD come from the same runs",
             ),
-            **estimate_of("diffusion_coefficient", WINDOW, RATE, "diffusion coefficient, slope/4, over the window"),
+            **estimate_of("diffusion_coefficient", WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
         }
     )
     | estimate_of(
         "diffusion_running",
         TIME,
         RATE,
-        "half of <v(t).(r(t) - r(0))> of the tracer, which is d<r^2>/dt / 4 at the time",
+        "half of <v(t).(r(t) - r(0))> of the tracer, d<r^2>/dt / 4",
     )
     | estimate_of("msd_controlled", TIME, AREA, "mean squared displacement with the known <v0^2> as control variate")
     | {"control_variance_ratio": Variable(TIME, "1", "variance of msd_controlled over that of msd")},
     _axes,
     {
-        "window": {"long_name": "window of time of the straight-line fit"},
+        "window": {"long_name": "time window of the straight-line fit"},
         "window_start": {"units": "time", "long_name": "start of the window"},
         "window_end": {"units": "time", "long_name": "end of the window"},
     },

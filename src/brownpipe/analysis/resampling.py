@@ -1,14 +1,15 @@
 """Errors of averages over independent runs. Runs are resampled, never the time points of a run.
 
-Everything brownpipe reports at this level is a mean over runs or a function of such means: the MSD at one time is the
-mean of the squared displacements, and a least-squares slope of the MSD is the mean of the slopes of the single runs,
-because least squares is linear. So the standard error is exact (the jackknife's, s / sqrt(n)) and only the interval
-needs resampling.
+All results are means over runs or functions of such means: the MSD at one time is the mean of the squared
+displacements, and a least-squares slope of the MSD is the mean of the slopes of the single runs, because least squares
+is linear. So the standard error is s/sqrt(n), which is also the jackknife's, and only the interval needs resampling:
+a bootstrap-t (B. Efron, Can. J. Stat. 9, 139 (1981)).
 
-Resampling is a Poisson bootstrap: in each of REPLICATES replicates every run counts w times, w from the Poisson law of
-mean 1. Given the sum of the weights that is the ordinary bootstrap, drawing that many runs with replacement; but the
-weights of a run depend on its seed alone. So runs may come in blocks of BLOCK seeds, in bounded memory; more runs leave
-the weights of the others alone; and what shares seeds (scenes, engines) shares weights.
+Runs are resampled by a Poisson bootstrap (J. A. Hanley, B. MacGibbon, Comput. Methods Programs Biomed. 83, 57 (2006)):
+in each of REPLICATES replicates every run counts w times, w from the Poisson distribution of mean 1. Given the sum of
+the weights this is the ordinary bootstrap, which draws that many runs with replacement. But the weights of a run depend
+on its seed alone: runs may come in blocks of BLOCK seeds, in bounded memory, further runs do not change the weights of
+the others, and scenes and engines that share seeds share weights. See docs/theory.md, section 5.
 """
 
 import math
@@ -17,16 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-BLOCK = 1024  # seeds with one stream of weights, and of runs added up at a time
-REPLICATES = 1999  # 2.5 % and 97.5 % are then the 50th value from either end
-FEWEST_RUNS = 10  # below this an interval of a skewed quantity means nothing
+BLOCK = 1024  # seeds that share a stream of weights, and whose runs are added up at a time
+REPLICATES = 1999  # the 2.5 % and 97.5 % quantiles are then the 50th value from either end
+FEWEST_RUNS = 10  # for an interval; with fewer its coverage is unknown for a skewed quantity
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
-_AT_ONCE = 512  # columns
-_OTHER = 2**62  # a seed that no run has: there a second set of weights begins
+_AT_ONCE = 512  # columns in a chunk
+_OTHER = 2**62  # beyond all seeds of runs: the first seed of a second, independent set of weights
 _NORMAL_975 = 1.959963984540054
 
-# A weight is how many of these bounds 16 random bits reach: P(w <= k) of the Poisson law of mean 1, to 2^-17.
+# Inverse transform: a weight is the number of these bounds, P(w <= k) to 2^-17, that 16 random bits reach or exceed.
 _BOUNDS = [round(2**16 * math.exp(-1) * sum(1 / math.factorial(j) for j in range(k + 1))) for k in range(8)]
 
 
@@ -54,70 +55,72 @@ class Sums(NamedTuple):
 ALL = slice(None)
 
 
-def mean_of(sums, columns=ALL):
-    """(C,) means over runs."""
+def mean_of(sums: Sums, columns: slice = ALL) -> np.ndarray:
+    """Return the means (C,) over runs."""
     return sums.pivot[columns] + sums.first[columns] / sums.runs
 
 
-def drawn_mean(sums, columns=ALL):
-    """(B, C) means over the runs of each replicate; NaN for a replicate without runs."""
+def drawn_mean(sums: Sums, columns: slice = ALL) -> np.ndarray:
+    """Return the means (B, C) over the runs of each replicate; NaN for a replicate without runs."""
     return sums.pivot[columns] + _per_run(sums.drawn_first[:, columns], sums.weight)
 
 
-def drawn_variance(sums, columns=ALL):
-    """(B, Q) variances over the runs of each replicate, divided by its number of runs."""
+def drawn_variance(sums: Sums, columns: slice = ALL) -> np.ndarray:
+    """Return the variances (B, Q) over the n runs of each replicate, divided by n, not n - 1."""
     first, second = (_per_run(drawn[:, columns], sums.weight) for drawn in (sums.drawn_first, sums.drawn_second))
     return second - np.square(first)
 
 
-def variance_of(sums, columns=ALL):
-    """(Q,) variances over runs, divided by their number."""
+def variance_of(sums: Sums, columns: slice = ALL) -> np.ndarray:
+    """Return the variances (Q,) over n runs, divided by n, not n - 1."""
     return np.maximum(sums.second[columns] / sums.runs - np.square(sums.first[columns] / sums.runs), 0.0)
 
 
-def add_block(sums, seeds, columns, squares):
-    """`sums` (or None) and the runs `seeds` (n,) of one block, ascending, whose entries are `columns` (n, C), n > 0.
+def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray, squares: int) -> Sums:
+    """Return `sums` with the runs `seeds` (n,) of one block added, n > 0, whose entries are `columns` (n, C).
 
-    Sums of squares are kept for the first `squares` columns. The arrays of `sums` are added to in place; blocks are to
-    be added in ascending order. The bits do not depend on the number of threads.
+    Squares are added up for the first `squares` columns. The arrays of `sums` are changed in place. Seeds must ascend,
+    and blocks be added in ascending order; the result is then the same to the bit on any number of threads.
     """
     block, columns = int(seeds[0]) // BLOCK, np.asarray(columns, float)
     if sums is None:
-        in_turn = np.cumsum(columns - columns[0], axis=0)[-1]  # added up as each column would be alone
-        sums = Sums(0, columns[0] + in_turn / len(seeds), *map(np.zeros, _sizes(columns.shape[1], squares)))
-    deviation, rows = columns - sums.pivot, np.asarray(seeds) - block * BLOCK
-    once = np.ones((len(seeds), 1))
+        total = np.cumsum(columns - columns[0], axis=0)[-1]  # same order of additions for any number of columns
+        sums = Sums(0, columns[0] + total / len(seeds), *map(np.zeros, _sizes(columns.shape[1], squares)))
+    deviation = columns - sums.pivot
+    rows = np.asarray(seeds) - block * BLOCK
+    ones = np.ones((len(seeds), 1))
     for terms, first, drawn in (
         (deviation, sums.first, sums.drawn_first),
         (deviation[:, :squares] ** 2, sums.second, sums.drawn_second),
-        (once, np.zeros(1), sums.weight[:, None]),
+        (ones, np.zeros(1), sums.weight[:, None]),
     ):
         first += np.cumsum(terms, axis=0)[-1] if terms.shape[1] == 1 else terms.sum(axis=0)
-        for some in _chunks(terms.shape[1]):
-            drawn[:, some] += _drawn(block, rows, terms[:, some])
+        for chunk in _chunks(terms.shape[1]):
+            drawn[:, chunk] += _drawn(block, rows, terms[:, chunk])
     return sums._replace(runs=sums.runs + len(seeds))
 
 
-def _chunks(columns):
-    """Columns a few at a time: what is computed on the way then takes little memory."""
+def _chunks(columns: int) -> list[slice]:
+    """Columns in chunks of _AT_ONCE, to bound the memory of intermediate arrays."""
     return [slice(start, min(start + _AT_ONCE, columns)) for start in range(0, columns, _AT_ONCE)]
 
 
-def _drawn(block, rows, terms):
-    """Weighted sums (B, K) of `terms` (n, K), which belong to the given rows of a block; gaps count as 0."""
+def _drawn(block: int, rows: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """Weighted sums (B, K) of `terms` (n, K), the entries of `rows` (n,) of a block; missing seeds count as 0."""
     steps, unit = _on_a_grid(terms)
     full = np.zeros((rows[-1] + 1 - rows[0], terms.shape[1]), np.float32)
     full[rows - rows[0]] = steps
     return (_weights(block)[:, rows[0] : rows[-1] + 1] @ full) * unit
 
 
-def _sizes(columns, squares):
+def _sizes(columns: int, squares: int) -> tuple:
+    """Shapes of the arrays of Sums after the pivot."""
     return columns, squares, REPLICATES, (REPLICATES, columns), (REPLICATES, squares)
 
 
 @lru_cache(maxsize=4)
-def _weights(block):
-    """How often each seed of a block counts, (REPLICATES, BLOCK): whole numbers from 0 to 8."""
+def _weights(block: int) -> np.ndarray:
+    """Poisson weights (REPLICATES, BLOCK) of the seeds of a block: integers from 0 to 8."""
     stream = np.random.Philox(key=_KEY, counter=[0, 0, 0, block])
     bits = stream.random_raw(REPLICATES * BLOCK // 4).astype("<u8").view("<u2").reshape(REPLICATES, BLOCK)
     weights = np.zeros(bits.shape, np.uint8)
@@ -126,12 +129,13 @@ def _weights(block):
     return weights.astype(np.float32)
 
 
-def _on_a_grid(columns):
-    """Round each column x to whole numbers of a unit so coarse that weighted sums over a block have no round-off.
+def _on_a_grid(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Round columns x to integers times a unit, such that weighted sums over a block have no round-off.
 
-    Sums of w x over any of the runs are below |w| |x| (Cauchy and Schwarz), and _LONGEST bounds |w| in any replicate.
-    The unit makes that 2^24, up to which single precision is exact: the matrix product gives the same bits in whatever
-    order, on however many threads, it is done. A unit is 2e-4 standard deviations or so: nothing to a resampled mean.
+    By the Cauchy-Schwarz inequality sums of w x over any of the runs are below |w| |x|, and _LONGEST bounds |w| in any
+    replicate. The unit makes this bound 2^24, up to which integers are exact in single precision: the matrix product
+    gives the same bits in any order of summation, on any number of threads. The unit is about 2e-4 standard deviations,
+    negligible for a resampled mean.
     """
     largest = np.abs(columns).max(axis=0)
     length = np.sqrt(np.square(columns / _or_nan(largest)).sum(axis=0)) * largest
@@ -139,33 +143,37 @@ def _on_a_grid(columns):
     return np.rint(columns / unit).astype(np.float32), unit
 
 
-def estimate(sums):
-    """The Estimate, arrays (Q,), of the columns whose squares were summed, with its interval by the bootstrap-t.
+def estimate(sums: Sums) -> Estimate:
+    """Return the Estimate, arrays (Q,), of the columns whose squares were summed, with its bootstrap-t interval.
 
-    Bootstrap-t, because r^2 is as skewed as an exponential: each replicate is studentized by its own standard error,
-    which makes the interval lean to the right side and cover the truth in 95 % of the ensembles even for 50 runs.
+    r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard error, which makes
+    the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 50 runs
+    (B. Efron, Can. J. Stat. 9, 139 (1981)).
     """
-    parts = [_estimate(sums, some) for some in _chunks(len(sums.second))]
+    parts = [_estimate(sums, chunk) for chunk in _chunks(len(sums.second))]
     return Estimate(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def _estimate(sums, some):
-    runs, variance = sums.runs, variance_of(sums, some)
+def _estimate(sums: Sums, chunk: slice) -> Estimate:
+    """The Estimate of a chunk of the columns."""
+    runs, variance = sums.runs, variance_of(sums, chunk)
     error = np.sqrt(variance / (runs - 1)) if runs > 1 else np.full_like(variance, np.nan)
-    shift = _per_run(sums.drawn_first[:, some], sums.weight) - sums.first[some] / runs
-    return studentized(runs, mean_of(sums, some), error, shift, drawn_variance(sums, some) / degrees(sums))
+    shift = _per_run(sums.drawn_first[:, chunk], sums.weight) - sums.first[chunk] / runs
+    return studentized(runs, mean_of(sums, chunk), error, shift, drawn_variance(sums, chunk) / degrees(sums))
 
 
-def degrees(sums):
-    """(B, 1) runs of each replicate less one, NaN if there are none left: a variance over it is that of a mean."""
+def degrees(sums: Sums) -> np.ndarray:
+    """Return n - 1 (B, 1) of each replicate, NaN if not positive: a variance over it is the squared standard error."""
     return _or_nan(sums.weight - 1)[:, None]
 
 
-def studentized(runs, value, error, shift, variance):
-    """Estimate of `value` (...) with standard error `error`, from its replicates.
+def studentized(runs: int, value: np.ndarray, error: np.ndarray, shift: np.ndarray, variance: np.ndarray) -> Estimate:
+    """Return the Estimate of `value` (...) with standard error `error` (...), its interval by the bootstrap-t.
 
-    `shift` (B, ...) is a replicate's value less `value`, `variance` (B, ...) the square of the replicate's own standard
-    error. A replicate without scatter counts as being in the middle.
+    shift: (B, ...) value of each replicate minus `value`.
+    variance: (B, ...) square of the replicate's own standard error; where it is 0, t = 0 is assumed.
+
+    NaN ends below FEWEST_RUNS runs.
     """
     if runs < FEWEST_RUNS:
         return Estimate(value, error, *np.full((2, *np.shape(value)), np.nan))
@@ -176,19 +184,20 @@ def studentized(runs, value, error, shift, variance):
     return Estimate(value, error, value - t[-tail] * error, value - t[tail - 1] * error)
 
 
-def _per_run(drawn, weight):
+def _per_run(drawn: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Weighted sums (B, K) over the sums of weights (B,)."""
     return drawn / _or_nan(weight)[:, None]
 
 
-def _or_nan(count):
+def _or_nan(count: np.ndarray) -> np.ndarray:
     """`count`, NaN where it is not positive."""
     return np.where(count > 0, count, np.nan)
 
 
-def resample(samples, seeds=None):
-    """Mean over runs with standard error and 95 % interval of `samples` (runs, ...), one entry per run: an Estimate.
+def resample(samples: np.ndarray, seeds: np.ndarray | None = None) -> Estimate:
+    """Return mean over runs, standard error and 95 % interval of `samples` (runs, ...), one entry per run.
 
-    `seeds` (runs,), 0, 1, ... by default, are ascending; the result depends on seeds and samples alone, to the bit.
+    `seeds` (runs,), by default 0, 1, ..., must ascend; the result depends on seeds and samples alone, to the bit.
     """
     samples = np.asarray(samples, float)
     runs, shape = len(samples), samples.shape[1:]
@@ -199,17 +208,17 @@ def resample(samples, seeds=None):
     return Estimate(*(values.reshape(shape) for values in estimate(sums)))
 
 
-def replicates(samples, other=False):
-    """What resampling the runs of `samples` (runs, Q) does to their mean: (REPLICATES, Q) deviations from it.
+def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
+    """Return the means of the replicates of `samples` (runs, Q) minus the mean of the runs, (REPLICATES, Q).
 
-    `other` takes a second set of replicates, independent of the first. To the bit as in `resample`.
+    The replicates are those of `resample`; with `other` a second set, independent of the first.
     """
     samples = np.asarray(samples, float)
     sums = _added_up(np.arange(len(samples)) + _OTHER * other, samples, 0)
     return drawn_mean(sums) - mean_of(sums)
 
 
-def _added_up(seeds, columns, squares):
+def _added_up(seeds: np.ndarray, columns: np.ndarray, squares: int) -> Sums:
     """Sums over all runs, seeds ascending."""
     sums = None
     for rows in np.split(np.arange(len(seeds)), np.flatnonzero(np.diff(seeds // BLOCK)) + 1):
@@ -217,8 +226,11 @@ def _added_up(seeds, columns, squares):
     return sums
 
 
-def wilson_interval(count, total):
-    """95 % interval of the expected count behind `count` of `total` independent runs (Wilson 1927), not empty at 0."""
+def wilson_interval(count: np.ndarray, total: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the 95 % interval of the expected number behind `count` (...) of `total` independent runs.
+
+    E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927). Its upper end is positive at a count of 0.
+    """
     share, z2 = np.asarray(count, float) / total, _NORMAL_975**2
     centre = (share + z2 / (2 * total)) / (1 + z2 / total)
     half = np.sqrt(share * (1 - share) * z2 / total + (z2 / (2 * total)) ** 2) / (1 + z2 / total)

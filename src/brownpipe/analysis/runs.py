@@ -1,100 +1,119 @@
-"""Trajectory files to runs: which files belong together, and their runs block by block, in bounded memory."""
+"""Read trajectory files: which files belong together, and their runs block by block, in bounded memory.
 
+The only reader of studies: `analysis.dataset` and `tradeoff.runs` both take their runs from here.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.analysis.resampling import BLOCK
+from brownpipe.engines import Engine
 from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
-from brownpipe.storage import read_outline, read_trajectories
+from brownpipe.storage import Outline, read_outline, read_trajectories
 
 LOADED = 2  # files kept in memory: batches of consecutive seeds are then read once each
 
 
-class File(NamedTuple):
-    """One trajectory file: the path it was given by, and what `storage.read_outline` says of it."""
+class TrajectoryFile(NamedTuple):
+    """One trajectory file, without its runs."""
 
     path: str
-    outline: object  # brownpipe.storage.Outline
+    outline: Outline
 
     @property
-    def key(self):
-        """Scene, particle count and engine."""
-        scene = self.outline.scene
-        return scene.name, scene.particles, self.outline.engine.label
+    def engine(self) -> Engine:
+        """The engine with its settings."""
+        return self.outline.engine
+
+    @property
+    def key(self) -> tuple[str, int, str]:
+        """Scene, particle count and engine label."""
+        return self.outline.scene.name, self.outline.scene.particles, self.engine.label
 
 
 class Group(NamedTuple):
     """All files of one scene, particle count and engine."""
 
-    files: tuple[File, ...]  # as given
-    seeds: np.ndarray  # (S,) ascending
+    files: tuple[TrajectoryFile, ...]  # in the order of the paths
+    seeds: np.ndarray  # (S,) int64, ascending
 
     @property
-    def outline(self):
+    def outline(self) -> Outline:
         return self.files[0].outline
 
     @property
-    def key(self):
+    def engine(self) -> Engine:
+        return self.files[0].engine
+
+    @property
+    def key(self) -> tuple[str, int, str]:
         return self.files[0].key
 
 
-class Runs(NamedTuple):
-    """Some runs of one group, in the order of their seeds."""
+class RunBlock(NamedTuple):
+    """Consecutive runs of one group, seeds ascending."""
 
-    seeds: np.ndarray  # (n,)
+    seeds: np.ndarray  # (n,) int64
     tracer: Track | None  # (T, n, 2)
-    observables: dict  # name -> (n, ...)
+    observables: dict[str, np.ndarray]  # name -> (n, ...)
 
 
-def groups_of(paths):
-    """The groups of the trajectory files `paths`, by scene, particle count and engine.
+def groups_of(paths: Iterable[str | Path]) -> list[Group]:
+    """Return the groups of trajectory files, sorted by scene, particle count and engine label.
 
-    Raises AnalysisError for files that do not belong together, and what `storage.read_outline` raises.
+    Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
+    files), and what `storage.read_outline` raises.
     """
-    files = [File(str(path), read_outline(path)) for path in paths]
+    files = [TrajectoryFile(str(path), read_outline(path)) for path in paths]
     if not files:
-        raise AnalysisError("no trajectory files: nothing to aggregate")
+        raise AnalysisError("no trajectory files: nothing to analyse")
     groups = [_group([file for file in files if file.key == key]) for key in sorted({file.key for file in files})]
     _refuse_namesakes(groups)
     return groups
 
 
-def _group(files):
+def _group(files: Sequence[TrajectoryFile]) -> Group:
     _refuse_differing(files)
     seeds = np.sort(np.concatenate([file.outline.seeds for file in files]))
     _refuse_duplicates(files, seeds)
     return Group(tuple(files), seeds)
 
 
-def _refuse_differing(files):
+def _refuse_differing(files: Sequence[TrajectoryFile]) -> None:
     path, first = files[0]
     for other, outline in files[1:]:
-        if outline.scene.digest != first.scene.digest or outline.tracer != first.tracer:
+        if outline.scene.digest != first.scene.digest:
             raise AnalysisError(
-                f"{other}: its scene {outline.scene.name!r} is not the one in {path}; aggregate one of the two"
+                f"{other}: its scene {outline.scene.name!r} is not the one in {path}; use one of the two"
             )
+        if outline.tracer != first.tracer:
+            raise AnalysisError(f"{other}: recorded with another --record than {path}; make one of the two again")
         if outline.average != first.average:
-            raise AnalysisError(f"{other}: averages over {outline.average}, {path} over {first.average}; aggregate one")
+            raise AnalysisError(f"{other}: averages over {outline.average}, {path} over {first.average}; use one")
         if outline.source != first.source:
             raise AnalysisError(f"{other}: made by another source code than {path}; make one of the two again")
 
 
-def _refuse_duplicates(files, ordered):
-    twice = ordered[1:][ordered[1:] == ordered[:-1]]
-    if twice.size:
-        holders = [file.path for file in files if twice[0] in file.outline.seeds]
-        raise AnalysisError(f"{holders[-1]}: seed {twice[0]} is already in {holders[0]}; each run may count only once")
-    if files[0].outline.scene.disks and len(ordered) > 1:
+def _refuse_duplicates(files: Sequence[TrajectoryFile], seeds: np.ndarray) -> None:
+    repeated = seeds[1:][seeds[1:] == seeds[:-1]]
+    if repeated.size:
+        holders = [file.path for file in files if repeated[0] in file.outline.seeds]
+        raise AnalysisError(
+            f"{holders[-1]}: seed {repeated[0]} is already in {holders[0]}; each run may count only once"
+        )
+    if files[0].outline.scene.disks and len(seeds) > 1:
         raise AnalysisError(
             f"{files[-1].path}: its disks are listed one by one: all its runs are the same; give one seed"
         )
 
 
-def _refuse_namesakes(groups):
+def _refuse_namesakes(groups: Sequence[Group]) -> None:
     """One name, one physics: scenes of the same name may differ in their particle counts alone."""
     known = {}
     for scene in (group.outline.scene for group in groups):
@@ -103,32 +122,34 @@ def _refuse_namesakes(groups):
             raise AnalysisError(f"two different scenes are called {scene.name!r}; give one of them another name")
 
 
-def blocks_of(group):
-    """The runs of a group, in blocks of seeds between multiples of BLOCK, ascending: the same for whatever files.
+def blocks_of(group: Group) -> Iterator[RunBlock]:
+    """Yield the runs of a group in blocks of seeds between multiples of BLOCK, ascending.
 
-    Raises AnalysisError for a file that changes meanwhile or lacks observables that another has, and what
-    `storage.read_trajectories` raises.
+    The blocks do not depend on how the runs are distributed over files. Raises AnalysisError for a file that changes
+    meanwhile or lacks observables that another has, and what `storage.read_trajectories` raises.
     """
     load = lru_cache(maxsize=LOADED)(_load)
     files = sorted(group.files, key=lambda file: file.outline.seeds.min())
-    spans = [(file, set(np.unique(file.outline.seeds // BLOCK).tolist())) for file in files]
+    blocks = [set(np.unique(file.outline.seeds // BLOCK).tolist()) for file in files]
     names = load(files[0].path).observables.keys()
     for block in np.unique(group.seeds // BLOCK).tolist():
-        mine = [(file, load(file.path)) for file, span in spans if block in span]
-        for file, runs in mine:
+        parts = []
+        for file in (file for file, own in zip(files, blocks, strict=True) if block in own):
+            runs = load(file.path)
             _refuse_unlike(file, runs, files[0], names)
-        yield _joined([chosen(runs, runs.seeds // BLOCK == block) for _, runs in mine])
+            parts.append(select(runs, runs.seeds // BLOCK == block))
+        yield _joined(parts)
 
 
-def _load(path):
-    """The part of a trajectory file that the measures need."""
+def _load(path: str) -> RunBlock:
+    """The part of a trajectory file that the estimators need."""
     ensemble = read_trajectories(path).ensemble
-    return Runs(ensemble.seeds, ensemble.tracer, ensemble.observables)
+    return RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables)
 
 
-def _refuse_unlike(file, runs, first, names):
+def _refuse_unlike(file: TrajectoryFile, runs: RunBlock, first: TrajectoryFile, names) -> None:
     if not np.array_equal(runs.seeds, file.outline.seeds):
-        raise AnalysisError(f"{file.path}: was replaced while it was read; aggregate again")
+        raise AnalysisError(f"{file.path}: was replaced while it was read; start again")
     if runs.observables.keys() != names:
         unlike = ", ".join(sorted(runs.observables.keys() ^ names))
         raise AnalysisError(
@@ -136,19 +157,20 @@ def _refuse_unlike(file, runs, first, names):
         )
 
 
-def chosen(runs, rows):
-    """The runs of the given rows: indices, or truth values (n,)."""
-    tracer = runs.tracer and Track(*(track if track is None else track[:, rows] for track in runs.tracer))
-    return Runs(runs.seeds[rows], tracer, {name: values[rows] for name, values in runs.observables.items()})
+def select(runs: RunBlock, rows: np.ndarray) -> RunBlock:
+    """Return the runs at `rows`: indices, or a mask (n,)."""
+    tracer = runs.tracer and Track(*(None if values is None else values[:, rows] for values in runs.tracer))
+    return RunBlock(runs.seeds[rows], tracer, {name: values[rows] for name, values in runs.observables.items()})
 
 
-def _joined(parts):
-    """Runs of several files as one record, seeds ascending."""
+def _joined(parts: Sequence[RunBlock]) -> RunBlock:
+    """Runs of several files as one block, seeds ascending."""
     seeds = np.concatenate([runs.seeds for runs in parts])
     tracer = parts[0].tracer and Track(*map(_beside, zip(*(runs.tracer for runs in parts), strict=True)))
     observables = {name: np.concatenate([runs.observables[name] for runs in parts]) for name in parts[0].observables}
-    return chosen(Runs(seeds, tracer, observables), np.argsort(seeds, kind="stable"))
+    return select(RunBlock(seeds, tracer, observables), np.argsort(seeds, kind="stable"))
 
 
-def _beside(tracks):
-    return None if tracks[0] is None else np.concatenate(tracks, axis=1)
+def _beside(arrays: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    """Tracks (T, n, 2) of several files side by side."""
+    return None if arrays[0] is None else np.concatenate(arrays, axis=1)

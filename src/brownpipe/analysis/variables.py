@@ -1,79 +1,79 @@
-"""What a variable of the dataset is: dimensions, unit and meaning. Every measure has a table of its own.
+"""Variables of the dataset: dimensions, unit and meaning. Every estimator has a table of its own.
 
-Units are those of the scene: `length`, `time` and `mass` stand for its own. "95 %" intervals are bootstrap-t over runs.
+Units are the reduced units of the scene: `length`, `time`, `mass`. "95 %" intervals are bootstrap-t over runs.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-KEPT, FAILED, MISSING = 0, 1, 2  # what became of a run
+SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt depends on dt by round-off
+KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
 EACH = ("scene", "particles", "engine")
 AREA, RATE, SPEED2 = "length^2", "length^2/time", "length^2/time^2"
 
 ATTRIBUTES = {
     "Conventions": "CF-1.11",
-    "title": "Brownian motion of a hard disk among hard disks: measures over independent runs",
+    "title": "Brownian motion of a hard disk among hard disks: averages over independent runs",
     "comment": (
         "Units are the reduced units of each scene. Averages are over runs that did not fail; standard errors and "
-        "intervals come from resampling runs, never time points. A diffusion coefficient belongs to its window of "
-        "time, its particle count and its box: in the plane it has no limit."
+        "intervals come from the scatter of runs, never of time points. A diffusion coefficient is meaningful only "
+        "with its fit window, particle count and box: in two dimensions it has no limit at long times."
     ),
 }
 
 
 class Variable(NamedTuple):
-    """One variable of the dataset; `absent` stands where a scene, time or seed has no value."""
+    """One variable of the dataset; `absent` is its value where a scene, time or seed has none."""
 
-    dims: tuple
+    dims: tuple[str, ...]
     units: str
     long_name: str
     dtype: type = float  # object for text
     absent: float | str = np.nan
-    extra: dict | None = None
-    always: bool = False  # in every dataset, if only as absent
+    extra: dict | None = None  # further attributes
+    always: bool = False  # in every dataset, even if no case has a value
 
     @property
-    def attributes(self):
+    def attributes(self) -> dict[str, object]:
         return {"units": self.units, "long_name": self.long_name, **(self.extra or {})}
 
 
-def error_of(name, dims, units, meaning):
-    """A mean over runs and its standard error."""
+def error_of(name: str, dims: tuple[str, ...], units: str, meaning: str) -> dict[str, Variable]:
+    """Return the variables of a mean over runs and its standard error."""
     return {
         name: Variable(dims, units, meaning, extra={"ancillary_variables": f"{name}_standard_error"}),
         f"{name}_standard_error": Variable(dims, units, f"standard error of the {meaning}"),
     }
 
 
-def estimate_of(name, dims, units, meaning):
-    """A mean over runs and the three variables of its uncertainty."""
+def estimate_of(name: str, dims: tuple[str, ...], units: str, meaning: str) -> dict[str, Variable]:
+    """Return the variables of a mean over runs, its standard error and the ends of its 95 % interval."""
     return error_of(name, dims, units, meaning) | {
         f"{name}_low": Variable(dims, units, f"lower end of the 95 % interval of the {meaning}"),
         f"{name}_high": Variable(dims, units, f"upper end of the 95 % interval of the {meaning}"),
     }
 
 
-def kept_always(variables):
-    """The same variables, in the dataset whether any group has them or not."""
+def kept_always(variables: Mapping[str, Variable]) -> dict[str, Variable]:
+    """Return the same variables, to be in every dataset."""
     return {name: variable._replace(always=True) for name, variable in variables.items()}
 
 
 SEED = (*EACH, "seed")
 STATUS = {"flag_values": np.array([KEPT, FAILED, MISSING], np.int8), "flag_meanings": "kept failed missing"}
 
-VARIABLES = {  # what is known of the runs themselves; every measure has its own
+VARIABLES = {  # numbers and health of the runs; every estimator has a table of its own
     "runs": Variable(EACH, "1", "number of runs averaged", np.int64, 0),
     "failed_runs": Variable(
-        EACH, "1", "number of runs left out because overlap or energy drift passed its bound", np.int64, 0
+        EACH, "1", "number of runs left out because overlap or energy drift exceeded its bound", np.int64, 0
     ),
-    "missing_seeds": Variable(
-        EACH, "1", "number of seeds that others of the dataset have and this one lacks", np.int64, 0
-    ),
+    "missing_seeds": Variable(EACH, "1", "number of seeds of the dataset that this case lacks", np.int64, 0),
     "energy_drift": Variable(SEED, "1", "relative change of the energy over the run"),
-    "worst_overlap": Variable(SEED, "1", "deepest overlap seen, in contact distances"),
-    "momentum_residual": Variable(SEED, "1", "relative residual of momentum and the impulses given to the walls"),
-    "run_status": Variable(SEED, "1", "what became of the run", np.int8, MISSING, STATUS),
+    "worst_overlap": Variable(SEED, "1", "deepest overlap, in contact distances"),
+    "momentum_residual": Variable(SEED, "1", "relative residual of the momentum balance, wall impulses included"),
+    "run_status": Variable(SEED, "1", "status of the run", np.int8, MISSING, STATUS),
 }
 
 COORDINATES = {

@@ -1,53 +1,59 @@
 """Velocities: autocorrelations, Green-Kubo integral, energies of the species, distributions.
 
-What is averaged here are the arrays that `brownpipe.observables` makes of every run.
+Averages over runs of the arrays that `brownpipe.observables` measures in every run. n runs of a block, T sample times.
+See docs/theory.md, section 4.
 """
 
 import numpy as np
 
 from brownpipe import observables, theory
-from brownpipe.analysis.displacement import SAME_TIME, with_velocity
-from brownpipe.analysis.measure import Columns, Measure, with_interval
+from brownpipe.analysis.displacement import with_velocity
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
 from brownpipe.analysis.resampling import Estimate
+from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
-from brownpipe.analysis.variables import EACH, RATE, SPEED2, Variable, estimate_of
+from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, SPEED2, Variable, estimate_of
+from brownpipe.scene import Scene
 
 CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
-EARLY = 0.25  # of the velocity autocorrelation, lost at the times from which its initial slope is taken
-COARSE = 0.2  # of it, lost at the first sample after 0, beyond which no such slope is stated
-REACH = 1.0  # of the samples for the slope, in units of the relaxation time of Enskog's theory
+EARLY = 0.25  # decay of the velocity autocorrelation at the last of the samples for its initial slope
+COARSE = 0.2  # decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
+REACH = 1.0  # latest of these samples, in units of the relaxation time of Enskog's theory
 DENSITIES = {"velocity_density": "velocity_counts", "speed_density": "speed_counts"}
 
 
-def enskog_rate(scene):
-    """Friction rate kT/(m D) [1/time] of the tracer by Enskog's theory; 0 where the scene has none."""
-    theory_of = enskog(scene)
-    return scene.velocities.temperature / (scene.mass[0] * theory_of["enskog_diffusion"]) if theory_of else 0.0
+def enskog_rate(scene: Scene) -> float:
+    """Return the friction rate kT/(m D) [1/time] of the tracer by Enskog's theory; 0 where that does not apply."""
+    predictions = enskog(scene)
+    return scene.velocities.temperature / (scene.mass[0] * predictions["enskog_diffusion"]) if predictions else 0.0
 
 
-def early(times, rate):
-    """Indices [0, i, j] of the samples from which the slope of the autocorrelation at 0 is taken.
+def early(times: np.ndarray, rate: float) -> list[int]:
+    """Return the indices [0, i, j] of the samples for the slope of the autocorrelation at 0.
 
-    j is the last one at which, at the friction rate `rate`, no more than EARLY of it is lost, and i lies half-way. In
-    coarse samples, or without a rate, the first three.
+    j is the last sample at which the decay at the friction rate `rate` is at most EARLY, and i lies half-way. If
+    samples are coarse, or without a rate, the first three.
     """
     last = max(int(np.searchsorted(rate * times, EARLY, side="right")) - 1, 2) if rate else 2
     return [0, min(max(int(np.searchsorted(times, times[last] / 2)), 1), last - 1), last]
 
 
-def twice_as_late(times, chosen, rate):
-    """Indices [0, i', j'] of the samples at twice the times of those `chosen`; [0, i] where there are none in reach."""
-    later = np.searchsorted(times, 2 * times[chosen] * (1 - SAME_TIME))
+def twice_as_late(times: np.ndarray, samples: list[int], rate: float) -> list[int]:
+    """Return the indices [0, i', j'] of the samples at twice the times of `samples` [0, i, j].
+
+    [0, i] where these are beyond REACH.
+    """
+    later = np.searchsorted(times, 2 * times[samples] * (1 - SAME_TIME))
     if later[2] < len(times) and later[1] < later[2] and rate * times[later[2]] <= REACH:
         return later.tolist()
-    return chosen[:2]
+    return samples[:2]
 
 
-def slope_weights(times, rate=0.0):
-    """Weights (K,) such that weights @ C is the slope at 0 of an autocorrelation C(times), times[0] = 0.
+def slope_weights(times: np.ndarray, rate: float = 0.0) -> np.ndarray:
+    """Return weights (K,) such that weights @ C is the slope at 0 of an autocorrelation C(times), times[0] = 0.
 
-    That of C(t) exp(rate t) by the parabola through three points (the straight line through two), less rate C(0): exact
-    for an exponential decay at that rate.
+    The slope of C(t) exp(rate t), by the parabola through three points (the straight line through two), minus
+    rate C(0): exact for an exponential decay at that rate.
     """
     if len(times) == 2:
         weights = np.array([-1, 1]) / times[1]
@@ -57,54 +63,56 @@ def slope_weights(times, rate=0.0):
     return weights * np.exp(rate * times) - rate * (times == 0)
 
 
-def density(counts, width):
-    """Density (n, K, V) of `counts` (n, K, V) in bins of equal width."""
+def density(counts: np.ndarray, width: float) -> np.ndarray:
+    """Return the probability density (n, K, V) of `counts` (n, K, V) of K species in V bins of equal width."""
     return counts / counts.sum(axis=-1, keepdims=True) / width
 
 
-def initial_slope(case, found):
-    """Estimate of the slope at 0 of the tracer's autocorrelation, its error that of the samples' spacing included.
+def initial_slope(case: Case, averages: Averages) -> Estimate:
+    """Return the slope at 0 of the tracer's autocorrelation; its error includes the discretisation error.
 
-    The latter is the difference of the slope from that of samples twice as late, several times the error of the
-    parabola; it is added to the standard error in quadrature, and to both ends of the interval. NaN where samples are
-    too far apart: more than COARSE of the autocorrelation is lost at the first one.
+    The latter is taken to be the difference of the slope from that of samples twice as late, several times the actual
+    error of the parabola; it is added to the standard error in quadrature, and to both ends of the interval. NaN if the
+    decay at the first sample exceeds COARSE.
     """
-    mean = found.mean("velocity_autocorrelation")
-    if "vacf_initial_slope" not in found or mean[0] - mean[1] > COARSE * mean[0]:
+    mean = averages.mean("velocity_autocorrelation")
+    if "vacf_initial_slope" not in averages or mean[0] - mean[1] > COARSE * mean[0]:
         return Estimate(*np.full(4, np.nan))
-    rate, times, slope = enskog_rate(case.scene), case.times, found.estimate("vacf_initial_slope")
+    rate, times, slope = enskog_rate(case.scene), case.times, averages.estimate("vacf_initial_slope")
     later = twice_as_late(times, early(times, rate), rate)
-    spacing = abs(slope.mean - (slope_weights(times[later], rate) * mean[later]).sum())
-    return Estimate(slope.mean, np.hypot(slope.standard_error, spacing), slope.low - spacing, slope.high + spacing)
+    systematic = abs(slope.mean - (slope_weights(times[later], rate) * mean[later]).sum())
+    error = np.hypot(slope.standard_error, systematic)
+    return Estimate(slope.mean, error, slope.low - systematic, slope.high + systematic)
 
 
-def expected_slope(case, found):
-    """-(2 mu/m) (2 kT/m) rate of the tracer, the slope of its autocorrelation at 0 in equilibrium; rate as measured.
+def expected_slope(case: Case, averages: Averages) -> float:
+    """Return -(2 mu/m) (2 kT/m) rate, the slope at 0 of the tracer's autocorrelation in equilibrium.
 
-    Exact for hard disks whose kinetic energy is canonical over the runs: each collision takes 2 mu/m of the velocity
-    along the line of centres, whose mean square is 2 kT/mu in a collision. 2 kT/m is the measured <v^2> or, in a box
-    without total momentum, M/(M - m) times as much, M the mass of all disks: <v^2> lacks the motion of their centre of
-    mass, relative velocities do not. NaN if the partners differ in mass, or without a rate.
+    Exact for hard disks with a canonical distribution of energies over the runs, and the measured collision rate: a
+    collision changes the tracer's velocity by 2 mu/m times the relative velocity along the line of centres, whose mean
+    square in a collision is 2 kT/mu. 2 kT/m is the measured <v^2> or, with zero total momentum, M/(M - m) times that, M
+    the mass of all disks: <v^2> lacks the motion of the centre of mass, relative velocities do not. NaN if the partners
+    differ in mass, or without a rate.
     """
     scene = case.scene
     partners = np.unique(scene.mass[1:])
-    if partners.size != 1 or "tracer_collisions" not in found:
+    if partners.size != 1 or "tracer_collisions" not in averages:
         return np.nan
-    rate = found.mean("tracer_collisions") / case.times[-1]
+    rate = averages.mean("tracer_collisions") / case.times[-1]
     share = 2 * theory.reduced_mass(scene.mass[0], partners[0]) / scene.mass[0]
-    still = scene.velocities is not None and scene.velocities.zero_momentum
-    at_rest = still and (scene.box.periodic or case.average != "origins")  # walls give the momentum back
-    square_speed = found.mean("velocity_autocorrelation")[0] / (1 - at_rest * scene.mass[0] / scene.mass.sum())
+    balanced = scene.velocities is not None and scene.velocities.zero_momentum
+    at_rest = balanced and (scene.box.periodic or case.average != "origins")  # walls change the total momentum
+    square_speed = averages.mean("velocity_autocorrelation")[0] / (1 - at_rest * scene.mass[0] / scene.mass.sum())
     return -share * rate * square_speed
 
 
-def _sample(case, runs):
+def _columns(case: Case, runs: RunBlock) -> Columns:
     means = {name: runs.observables[name] for name in CORRELATIONS if name in runs.observables}
     if "velocity_autocorrelation" in means:
         if len(case.times) > 2:
             rate = enskog_rate(case.scene)
-            chosen = early(case.times, rate)
-            times, first = case.times[chosen], means["velocity_autocorrelation"][:, chosen]
+            samples = early(case.times, rate)
+            times, first = case.times[samples], means["velocity_autocorrelation"][:, samples]
             if rate * times[2] <= REACH:
                 means["vacf_initial_slope"] = (first * slope_weights(times, rate)).sum(axis=1)
     integral = with_velocity(case, runs, "velocity_displacement")
@@ -123,28 +131,28 @@ def _width(case, counts):
     return values[1] - values[0]
 
 
-def _estimate(case, found):
+def _estimate(case: Case, averages: Averages) -> dict[str, object]:
     names = (*CORRELATIONS, "green_kubo", "species_energy", *DENSITIES)
     values = {}
-    for name in (name for name in names if name in found):
-        values |= with_interval(name, found.estimate(name))
-    if "velocity_autocorrelation" in found and len(case.times) > 2:
-        values |= with_interval("vacf_initial_slope", initial_slope(case, found))
-        values["vacf_initial_slope_expected"] = expected_slope(case, found)
+    for name in (name for name in names if name in averages):
+        values |= with_interval(name, averages.estimate(name))
+    if "velocity_autocorrelation" in averages and len(case.times) > 2:
+        values |= with_interval("vacf_initial_slope", initial_slope(case, averages))
+        values["vacf_initial_slope_expected"] = expected_slope(case, averages)
     return values
 
 
-def _axes(case, found):
-    made = [counts for name, counts in DENSITIES.items() if name in found]
-    made += ["species_energy"] if "species_energy" in found else []
+def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
+    made = [counts for name, counts in DENSITIES.items() if name in averages]
+    made += ["species_energy"] if "species_energy" in averages else []
     along = {dim: values for name in made for dim, values in observables.axes(case.scene, name).items()}
     return {dim: (dim, values) for dim, values in along.items() if dim != "time"}
 
 
 TIME, SPECIES = (*EACH, "time"), (*EACH, "species")
 
-MEASURE = Measure(
-    _sample,
+ESTIMATOR = Estimator(
+    _columns,
     _estimate,
     {
         **estimate_of("velocity_autocorrelation", TIME, SPEED2, "velocity autocorrelation v(0).v(t) of the tracer"),
@@ -153,13 +161,13 @@ MEASURE = Measure(
             "green_kubo",
             TIME,
             RATE,
-            "half of <v(0).(r(t) - r(0))> of the tracer, the integral of its velocity autocorrelation up to the time",
+            "half of <v(0).(r(t) - r(0))> of the tracer, half of the integral of its autocorrelation from 0 to t",
         ),
         **estimate_of(
             "vacf_initial_slope",
             EACH,
             "length^2/time^3",
-            "slope at 0 of the velocity autocorrelation; its errors include that of the sample spacing",
+            "slope at 0 of the velocity autocorrelation; errors include that of the finite sample interval",
         ),
         "vacf_initial_slope_expected": Variable(
             EACH,
@@ -167,8 +175,10 @@ MEASURE = Measure(
             "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer",
         ),
         **estimate_of("species_energy", (*TIME, "species"), "energy", "kinetic energy per disk; kT in equilibrium"),
-        **estimate_of("velocity_density", (*SPECIES, "velocity"), "1", "density of the velocity components"),
-        **estimate_of("speed_density", (*SPECIES, "speed"), "1", "density of the speeds"),
+        **estimate_of(
+            "velocity_density", (*SPECIES, "velocity"), "1", "probability density of the velocity components"
+        ),
+        **estimate_of("speed_density", (*SPECIES, "speed"), "1", "probability density of the speeds"),
     },
     _axes,
     {

@@ -89,10 +89,10 @@ def _from_dataset(of_scene: "xarray.Dataset", target: str) -> list[EnginePerform
 def pilot_performance(scene: Scene, target: str, window: tuple[float, float]) -> CasePerformance:
     """Measure the exact engine and the candidates by pilot runs; a candidate that costs more is not compared."""
     exact = run_pilot(scene, REFERENCE)
-    exact_seconds = timing.seconds_per_run(REFERENCE, scene, stretches=TIMING_REPEATS)
+    exact_seconds = timing.seconds_per_run(REFERENCE, scene, repeats=TIMING_REPEATS)
     performances = [_performance(REFERENCE, compare(exact, exact, window, exact_seconds), target)]
     for engine in candidates(scene):
-        seconds = timing.seconds_per_run(engine, scene, stretches=TIMING_REPEATS)
+        seconds = timing.seconds_per_run(engine, scene, repeats=TIMING_REPEATS)
         if seconds < exact_seconds:
             values = compare(run_pilot(scene, engine), exact, window, seconds)
             performances.append(_performance(engine, values, target))

@@ -1,86 +1,92 @@
-"""What accuracy a CPU time buys: total error of every setting, and which settings are ever the best buy.
+"""Accuracy for a given CPU time: total error of every setting, and the Pareto front.
 
-A setting that is off by `bias`, whose runs scatter by `spread` and cost `seconds` each, has after a CPU time T the root
-mean square error sqrt(bias^2 + spread^2 seconds/T). All relative to the exact value.
+A setting with a bias b, whose runs scatter by s and cost c seconds each, has after a CPU time T the root mean square
+error sqrt(b^2 + s^2 c/T). All errors are relative to the exact value.
 """
 
+from collections.abc import Sequence
 from itertools import combinations
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-FEWEST_RUNS = 10  # of a setting, before it is said to have a result
+if TYPE_CHECKING:
+    import xarray
+
+REFERENCE = "exact"  # the engine that all others are compared with
+FEWEST_RUNS = 10  # of a setting, before its total error is stated
 
 
 class Setting(NamedTuple):
     """An engine with its settings in one scene."""
 
     label: str
-    bias_square: float  # scatter taken off, `Bias.square`
-    spread: float  # of one run: n runs are known to spread/sqrt(n)
-    seconds: float  # of CPU for one run
+    bias_square: float  # scatter subtracted, `bias.Bias.square`
+    spread: float  # of one run: the standard error of n runs is spread/sqrt(n)
+    seconds: float  # CPU time of one run
 
 
-class Stretch(NamedTuple):
-    """Between CPU times start and end [s] this setting has the smallest total error."""
+class Interval(NamedTuple):
+    """Between the CPU times start and end [s] this setting has the smallest total error."""
 
     label: str
     start: float
     end: float  # inf for the last
 
 
-def total_error(setting, cpu_time):
-    """The root mean square error after so many seconds of CPU; NaN as long as they do not pay for FEWEST_RUNS."""
+def total_error(setting: Setting, cpu_time: np.ndarray | float) -> np.ndarray:
+    """Return the root mean square error after a CPU time [s]; NaN if that is less than FEWEST_RUNS runs take."""
     cpu_time = np.asarray(cpu_time, float)
     error = np.sqrt(setting.bias_square + setting.spread**2 * setting.seconds / cpu_time)
     return np.where(cpu_time >= FEWEST_RUNS * setting.seconds, error, np.nan)
 
 
-def runs_for(tolerance, bias_square, spread):
-    """The number of runs that bring the total error down to `tolerance`; None if the bias alone is too large."""
-    left = tolerance**2 - bias_square
-    return None if left <= 0.0 else max(FEWEST_RUNS, int(np.ceil(spread**2 / left * (1 - 1e-12))))
+def runs_for(tolerance: float, bias_square: float, spread: float) -> int | None:
+    """Return the number of runs whose total error is `tolerance`; None if the bias alone is too large."""
+    variance = tolerance**2 - bias_square
+    return None if variance <= 0.0 else max(FEWEST_RUNS, int(np.ceil(spread**2 / variance * (1 - 1e-12))))
 
 
-def pareto_front(settings):
-    """The settings with the smallest total error, from the shortest CPU time to the longest: a list of Stretch.
+def pareto_front(settings: Sequence[Setting]) -> list[Interval]:
+    """Return the settings with the smallest total error, from the shortest CPU time to the longest.
 
     The square of the error is linear in 1/T. So the best setting changes only where two of these lines cross or where
-    a dearer setting gets its first FEWEST_RUNS; of two equal ones the first in `settings` counts.
-    Settings of unknown (NaN) bias are left out.
+    a more expensive setting reaches FEWEST_RUNS runs; of two equal ones the first in `settings` counts. Settings whose
+    bias is NaN are left out.
     """
-    settings = [one for one in settings if np.isfinite(one.bias_square)]
-    starts = {FEWEST_RUNS * one.seconds for one in settings}
+    settings = [setting for setting in settings if np.isfinite(setting.bias_square)]
+    starts = {FEWEST_RUNS * setting.seconds for setting in settings}
     changes = sorted(starts | {time for pair in combinations(settings, 2) if (time := _crossing(*pair)) > min(starts)})
-    stretches = []
+    front = []
     for start, end in zip(changes, [*changes[1:], np.inf], strict=True):
         middle = np.sqrt(start * end) if end < np.inf else 2 * start
-        errors = [float(total_error(one, middle)) for one in settings]
+        errors = [float(total_error(setting, middle)) for setting in settings]
         best = settings[int(np.nanargmin(errors))].label
-        if stretches and stretches[-1].label == best:
-            start = stretches.pop().start
-        stretches.append(Stretch(best, start, end))
-    return stretches
+        if front and front[-1].label == best:
+            start = front.pop().start
+        front.append(Interval(best, start, end))
+    return front
 
 
-def settings_of(dataset, scene, observable="msd", careful=False):
-    """The settings of a scene of the dataset, the exact one first, as they are for `msd`, `d` or `displacement`.
+def settings_of(dataset: "xarray.Dataset", scene: str, target: str = "msd", careful: bool = False) -> list[Setting]:
+    """Return the settings of a scene of the dataset, the exact one first, with their errors of a target.
 
-    `careful`: a bias that was not told from 0 is as large as its 95 % interval allows, so that nothing is taken for
-    better than it is known to be. Else all are as found, with the scatter taken off.
+    target: `msd`, `d` or `displacement`.
+    careful: take an unresolved bias at its 95 % upper bound, so that no setting counts as better than is known; else
+        take all biases as found, with the scatter subtracted.
     """
     of_scene = dataset.sel(scene=scene)
     settings = []
     for label in of_scene.setting.values:
-        one = of_scene.sel(setting=label)
-        if one.runs > 0:
-            square = float(one[f"{observable}_bias_{'careful' if careful else 'square'}"])
-            settings.append(Setting(str(label), square, float(one[f"{observable}_spread"]), float(one.seconds)))
-    return sorted(settings, key=lambda one: one.label != "exact")
+        values = of_scene.sel(setting=label)
+        if values.runs > 0:
+            square = float(values[f"{target}_bias_{'careful' if careful else 'square'}"])
+            settings.append(Setting(str(label), square, float(values[f"{target}_spread"]), float(values.seconds)))
+    return sorted(settings, key=lambda setting: setting.label != REFERENCE)
 
 
-def _crossing(one, other):
-    """The CPU time at which two settings are equally good; 0 if there is none."""
-    price = one.spread**2 * one.seconds - other.spread**2 * other.seconds
-    gain = other.bias_square - one.bias_square
-    return price / gain if price * gain > 0.0 else 0.0
+def _crossing(first: Setting, second: Setting) -> float:
+    """The CPU time [s] at which two settings have the same total error; 0 if there is none."""
+    cost = first.spread**2 * first.seconds - second.spread**2 * second.seconds
+    gain = second.bias_square - first.bias_square
+    return cost / gain if cost * gain > 0.0 else 0.0

@@ -1,88 +1,88 @@
-"""Trajectory files in, runs to compare out: per scene, number of disks and engine, failed runs left out."""
+"""The runs that the trade-off compares: all those of one scene, number of disks and engine that did not fail."""
 
+from collections.abc import Iterable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.analysis.runs import RunBlock, blocks_of, groups_of, select
 from brownpipe.engines import Engine
+from brownpipe.engines.state import Ensemble
 from brownpipe.errors import AnalysisError
+from brownpipe.observables.displacement import displacement
 from brownpipe.scene import Scene
-from brownpipe.storage import read_trajectories
-from brownpipe.storage.trajectories import Trajectories
+from brownpipe.tradeoff.front import REFERENCE
 
 OUTCOMES = ("energy_drift", "worst_overlap", "failed")
 
 
-class Runs(NamedTuple):
-    """All runs of one scene, number of disks and engine, in the order of their seeds."""
+class EngineRuns(NamedTuple):
+    """All runs of one scene, number of disks and engine, in the order of their seeds; failed ones left out."""
 
     scene: Scene
     engine: Engine
-    seeds: np.ndarray  # (S,)
-    times: np.ndarray  # (T,)
-    moved: np.ndarray  # (S, T, 2) displacement of the tracer from its start [length]
-    squared: np.ndarray  # (S, T) and its square
-    outcomes: dict  # name -> (S,), of OUTCOMES; NaN where an engine has no such thing
-    pair_counts: np.ndarray | None  # (S, P, R) pairs of species by distance, where the runs counted them
-    failed: int  # runs that were left out
+    seeds: np.ndarray  # (S,) int64
+    times: np.ndarray  # (T,) [time]
+    displacement: np.ndarray  # (S, T, 2) of the tracer from its start [length]
+    squared: np.ndarray  # (S, T) its square [length^2]
+    outcomes: dict[str, np.ndarray]  # name -> (S,), of OUTCOMES; NaN where an engine does not report it
+    pair_counts: np.ndarray | None  # (S, P, R) pairs of species by distance, if recorded
+    failed: int  # number of runs left out
 
     @property
-    def key(self):
+    def key(self) -> tuple[str, int, str]:
         return self.scene.name, self.scene.particles, self.engine.label
 
+    @property
+    def is_reference(self) -> bool:
+        return self.engine.name == REFERENCE
 
-def read_runs(paths) -> list[Runs]:
-    """The runs of trajectory files, in any order and batches, sorted by scene, number of disks and engine.
 
-    Raises AnalysisError if a seed comes twice, if files of one name have different scenes or sources, or lack a tracer.
+def read_runs(paths: Iterable[str | Path]) -> list[EngineRuns]:
+    """Return the runs of trajectory files, in any order and batches, sorted by scene, number of disks and engine.
+
+    Raises AnalysisError for files without a tracer and what `analysis.runs.groups_of` and `blocks_of` raise.
     """
-    parts = {}
-    for path in map(str, paths):
-        read = read_trajectories(path)
-        if read.ensemble.tracer is None:
-            raise AnalysisError(f"{path}: holds no tracer; make it again without --record none")
-        key = (read.scene.name, read.scene.particles, read.engine.label)
-        parts.setdefault(key, []).append((path, read))
-    return [_joined(parts[key]) for key in sorted(parts)]
+    groups = groups_of(paths)
+    for group in groups:
+        if not group.outline.tracer:
+            raise AnalysisError(f"{group.files[0].path}: holds no tracer; make it again without --record none")
+    return [_joined(group.outline.scene, group.engine, group.outline.times, blocks_of(group)) for group in groups]
 
 
-def runs_of(scene, engine, ensemble) -> Runs:
-    """The runs of an ensemble (engines.state.Ensemble), seeds in ascending order."""
-    return _joined([("", Trajectories(scene, engine, ensemble))])
+def runs_of(scene: Scene, engine: Engine, ensemble: Ensemble) -> EngineRuns:
+    """Return the runs of an ensemble."""
+    block = RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables)
+    return _joined(scene, engine, ensemble.times, [select(block, np.argsort(ensemble.seeds, kind="stable"))])
 
 
-def _joined(parts):
-    (path, first), *others = parts
-    for other, read in others:
-        if (read.scene.digest, read.source) != (first.scene.digest, first.source):
-            raise AnalysisError(
-                f"{other}: of another scene or made by another source than {path}; make one of them again"
-            )
-    seeds = np.concatenate([read.ensemble.seeds for _, read in parts])
-    order = np.argsort(seeds, kind="stable")
-    twice = np.flatnonzero(np.diff(seeds[order]) == 0)
-    if twice.size:
-        raise AnalysisError(f"{path}: seed {seeds[order][twice[0]]} is there twice; each run may count only once")
-    outcomes = {name: np.concatenate([_outcome(read, name) for _, read in parts])[order] for name in OUTCOMES}
-    kept = outcomes["failed"] == 0
-    moved = np.concatenate([_moved(read) for _, read in parts])[order][kept]
-    outcomes = {name: values[kept] for name, values in outcomes.items()}
-    squared, times = (moved**2).sum(axis=-1), first.ensemble.times
-    counts = [read.ensemble.observables.get("pair_counts") for _, read in parts]
-    counts = None if any(one is None for one in counts) else np.concatenate(counts)[order][kept]
-    failed = np.count_nonzero(~kept)
-    return Runs(first.scene, first.engine, seeds[order][kept], times, moved, squared, outcomes, counts, failed)
+def _joined(scene: Scene, engine: Engine, times: np.ndarray, blocks: Iterable[RunBlock]) -> EngineRuns:
+    """Blocks of ascending seeds as one record."""
+    size, failed = (scene.box.width, scene.box.height), 0
+    seeds, moved, outcomes, counts = [], [], [], []
+    for runs in blocks:
+        good = np.flatnonzero(_outcome(runs, "failed") == 0)
+        failed += len(runs.seeds) - len(good)
+        runs = select(runs, good)
+        seeds.append(runs.seeds)
+        track = displacement(runs.tracer.position, runs.tracer.image, size)
+        moved.append(np.ascontiguousarray(track.transpose(1, 0, 2)))
+        outcomes.append([_outcome(runs, name) for name in OUTCOMES])
+        counts.append(runs.observables.get("pair_counts"))
+    moved = np.concatenate(moved)
+    return EngineRuns(
+        scene,
+        engine,
+        np.concatenate(seeds),
+        times,
+        moved,
+        (moved**2).sum(axis=-1),
+        {name: np.concatenate(parts) for name, parts in zip(OUTCOMES, zip(*outcomes, strict=True), strict=True)},
+        None if counts[0] is None else np.concatenate(counts),
+        failed,
+    )
 
 
-def _outcome(read, name):
-    """An observable (S,); NaN if the engine has no such thing."""
-    return read.ensemble.observables.get(name, np.full(len(read.ensemble.seeds), np.nan))
-
-
-def _moved(read):
-    """Displacements (S, T, 2) of the tracers; differences of positions and of images first, for the sake of digits."""
-    track, box = read.ensemble.tracer, read.scene.box
-    moved = track.position - track.position[0]
-    if track.image is not None:
-        moved = moved + (track.image - track.image[0]) * np.array([box.width, box.height])
-    return np.ascontiguousarray(moved.transpose(1, 0, 2))
+def _outcome(runs: RunBlock, name: str) -> np.ndarray:
+    return runs.observables.get(name, np.full(len(runs.seeds), np.nan))

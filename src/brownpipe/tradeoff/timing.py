@@ -1,15 +1,19 @@
-"""What a run costs, by running some: CPU seconds of this process, with start and compilation left out."""
+"""CPU time of a run, measured by running some; start-up and compilation are left out."""
 
 import time
+from collections.abc import Callable, Iterator
 from itertools import count
 from typing import NamedTuple
 
 import numpy as np
 
-STRETCHES, FEWER = 5, 3  # the median of so many; of fewer where a run takes longer than LONG
-LEAST, LONG = 0.2, 2.0  # CPU seconds of a stretch at least, and of a long run
-MOST_RUNS = 10_000  # in a stretch
-LONGER = 4.0  # times what a call takes once is a stretch at least, for the difference to be well above its noise
+from brownpipe.engines import Engine
+from brownpipe.scene import Scene
+
+REPEATS, FEWER = 5, 3  # measurements, whose median counts; FEWER where a run takes longer than LONG
+LEAST, LONG = 0.2, 2.0  # CPU seconds: of a measurement at least, and of a long run
+MOST_RUNS = 10_000  # in a measurement
+LONGER = 4.0  # a measurement takes at least so many times the fixed part of a call, to stand out of its noise
 FIRST_SEED = 2**41  # of no study
 
 
@@ -21,47 +25,52 @@ class Ratio(NamedTuple):
     high: float
 
 
-def seconds_per_run(engine, scene, stretches=STRETCHES):
-    """CPU seconds of a run, from drawing its state to its last sample; the file is not written.
+def seconds_per_run(engine: Engine, scene: Scene, repeats: int = REPEATS) -> float:
+    """Return the CPU seconds of a run, from drawing its state to its last sample, without writing the file.
 
-    The median over `stretches` of runs of different seeds, all in this process and after a first call that does not
-    count, as it may have to compile. What every call takes once (a friction that is measured, say) is left out: it is
-    the difference of a call with many runs and one with a single run. Other work on the machine still shows: it takes
-    cache and memory away.
+    The median of `repeats` measurements with runs of different seeds, all in this process and after a first call that
+    does not count, as it may have to compile. The fixed part of a call (such as measuring a friction rate) is left out:
+    a measurement is the difference of a call with many runs and one with a single run. Other work on the machine still
+    shows: it takes cache and memory bandwidth away.
     """
-    stretch, each = _ready(engine, scene)
-    return float(np.median([stretch() for _ in range(min(stretches, FEWER) if each > LONG else stretches)]))
+    measurement, estimate = _ready(engine, scene)
+    return float(np.median([measurement() for _ in range(_repeats(repeats, estimate))]))
 
 
-def ratio_to(reference, engine, scene, stretches=STRETCHES):
-    """Ratio of the CPU time of a run to that of a run of `reference`, an engine and a scene; a stretch of each in turn.
+def ratio_to(reference: tuple[Engine, Scene], engine: Engine, scene: Scene, repeats: int = REPEATS) -> Ratio:
+    """Return the ratio of the CPU time of a run to that of a run of `reference`, by measuring both in turn.
 
-    The speed of a shared machine changes from minute to minute; the ratio of two stretches, one after the other, less.
+    The speed of a shared machine changes from minute to minute; the ratio of two measurements, one after the other,
+    varies less.
     """
-    (stretch, each), (reference_stretch, _) = _ready(engine, scene), _ready(*reference)
-    turns = range(min(stretches, FEWER) if each > LONG else stretches)
-    ratios = np.array([stretch() / reference_stretch() for _ in turns])
+    measurement, estimate = _ready(engine, scene)
+    reference_measurement, _ = _ready(*reference)
+    ratios = np.array([measurement() / reference_measurement() for _ in range(_repeats(repeats, estimate))])
     return Ratio(float(np.median(ratios)), float(ratios.min()), float(ratios.max()))
 
 
-def _ready(engine, scene):
-    """A function that returns the CPU seconds of a run, over a stretch of them, and about how long one takes."""
+def _repeats(repeats: int, estimate: float) -> int:
+    return min(repeats, FEWER) if estimate > LONG else repeats
+
+
+def _ready(engine: Engine, scene: Scene) -> tuple[Callable[[], float], float]:
+    """A function that measures the CPU seconds of a run, and an estimate of them."""
     seeds = count(FIRST_SEED)
     _seconds(engine, scene, seeds, 1)
-    single, few = _seconds(engine, scene, seeds, 1), _seconds(engine, scene, seeds, 5)
-    each = max((few - single) / 4, 1e-6)
-    runs = int(np.clip(np.ceil(max(LEAST, LONGER * (single - each)) / each), 1, MOST_RUNS))
+    single, five = _seconds(engine, scene, seeds, 1), _seconds(engine, scene, seeds, 5)
+    estimate = max((five - single) / 4, 1e-6)
+    runs = int(np.clip(np.ceil(max(LEAST, LONGER * (single - estimate)) / estimate), 1, MOST_RUNS))
 
-    def stretch():
+    def measurement() -> float:
         alone = _seconds(engine, scene, seeds, 1)
         return max((_seconds(engine, scene, seeds, 1 + runs) - alone) / runs, 1e-9)
 
-    return stretch, each
+    return measurement, estimate
 
 
-def _seconds(engine, scene, seeds, runs):
-    """CPU seconds of a call with so many runs of the next seeds."""
-    mine = [next(seeds) for _ in range(runs)]
-    begun = time.process_time()
-    engine.simulate(scene, mine, frozenset({"tracer"}))
-    return time.process_time() - begun
+def _seconds(engine: Engine, scene: Scene, seeds: Iterator[int], runs: int) -> float:
+    """CPU seconds of a call with runs of the next seeds."""
+    batch = [next(seeds) for _ in range(runs)]
+    began = time.process_time()
+    engine.simulate(scene, batch, frozenset({"tracer"}))
+    return time.process_time() - began

@@ -1,16 +1,15 @@
-"""What is in a trade-off dataset: every variable with its dimensions, unit and meaning.
+"""Variables of a trade-off dataset: dimensions, unit and meaning.
 
 Biases, spreads and distances are relative to the exact result: 0.01 is 1 %. "95 %" intervals are those of `bias`.
 """
 
 import numpy as np
 
-from brownpipe.analysis.variables import Variable
+from brownpipe.analysis.variables import Variable, kept_always
 
-KIND = "Cost-accuracy trade-off of engines"
 ATTRIBUTES = {
     "Conventions": "CF-1.11",
-    "title": KIND,
+    "title": "Cost-accuracy trade-off of engines",
     "comment": (
         "CPU times, and with them the Pareto front, are measured anew whenever this is made and differ from one "
         "machine and one time to another: these variables do not come out the same to the byte. Everything else does. "
@@ -20,7 +19,8 @@ ATTRIBUTES = {
 SCENE, SETTING = ("scene",), ("scene", "setting")
 
 
-def _with_interval(name, dims, meaning):
+def _with_interval(name: str, dims: tuple[str, ...], meaning: str) -> dict[str, Variable]:
+    """A bias and its uncertainty."""
     return {
         name: Variable(dims, "1", meaning),
         f"{name}_standard_error": Variable(dims, "1", f"standard error of the {meaning}"),
@@ -29,14 +29,16 @@ def _with_interval(name, dims, meaning):
     }
 
 
-def _usable(name, meaning):
-    """What the total error is made of."""
+def _error_terms(name: str, meaning: str) -> dict[str, Variable]:
+    """The terms of the total error: square of the bias, scatter of a run."""
     return {
-        f"{name}_bias_square": Variable(SETTING, "1", f"square of the relative bias of {meaning}, scatter taken off"),
+        f"{name}_bias_square": Variable(SETTING, "1", f"square of the relative bias of {meaning}, scatter subtracted"),
         f"{name}_bias_careful": Variable(
-            SETTING, "1", f"the same; where the bias of {meaning} is not resolved, the square of what it may be (95 %)"
+            SETTING, "1", f"the same, with an unresolved bias of {meaning} at its 95 % upper bound"
         ),
-        f"{name}_spread": Variable(SETTING, "1", f"relative scatter of {meaning} in one run; that of n runs / sqrt(n)"),
+        f"{name}_spread": Variable(
+            SETTING, "1", f"relative scatter of {meaning} in one run; the error of n runs is 1/sqrt(n) of it"
+        ),
     }
 
 
@@ -44,7 +46,11 @@ BEST = "no setting has a smaller total error of the MSD"
 MSD, D = "MSD at the end", "D in the window"
 DISTRIBUTION = "total variation distance of the distribution of displacements at the end, in ten rings"
 
-VARIABLES = {
+COORDINATES = {
+    "scene": {"long_name": "scene, as exact runs have it"},
+    "setting": {"long_name": "engine with its settings; `exact in X`: exact runs of scene X instead"},
+}
+_TABLE = {
     "digest": Variable(SCENE, "1", "digest of the scene's physics", object, ""),
     "particles": Variable(SCENE, "1", "number of disks", np.int64, 0),
     "duration": Variable(SCENE, "time", "duration of a run"),
@@ -54,30 +60,31 @@ VARIABLES = {
     "engine": Variable(SETTING, "1", "name and settings of the engine, as in a study (JSON)", object, ""),
     "runs": Variable(SETTING, "1", "number of runs that did not fail", np.int64, 0),
     "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", np.int64, 0),
-    "paired_runs": Variable(SETTING, "1", "number of runs that an exact one begins like", np.int64, 0),
+    "paired_runs": Variable(SETTING, "1", "number of runs with an exact run of the same initial state", np.int64, 0),
     "seconds": Variable(SETTING, "s", "CPU time of a run on this machine, start-up and files not counted"),
     "cost_ratio": Variable(SETTING, "1", "CPU time of a run over that of an exact run, median of pairs taken in turn"),
-    "cost_ratio_low": Variable(SETTING, "1", "least of these ratios"),
+    "cost_ratio_low": Variable(SETTING, "1", "smallest of these ratios"),
     "cost_ratio_high": Variable(SETTING, "1", "largest of these ratios"),
-    "study_seconds": Variable(SETTING, "s", "CPU time of all these runs at that cost"),
+    "study_seconds": Variable(SETTING, "s", "CPU time of all runs"),
     "pays_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, unresolved biases at their 95 % upper bounds"),
     "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"),
     "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, biases as found and the least cost ratio"),
     "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, biases as found and the least cost ratio"),
     **_with_interval("msd_bias", SETTING, f"relative bias of the {MSD}"),
-    **_usable("msd", f"the {MSD}"),
+    **_error_terms("msd", f"the {MSD}"),
     **_with_interval("d_bias", SETTING, f"relative bias of {D}"),
-    **_usable("d", D),
-    "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise taken off"),
+    **_error_terms("d", D),
+    "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted"),
     "displacement_bias_low": Variable(SETTING, "1", f"lower end of the 95 % interval of the {DISTRIBUTION}"),
     "displacement_bias_high": Variable(SETTING, "1", f"upper end of the 95 % interval of the {DISTRIBUTION}"),
-    "displacement_bias_noise": Variable(SETTING, "1", f"what noise alone makes of the {DISTRIBUTION}"),
-    **_usable("displacement", "the distribution of displacements at the end"),
+    "displacement_bias_noise": Variable(SETTING, "1", f"mean of the {DISTRIBUTION}, due to noise alone"),
+    **_error_terms("displacement", "the distribution of displacements at the end"),
     **_with_interval("msd_curve_bias", (*SETTING, "sample"), "relative bias of the MSD at the sample times"),
-    **_with_interval("contact_bias", SETTING, "largest relative deviation of g(r) near contact, where it was measured"),
+    **_with_interval("contact_bias", SETTING, "most significant relative deviation of g(r) near contact"),
     "worst_energy_drift": Variable(SETTING, "1", "largest relative change of the energy in a run"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
     "departure_time": Variable(
         SETTING, "time", "median time at which the tracer is 0.001 of its radius from that of the exact run; inf: never"
     ),
 }
+VARIABLES = kept_always(_TABLE)

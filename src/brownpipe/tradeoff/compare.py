@@ -1,0 +1,132 @@
+"""One engine and setting against the exact runs of a scene: all biases, with their uncertainties."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from brownpipe.analysis.departure import SHARE, departure_time
+from brownpipe.analysis.displacement import per_run_lines
+from brownpipe.errors import AnalysisError
+from brownpipe.tradeoff import bias
+from brownpipe.tradeoff.bias import Bias, Pairs
+from brownpipe.tradeoff.runs import EngineRuns
+
+CURVE = 20  # times of the curve of the MSD's bias, at equal steps of the logarithm
+TARGETS = {"msd": 0, "d": 1}  # columns of `_per_run`
+
+
+def compare(
+    runs: EngineRuns, exact: EngineRuns, window: tuple[float, float], seconds: float, paired: bool = True
+) -> dict[str, object]:
+    """Return every variable of one setting: name -> value. `seconds` is the CPU time of a run; `window` that of D.
+
+    `paired`: runs of equal seeds start from the same state. Raises AnalysisError for fewer than two runs.
+    """
+    if min(len(runs.seeds), len(exact.seeds)) < 2:
+        raise AnalysisError(f"{runs.scene.name}, {runs.engine.label}: fewer than two runs that did not fail")
+    pairs = bias.same_seeds(runs.seeds, exact.seeds) if paired else None
+    if pairs is not None and len(pairs[0]) < 2:
+        pairs = None
+    return {
+        "engine": json.dumps({"name": runs.engine.name, **dict(runs.engine.settings)}),
+        "runs": len(runs.seeds),
+        "failed_runs": runs.failed,
+        "paired_runs": 0 if pairs is None else len(pairs[0]),
+        "seconds": seconds,
+        "study_seconds": seconds * (len(runs.seeds) + runs.failed),
+        "worst_energy_drift": np.abs(runs.outcomes["energy_drift"]).max(),
+        "worst_overlap": runs.outcomes["worst_overlap"].max(),
+        "departure_time": np.nan if pairs is None else _departure(runs, exact, pairs),
+        **_biases(runs, exact, pairs, window),
+        **_distances(runs, exact, pairs),
+        **_contact(runs, exact, pairs),
+    }
+
+
+def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> float:
+    """Return the relative scatter of `msd` (at the end) or `d` (in the window) in one run: standard deviation / mean.
+
+    The scatter of runs is estimated with n - 1 degrees of freedom.
+    """
+    values = _per_run(runs, [], window)[:, TARGETS[target]]
+    return float(values.std(ddof=1) / abs(values.mean()))
+
+
+def curve_times(times: np.ndarray) -> np.ndarray:
+    """Return the times (CURVE,) of the curve of the MSD's bias, of sample times (T,); NaN beyond the last."""
+    return _padded(times[_curve(times)])
+
+
+def _curve(times: np.ndarray) -> np.ndarray:
+    """Indices of at most CURVE sample times, at equal steps of the logarithm, without 0."""
+    return np.unique(np.rint(np.geomspace(1, len(times) - 1, CURVE)).astype(int))
+
+
+def _padded(values: np.ndarray) -> np.ndarray:
+    return np.append(values, np.full(CURVE - len(values), np.nan))
+
+
+def _biases(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]) -> dict[str, object]:
+    """MSD at the end, D in the window and the curve of the MSD, all in one resampling."""
+    curve = _curve(exact.times)
+    samples, references = _per_run(runs, curve, window), _per_run(exact, curve, window)
+    biases = bias.none_of(references) if runs is exact else bias.relative_bias(samples, references, pairs)
+    values = {}
+    for name, column in TARGETS.items():
+        of_target = Bias(*(part[column] for part in biases))
+        values |= _with_interval(f"{name}_bias", of_target)
+        values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(references[:, column].mean())
+        values[f"{name}_bias_square"] = of_target.square
+        values[f"{name}_bias_careful"] = of_target.careful
+    return values | _with_interval("msd_curve_bias", Bias(*(_padded(part[len(TARGETS) :]) for part in biases)))
+
+
+def _per_run(runs: EngineRuns, curve: Sequence[int], window: tuple[float, float]) -> np.ndarray:
+    """(S, 2 + times of the curve): r^2 at the end, slope of r^2 over the window, r^2 along the curve."""
+    slope = per_run_lines(runs.squared, runs.times, [window])[:, 0]
+    return np.concatenate([runs.squared[:, -1:], slope, runs.squared[:, curve]], axis=1)
+
+
+def _with_interval(name: str, deviation: Bias) -> dict[str, np.ndarray]:
+    return {
+        name: deviation.value,
+        f"{name}_standard_error": deviation.standard_error,
+        f"{name}_low": deviation.low,
+        f"{name}_high": deviation.high,
+    }
+
+
+def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, float]:
+    """The displacement distribution at the end."""
+    ends = np.sqrt(runs.squared[:, -1]), np.sqrt(exact.squared[:, -1])
+    distance = bias.NO_DISTANCE if runs is exact else bias.total_variation(*ends, pairs)
+    return {
+        "displacement_bias": distance.value,
+        "displacement_bias_low": distance.low,
+        "displacement_bias_high": distance.high,
+        "displacement_bias_noise": distance.noise,
+        "displacement_bias_square": distance.value**2,
+        "displacement_bias_careful": distance.value**2 if distance.low > 0.0 else distance.high**2,
+        "displacement_spread": bias.spread_of_shares(),
+    }
+
+
+def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, np.ndarray]:
+    """g(r) near contact; {} without pair counts, or with those of another box, whose distances are others."""
+    if runs.pair_counts is None or exact.pair_counts is None:
+        return {}
+    if runs.pair_counts.shape[1:] != exact.pair_counts.shape[1:]:
+        return {}
+    if runs is exact:
+        return _with_interval("contact_bias", bias.none_of(np.zeros((1,))))
+    deviation = bias.contact_deviation(runs.pair_counts, exact.pair_counts, pairs)
+    return {} if deviation is None else _with_interval("contact_bias", deviation)
+
+
+def _departure(runs: EngineRuns, exact: EngineRuns, pairs: Pairs) -> float:
+    """Median over common seeds of the time at which the tracer departs from the exact trajectory; inf for never."""
+    rows, exact_rows = pairs
+    tracks = (runs.displacement[rows].transpose(1, 0, 2), exact.displacement[exact_rows].transpose(1, 0, 2))
+    times = np.sort(departure_time(exact.times, *tracks, SHARE * exact.scene.radius[0]))
+    return float(times[len(times) // 2])

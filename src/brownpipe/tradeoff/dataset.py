@@ -1,0 +1,155 @@
+"""All engines and settings of a study against its exact runs, as one dataset."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from brownpipe.analysis.outer_join import Part, joined
+from brownpipe.analysis.variables import SAME_TIME
+from brownpipe.engines import Engine
+from brownpipe.errors import AnalysisError
+from brownpipe.scene import Scene
+from brownpipe.tradeoff import timing
+from brownpipe.tradeoff.compare import CURVE, compare, curve_times
+from brownpipe.tradeoff.front import REFERENCE, Setting, pareto_front
+from brownpipe.tradeoff.runs import EngineRuns, read_runs
+from brownpipe.tradeoff.variables import ATTRIBUTES, COORDINATES, VARIABLES
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Comparison(NamedTuple):
+    """Runs to compare with the exact runs of a scene."""
+
+    label: str  # of the setting
+    runs: EngineRuns
+    paired: bool  # runs of equal seeds start from the same state
+
+
+def measure(
+    paths: Iterable[str | Path],
+    instead_of: Mapping[str, Sequence[str]] | None = None,
+    window: tuple[float, float] | None = None,
+    seconds_per_run: Callable[[Engine, Scene], float] | None = None,
+) -> "xarray.Dataset":
+    """Return all engines of the trajectory files `paths` against the exact runs of the same scenes.
+
+    instead_of: scenes that may stand in for another, {scene: [others]}; exact runs of these are settings of that scene.
+    window: (start, end) in which D is fitted [time], by default from a tenth of each scene's duration to its end.
+    seconds_per_run: CPU seconds of a run of an engine in a scene; by default measured, in turn with the exact engine
+        (`timing.ratio_to`).
+
+    Raises AnalysisError for a scene without exact runs, for stand-ins without runs or with other sample times, and what
+    `read_runs` raises.
+    """
+    groups = read_runs(paths)
+    labels = _scene_labels(groups)
+    references = [runs for runs in groups if runs.is_reference]
+    lacking = set(labels.values()) - {labels[exact.key[:2]] for exact in references}
+    if lacking:
+        raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
+    parts = []
+    for exact in references:
+        comparisons = _comparisons(exact, groups, (instead_of or {}).get(exact.scene.name, ()))
+        settings = _settings(exact, comparisons, _window(exact, window), seconds_per_run)
+        of_scene = _scene(exact, _window(exact, window))
+        for label, values in settings.items():
+            axes = {"scene": labels[exact.key[:2]], "setting": label}
+            axes = {name: (name, [value]) for name, value in axes.items()} | {"sample": ("sample", range(CURVE))}
+            parts.append(Part(of_scene | values, axes))
+    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES, ascending=COORDINATES)
+
+
+def is_tradeoff(dataset: "xarray.Dataset") -> bool:
+    """Return whether a dataset is one of `measure`, of any version; otherwise it is one of `analysis.aggregate`."""
+    return "setting" in dataset.dims
+
+
+def _scene_labels(groups: Sequence[EngineRuns]) -> dict[tuple[str, int], str]:
+    """Label of every (scene, number of disks): the name, with the number where a name has several."""
+    keys = dict.fromkeys(runs.key[:2] for runs in groups)
+    names = [name for name, _ in keys]
+    return {(name, number): name if names.count(name) == 1 else f"{name}_N{number}" for name, number in keys}
+
+
+def _window(exact: EngineRuns, window: tuple[float, float] | None) -> tuple[float, float]:
+    return window or (exact.times[-1] / 10, exact.times[-1])
+
+
+def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, object]:
+    """The variables of a scene."""
+    return {
+        "digest": exact.scene.digest,
+        "particles": exact.scene.particles,
+        "duration": exact.times[-1],
+        "window_start": window[0],
+        "window_end": window[1],
+        "sample_time": curve_times(exact.times),
+    }
+
+
+def _comparisons(exact: EngineRuns, groups: Sequence[EngineRuns], stand_ins: Sequence[str]) -> list[Comparison]:
+    """All engines in the scene, the exact one included, and exact runs of the scenes that may stand in for it."""
+    comparisons = [Comparison(runs.engine.label, runs, True) for runs in groups if runs.key[:2] == exact.key[:2]]
+    for name in stand_ins:
+        others = [runs for runs in groups if runs.scene.name == name and runs.is_reference]
+        if not others:
+            raise AnalysisError(
+                f"{name}: no runs of the exact engine, and so it cannot stand in for {exact.scene.name}"
+            )
+        for runs in others:
+            if not _same_samples(runs.times, exact.times):
+                raise AnalysisError(f"{name}: has other sample times than {exact.scene.name}; must have the same")
+            comparisons.append(Comparison(f"{REFERENCE} in {name}", runs, False))
+    return comparisons
+
+
+def _same_samples(times: np.ndarray, others: np.ndarray) -> bool:
+    return len(times) == len(others) and np.allclose(times[[0, -1]], others[[0, -1]], rtol=SAME_TIME)
+
+
+def _settings(
+    exact: EngineRuns, comparisons: Sequence[Comparison], window: tuple[float, float], seconds_per_run: Callable | None
+) -> dict[str, dict]:
+    """The variables of every setting of a scene: label -> values."""
+    unit, settings = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene), {}
+    for label, runs, paired in comparisons:
+        cost = _cost(runs, exact, unit, seconds_per_run)
+        settings[label] = compare(runs, exact, window, unit * cost.ratio, paired) | {
+            "cost_ratio": cost.ratio,
+            "cost_ratio_low": cost.low,
+            "cost_ratio_high": cost.high,
+        }
+    _add_front(settings, unit)
+    return settings
+
+
+def _cost(runs: EngineRuns, exact: EngineRuns, unit: float, seconds_per_run: Callable | None) -> timing.Ratio:
+    """CPU time of a run over that of an exact run, which is `unit` seconds."""
+    if runs is exact:
+        return timing.Ratio(1.0, 1.0, 1.0)
+    if seconds_per_run is not None:
+        ratio = seconds_per_run(runs.engine, runs.scene) / unit
+        return timing.Ratio(ratio, ratio, ratio)
+    return timing.ratio_to((exact.engine, exact.scene), runs.engine, runs.scene)
+
+
+def _add_front(settings: dict[str, dict], unit: float) -> None:
+    """Add to each setting of a scene the CPU times [s] between which it is on the Pareto front of the MSD; else NaN.
+
+    `pays`: unresolved biases at their 95 % upper bound, the cost at its median. `may_pay`: biases as found, the cost at
+    the lower end of its range.
+    """
+    for name, kind, ratio in (("pays", "careful", "cost_ratio"), ("may_pay", "square", "cost_ratio_low")):
+        candidates = []
+        for label in sorted(settings, key=lambda label: label != REFERENCE):  # of equal ones the first counts
+            values = settings[label]
+            values[f"{name}_from"], values[f"{name}_to"] = np.nan, np.nan
+            candidates.append(Setting(label, values[f"msd_bias_{kind}"], values["msd_spread"], unit * values[ratio]))
+        for interval in pareto_front(candidates):
+            values = settings[interval.label]
+            values[f"{name}_from"] = np.fmin(values[f"{name}_from"], interval.start)
+            values[f"{name}_to"] = interval.end
