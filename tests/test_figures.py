@@ -2,6 +2,8 @@
 
 import csv
 import re
+import subprocess
+import sys
 import warnings
 from functools import cache
 
@@ -12,16 +14,19 @@ import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from brownpipe import cli, figures, storage
+from brownpipe import provenance, storage
 from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine, state
+from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
+from brownpipe.figures.catalogue import FIGURES
+from brownpipe.figures.render import cases_shown, module_of, render
+from brownpipe.figures.summary import summary
 from brownpipe.figures.tables import Table, to_csv
-from brownpipe.study.study_file import FIGURES
 from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, with_measures
 
-NAMES = tuple(figures.MODULES)
+NAMES = tuple(FIGURES)
 OF_TRAJECTORIES = ("msd", "displacement_distribution", "diffusion", "thermodynamics", "health")
 OF_OBSERVABLES = {
     "velocity_autocorrelation": "velocity_autocorrelation",
@@ -46,7 +51,7 @@ def dataset(plain):
 @pytest.fixture(scope="module")
 def folder(dataset, tmp_path_factory):
     folder = tmp_path_factory.mktemp("figures")
-    figures.render(dataset, folder)
+    render(dataset, folder)
     return folder
 
 
@@ -65,7 +70,7 @@ def no_pictures(monkeypatch):
             lay_out(figure)
         return b""
 
-    monkeypatch.setattr(figures, "image_bytes", empty)
+    monkeypatch.setattr("brownpipe.figures.render.image_bytes", empty)
 
 
 def rows(path):
@@ -85,7 +90,7 @@ def test_every_figure_is_png_svg_and_csv(dataset, folder, tmp_path):
 @pytest.mark.slow
 def test_same_bytes_whatever_the_user_has_set(dataset, folder, tmp_path):
     with matplotlib.rc_context({"font.size": 30, "axes.grid": False, "svg.hashsalt": None, "savefig.dpi": 20}):
-        paths = figures.render(dataset, tmp_path, ["msd", "velocity_distribution", "health"])
+        paths = render(dataset, tmp_path, ["msd", "velocity_distribution", "health"])
     assert len(paths) == 10
     assert all(path.read_bytes() == (folder / path.name).read_bytes() for path in paths)
 
@@ -98,25 +103,44 @@ def test_no_date_in_the_files(folder):
 
 def test_style_is_put_back(dataset, tmp_path):
     before = dict(matplotlib.rcParams)
-    figures.render(dataset, tmp_path, ["health"])
+    render(dataset, tmp_path, ["health"])
     assert dict(matplotlib.rcParams) == before
 
 
 @pytest.mark.slow
 def test_one_particle_count_has_nothing_to_compare(plain, tmp_path, no_pictures):
-    names = {path.stem for path in figures.render(plain.sel(particles=[10]), tmp_path)}
+    names = {path.stem for path in render(plain.sel(particles=[10]), tmp_path)}
     assert names == {*OF_TRAJECTORIES, "summary"}
 
 
-def test_figures_of_a_study_are_those_that_there_are():
-    assert NAMES == tuple(FIGURES) == cli.FIGURES
+def test_the_catalogue_lists_every_figure_there_is():
+    """A module that draws cases but is not listed would never run; one that lacks a part or its caption would fail."""
+    folder = provenance.PACKAGE / "figures"
+    drawing = {file.stem for file in folder.glob("*.py") if "\ndef draw(cases" in file.read_text()}
+    assert drawing == set(NAMES)
+    captions = {path.stem for path in (provenance.PACKAGE.parents[1] / "workflow" / "report").glob("*.rst")}
+    for name in NAMES:
+        assert {"draw", "table", "VARIABLES", "LACKING"} <= set(dir(module_of(name)))
+        assert name in captions
+
+
+def test_every_figure_decides_what_the_figures_are_made_with():
+    """The catalogue names its modules as text, which the digest of the sources cannot follow."""
+    known = {path.stem for path in provenance.sources("figures.*") if path.parent.name == "figures"}
+    assert {*NAMES, "catalogue", "render", "summary", "style"} <= known
+
+
+def test_names_of_figures_are_there_before_anything_heavy():
+    code = "import brownpipe.figures.catalogue, sys; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"numpy", "matplotlib", "xarray", "h5py", "numba", "scipy"} & set(loaded)
 
 
 @pytest.mark.parametrize("name", OF_OBSERVABLES)
 def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path):
     without = dataset.drop_vars([var for var in dataset.data_vars if var.startswith(OF_OBSERVABLES[name])])
-    with pytest.raises(figures.FigureError, match=f"^{name}: there is nothing to show in this figure: the observable"):
-        figures.render(without, tmp_path, [name])
+    with pytest.raises(FigureError, match=f"^{name}: there is nothing to show in this figure: the observable"):
+        render(without, tmp_path, [name])
 
 
 def test_particle_count_that_is_shown(dataset):
@@ -129,7 +153,7 @@ def test_particle_count_that_is_shown(dataset):
     assert shown(dataset, 10) == [("hot", 10), ("thermal", 10)]
     assert shown(dataset.assign_coords(particles=[150, 200])) == [("hot", 150), ("thermal", 150)]
     with pytest.raises(ValueError, match=r"particles: 15 is not in the dataset; choose one of \[10, 20\]"):
-        figures.render(dataset, "never made", particles=15)
+        render(dataset, "never made", particles=15)
 
 
 def test_each_scene_shows_a_count_of_its_own(dataset):
@@ -141,8 +165,8 @@ def test_each_scene_shows_a_count_of_its_own(dataset):
 @pytest.mark.slow
 def test_figures_not_drawn_again_do_not_stay(dataset, tmp_path, no_pictures):
     (tmp_path / "msd.txt").write_text("of the user")
-    figures.render(dataset, tmp_path, ["msd"])
-    figures.render(dataset, tmp_path, ["health"])
+    render(dataset, tmp_path, ["msd"])
+    render(dataset, tmp_path, ["health"])
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"msd.txt", "health.png", "health.svg", "health.csv", "summary.csv"}
 
@@ -153,18 +177,18 @@ def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatc
             raise storage.StorageError("full")
         path.touch()
 
-    monkeypatch.setattr(figures, "write_file", full)
+    monkeypatch.setattr("brownpipe.figures.render.write_file", full)
     with pytest.raises(storage.StorageError):
-        figures.render(dataset, tmp_path, ["health"])
+        render(dataset, tmp_path, ["health"])
     assert not (tmp_path / "summary.csv").exists()
 
 
 @pytest.mark.slow
 def test_figures_asked_for(dataset, tmp_path, no_pictures):
-    names = {path.stem for path in figures.render(dataset, tmp_path, ["health", "msd"])}
+    names = {path.stem for path in render(dataset, tmp_path, ["health", "msd"])}
     assert names == {"health", "msd", "summary"}
-    with pytest.raises(figures.FigureError, match="particle_counts: there is nothing to show"):
-        figures.render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "particle_counts"])
+    with pytest.raises(FigureError, match="particle_counts: there is nothing to show"):
+        render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "particle_counts"])
     assert not (tmp_path / "other").exists()
 
 
@@ -179,7 +203,7 @@ def test_words_cover_no_data_and_no_words(dataset, name):
     """Titles and keys stand above their panels, inside the figure, and on nothing else."""
     named = dataset.assign_coords(scene=["hot", "a-scene_with.a-name-of-42-characters-at-N20"])
     with style.drawing():
-        drawn = figures.MODULES[name].draw(cases.one_count(cases.cases_of(at_times(named, (0.5, 1.0)))))
+        drawn = module_of(name).draw(cases.one_count(cases.cases_of(at_times(named, (0.5, 1.0)))))
         lay_out(drawn)
     panels = [axes.get_window_extent() for axes in drawn.axes]
     words = [title(axes) for axes in drawn.axes if title(axes)]
@@ -195,7 +219,7 @@ def test_words_cover_no_data_and_no_words(dataset, name):
 def drawn(name, data):
     """The figure and its panels."""
     with style.drawing():
-        figure = figures.MODULES[name].draw(figures._cases_shown(data, None)[name])
+        figure = module_of(name).draw(cases_shown(data)[name])
         lay_out(figure)
     return figure, [axes for axes in figure.axes if axes.get_visible()]
 
@@ -235,7 +259,7 @@ def test_green_and_kubo_need_a_temperature(dataset, tmp_path, no_pictures):
     data = only_hot(dataset, "enskog_diffusion")
     shown = [{line.get_label() for line in axes.lines} for axes in drawn("diffusion", data)[1]]
     assert [any("Green" in label for label in labels) for labels in shown] == [True, False]
-    figures.render(data, tmp_path, ["diffusion"])
+    render(data, tmp_path, ["diffusion"])
     assert all(row["green_kubo"] for row in rows(tmp_path / "diffusion.csv"))
 
 
@@ -426,7 +450,7 @@ def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(dataset, tmp_path,
     assert claimed(dataset.assign(flying)) == claimed(free.assign(flying)) == []
     walls = {"accessible_half_width": dataset.accessible_half_width * 0 + 0.5}  # that have stopped it, says the MSD
     assert claimed(dataset.assign(flying | walls)) == []
-    figures.render(dataset.assign(flying), tmp_path, ["msd"])
+    render(dataset.assign(flying), tmp_path, ["msd"])
     assert {row["diffusion"] for row in rows(tmp_path / "msd.csv")} == {""}
 
 
@@ -561,7 +585,7 @@ def test_scenes_share_no_pair(dataset, tmp_path):
     pair = dataset.pair_distribution.where(dataset.species_pair != PAIRS[1])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert figures.render(dataset.assign(gaps | {"pair_distribution": pair}), tmp_path, list(OF_OBSERVABLES))
+        assert render(dataset.assign(gaps | {"pair_distribution": pair}), tmp_path, list(OF_OBSERVABLES))
 
 
 @pytest.mark.slow
@@ -574,11 +598,11 @@ def test_contact_is_where_the_dataset_says(dataset, folder):
 @pytest.mark.slow
 def test_several_displacement_times(dataset, tmp_path, no_pictures):
     several = at_times(dataset, (0.5, 1.0))
-    figures.render(several, tmp_path, ["displacement_distribution"])
+    render(several, tmp_path, ["displacement_distribution"])
     table = rows(tmp_path / "displacement_distribution.csv")
     assert [{row["time"] for row in table}, len(table)] == [{"0.5", "1"}, 2 * 2 * 25]
-    line = next(line for line in figures.summary(several).splitlines() if line.split()[:2] == ["hot", "20"])
-    assert line == next(line for line in figures.summary(dataset).splitlines() if line.split()[:2] == ["hot", "20"])
+    line = next(line for line in summary(several).splitlines() if line.split()[:2] == ["hot", "20"])
+    assert line == next(line for line in summary(dataset).splitlines() if line.split()[:2] == ["hot", "20"])
 
 
 @pytest.mark.slow
@@ -609,7 +633,7 @@ def test_health_table_has_the_worst_run(dataset, folder):
 
 
 def test_summary(dataset):
-    text = figures.summary(dataset)
+    text = summary(dataset)
     line = next(line for line in text.splitlines() if line.split()[:2] == ["hot", "20"])
     case = dataset.sel(scene="hot", particles=20, engine="exact")
     assert cases.plus_minus(case.msd[-1], case.msd_standard_error[-1]) in line
@@ -626,7 +650,7 @@ def test_summary_says_what_is_tested_and_at_which_level(tmp_path):
     normal, ring = make_runs(make_scene("normal"), range(400)), make_runs(make_scene("ring"), range(400))
     direction = (np.exp(1j * np.arange(400.0)) * np.linspace(0.9, 1.1, 400)).view(float).reshape(400, 2)
     ring.ensemble.tracer.position[...] = np.sqrt(4 * ring.ensemble.times)[:, None, None] * direction
-    text = figures.summary(aggregate([write(tmp_path, normal), write(tmp_path, ring)]))
+    text = summary(aggregate([write(tmp_path, normal), write(tmp_path, ring)]))
     first, second = (next(line for line in text.splitlines() if line.startswith(name)) for name in ("normal", "ring"))
     assert re.search(r"  no, p = [0-9.]+ +no, p = [0-9.]+$", first)
     assert second.endswith("  yes, p < 1e-12   yes, p < 1e-12")
@@ -640,7 +664,7 @@ def test_summary_says_what_is_tested_and_at_which_level(tmp_path):
 def test_summary_names_missing_seeds_and_engines(tmp_path):
     full, partial = make_runs(make_scene(), range(20)), make_runs(make_scene(), [*range(5), *range(9, 20)])
     coarse = partial._replace(engine=Engine("timestep", (("time_step", 0.01),)))
-    text = figures.summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
+    text = summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
     assert "plain, N = 20, timestep-0.01-late: missing: 4 of 20 seeds (5-8)" in text
     assert "engine" in text.splitlines()[1]
 
@@ -659,8 +683,8 @@ def test_few_runs_draw_without_a_warning(runs, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         dataset = aggregate([write(tmp_path, trajectories)])
-        assert len(figures.render(dataset, tmp_path)) == 1 + 3 * len(OF_TRAJECTORIES)
-    assert "plain" in figures.summary(dataset)
+        assert len(render(dataset, tmp_path)) == 1 + 3 * len(OF_TRAJECTORIES)
+    assert "plain" in summary(dataset)
 
 
 @pytest.mark.slow
@@ -672,8 +696,8 @@ def test_disk_at_rest_and_no_disk(tmp_path):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             dataset = aggregate([write(tmp_path, trajectories._replace(ensemble=ensemble))])
-            assert len(figures.render(dataset, tmp_path)) == files
-        assert "plain" in figures.summary(dataset)
+            assert len(render(dataset, tmp_path)) == files
+        assert "plain" in summary(dataset)
 
 
 def test_numbers_are_written_to_their_error():
@@ -721,7 +745,7 @@ def test_the_summary_of_averages_has_no_distribution(tmp_path):
     measured = runs.ensemble.observables | {"square_displacement": squared}
     ensemble = runs.ensemble._replace(tracer=None, observables=measured, average="disks")
     storage.write_trajectories(tmp_path / "a.h5", scene, Engine("exact"), ensemble)
-    text = figures.summary(aggregate([tmp_path / "a.h5"])).splitlines()
+    text = summary(aggregate([tmp_path / "a.h5"])).splitlines()
     assert text[0].split() == ["scene", "N", "runs", "MSD(t", "=", "1)", "D"] and not any(
         "rejected" in line for line in text
     )

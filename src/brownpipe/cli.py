@@ -118,18 +118,21 @@ def aggregate(arguments: Namespace) -> int:
 
 def figures(arguments: Namespace) -> int:
     """Draw the figures of a dataset, each with a table of its numbers, and write the summary."""
-    from brownpipe import figures as drawing
+    from brownpipe.errors import FigureError
+    from brownpipe.figures import tradeoff
+    from brownpipe.figures.render import render
+    from brownpipe.figures.summary import summary
     from brownpipe.storage import read_dataset, write_file
     from brownpipe.tradeoff import is_tradeoff
 
     dataset = read_dataset(arguments.dataset)
     if is_tradeoff(dataset):
         if arguments.figures or arguments.particles is not None:
-            raise drawing.FigureError(f"{arguments.dataset}: a trade-off; it is shown as a whole")
-        drawing.tradeoff.render(dataset, arguments.output)
+            raise FigureError(f"{arguments.dataset}: a trade-off; it is shown as a whole")
+        tradeoff.render(dataset, arguments.output)
         return DONE
-    drawing.render(dataset, arguments.output, arguments.figures, arguments.particles)
-    write_file(Path(arguments.output) / "summary.txt", drawing.summary(dataset).encode())
+    render(dataset, arguments.output, arguments.figures, arguments.particles)
+    write_file(Path(arguments.output) / "summary.txt", summary(dataset).encode())
     return DONE
 
 

@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NoReturn
 
 from brownpipe.errors import WRONG_REQUEST
+from brownpipe.figures.catalogue import FIGURES
 
-FIGURES = ("msd", "displacement_distribution", "diffusion", "velocity_autocorrelation", "velocity_distribution")
-FIGURES += ("pair_distribution", "energy", "thermodynamics", "particle_counts", "health")
 SCENE = "config/scenes/harrison2020.yaml"  # of the examples
 
 

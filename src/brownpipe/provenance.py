@@ -19,7 +19,7 @@ IMPORT = re.compile(rf"^[ \t]*(?:from ({NAME}[\w.]*) import (\([^)]*\)|[^\n#]*)|
 class Step(NamedTuple):
     """What decides the output of a step of the pipeline, besides its input and options."""
 
-    modules: tuple[str, ...]  # of brownpipe, without the name of the package; with all modules that they import
+    modules: tuple[str, ...]  # of brownpipe, with all modules that they import; `room.*` is every module of a room
     packages: tuple[str, ...]  # whose versions count
 
 
@@ -28,7 +28,7 @@ STEPS = {
     "aggregate": Step(("storage", "analysis"), ("numpy", "scipy", "xarray", "h5py")),
     "tradeoff": Step(("storage", "tradeoff"), ("numpy", "scipy", "xarray", "h5py")),
     "tradeoff_figures": Step(("figures.tradeoff",), ("numpy", "matplotlib")),
-    "figures": Step(("figures",), ("numpy", "matplotlib")),
+    "figures": Step(("figures.*",), ("numpy", "matplotlib")),
 }
 
 
@@ -67,7 +67,7 @@ def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
     Raises FileNotFoundError for a missing module.
     """
     files: dict[str, Path] = {}
-    waiting = [f"{NAME}.{module}" for module in modules]
+    waiting = [f"{NAME}.{member}" for name in modules for member in _members(folder, name)]
     while waiting:
         module = waiting.pop()
         if module in files or module == CATALOGUE:
@@ -78,6 +78,12 @@ def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
         files[module] = file
         waiting += _imported(folder, file)
     return tuple(sorted(files.values()))
+
+
+def _members(folder: Path, name: str) -> list[str]:
+    """Every module directly in a room for the name `room.*`, otherwise the name itself."""
+    room, every, _ = name.partition(".*")
+    return [f"{room}.{file.stem}" for file in (folder / room).glob("[!_]*.py")] if every else [name]
 
 
 def _imported(folder: Path, file: Path) -> list[str]:

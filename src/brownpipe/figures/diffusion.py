@@ -26,7 +26,7 @@ ROUTES = {
 }
 SPREADING = ("diffusion_running", "msd_over_4t")  # shown in every case; they decide the axis
 ROOM = 1.25  # above the largest mean
-NEEDS = ("msd",)
+VARIABLES = ("msd",)
 LACKING = "no run with a tracer was kept"
 
 

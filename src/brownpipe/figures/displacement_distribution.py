@@ -16,7 +16,7 @@ LINE, HEIGHT = 58, 6.4  # characters of a line below a column; height of a row [
 LEAST_VARIANCE = 1e-4  # of a count: runs where none are expected lie far off, but within the drawing
 LIKELY = 2.0  # deviations of up to so many standard errors lie in the grey band
 OVERFLOW = 2.6  # where the runs beyond the last ring are shown, in widths of a ring after it
-NEEDS = ("displacement_counts",)
+VARIABLES = ("displacement_counts",)
 LACKING = "no run with a tracer was kept"
 
 

@@ -9,7 +9,7 @@ from brownpipe.figures.style import DOTTED, INK, KINDS, band, columns, heads, ti
 from brownpipe.figures.tables import long_table
 
 NAME = "species_energy"
-NEEDS = (NAME,)
+VARIABLES = (NAME,)
 LACKING = "the observable species_energy was not asked for"
 
 

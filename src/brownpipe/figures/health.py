@@ -13,13 +13,8 @@ MEASURES = {
 }  # what is shown, and what round-off is expected to stay below; a run fails at state.HEALTH_BOUND
 SMALLEST = 1e-17  # left end of the axis: smaller values, zero among them, are drawn there
 QUANTILES = (0.05, 0.5, 0.95)
-NEEDS = ()
+VARIABLES = ()
 LACKING = "there are no runs"
-
-
-def chosen(cases):
-    """Which of the cases that have what it needs are shown: every one."""
-    return cases
 
 
 def draw(cases):

@@ -12,7 +12,7 @@ MOST_DOTS = 60  # of samples shown one by one
 LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
 FORGOTTEN = 0.5  # of the ballistic MSD: below, a tracer has left its first flight, and a slope tells of diffusion
 HEIGHTS = (4.4, 3.2)  # of the two panels of a column [inch]
-NEEDS = ("msd",)
+VARIABLES = ("msd",)
 LACKING = "no run with a tracer was kept"
 
 

@@ -13,7 +13,7 @@ CONTACTS = {
 }  # label, colour, marker, on which side of contact
 SURE = 0.02  # relative error of a bin that is drawn: neighbours are pooled until theirs is not larger,
 FINE = 0.25  # up to this width, in contact distances
-NEEDS = (NAME,)
+VARIABLES = (NAME,)
 LACKING = "the observable pair_distribution was not asked for, or no two disks come near"
 
 

@@ -11,13 +11,8 @@ from brownpipe.figures.tables import Table
 ROOM, APART = 1.05, 0.065  # of a vertical axis, times the largest value; least distance of labels, of the axis
 SIDE = 0.025  # between the markers of two windows, of the range of particle counts
 DIGIT = 0.024  # width of a digit below the horizontal axis, of the axis
-NEEDS = ("msd",)
+VARIABLES = ("msd",)
 LACKING = "there are not two particle counts or more"
-
-
-def chosen(cases):
-    """Which of the cases that have what it needs are shown: every one, if there are several particle counts."""
-    return cases if len({int(case.particles) for case in cases}) > 1 else []
 
 
 def draw(cases):

@@ -17,13 +17,8 @@ PANELS = {
 ROOM = 0.12  # beyond the data, of their range; 0.1 of the value where they have none
 MARKER = 0.022  # least distance of two markers, of the horizontal axis
 LOOKS = [(KINDS[k % 4][0], KINDS[(k + k // 4) % 4][2]) for k in range(16)]  # of scenes: colour and marker
-NEEDS = (RATE,)
+VARIABLES = (RATE,)
 LACKING = "there are no collision rates"
-
-
-def chosen(cases):
-    """Which of the cases that have what it needs are shown: every one."""
-    return cases
 
 
 def draw(cases):

@@ -10,7 +10,7 @@ TRACER, BATH = "velocity_autocorrelation", "bath_velocity_autocorrelation"
 LOOKS = {TRACER: ("tracer", DATA, "-"), BATH: ("bath", FIT, DASHED)}
 LABEL = "$\\langle v(0) v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 TAIL = 10  # by this factor at most the logarithmic axis goes on below a curve to show its band
-NEEDS = (TRACER,)
+VARIABLES = (TRACER,)
 LACKING = "the observable velocity_autocorrelation was not asked for"
 
 

@@ -14,7 +14,7 @@ FEWEST_COUNTS = 5  # expected in a bin whose residual is shown
 FEWEST = 1e-6  # densities below are not shown
 LABELS = ("probability density", "(found - expected)\n/ standard error")
 HEIGHTS = (3.6, 1.4)  # of a density and its residuals [inch]
-NEEDS = ("velocity_density",)
+VARIABLES = ("velocity_density",)
 LACKING = "the observable velocity_distribution was not asked for"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from brownpipe import observables as measures
 from brownpipe.engines import read_engine
+from brownpipe.figures.catalogue import FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.scene import Scene, parse_scene, reading
 from brownpipe.scene.reading import Entry, must_be, refuse
 from brownpipe.scene.scene_file import MOST_BYTES, MOST_DISKS
@@ -22,20 +23,6 @@ from brownpipe.study.study import EngineUse, Study
 MOST_STUDY_BYTES = 2**20  # larger files are refused
 MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
 
-FOLLOWED, COUNTS = "a disk to follow", "two particle counts or more"
-TRACKED, SPREADING = "record: tracer", "record: tracer, or square_displacement among the observables"
-FIGURES = {  # name: what it needs
-    "msd": (FOLLOWED, SPREADING),
-    "displacement_distribution": (FOLLOWED, TRACKED),
-    "diffusion": (FOLLOWED, SPREADING),
-    "velocity_autocorrelation": ("the observable velocity_autocorrelation",),
-    "velocity_distribution": ("the observable velocity_distribution",),
-    "pair_distribution": ("the observable pair_distribution",),
-    "energy": ("the observable species_energy",),
-    "thermodynamics": (FOLLOWED,),
-    "particle_counts": (COUNTS, SPREADING),
-    "health": (),
-}
 RECORDS = ("tracer", "none")
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
 RENAMED_KEYS = {"observable": "target"}
@@ -243,10 +230,10 @@ def _figures(entry: Entry, cases: tuple[Scene, ...], record: str, observables: t
     counts = {case.particles for case in cases} - {0}
     met = {f"the observable {name}" for name in observables}
     met |= {FOLLOWED} if counts else set()
-    met |= {COUNTS} if len(counts) > 1 else set()
+    met |= {SEVERAL_COUNTS} if len(counts) > 1 else set()
     met |= {TRACKED} if record == "tracer" else set()
     met |= {SPREADING} if record == "tracer" or "square_displacement" in observables else set()
-    unmet = {name: [need for need in needs if need not in met] for name, needs in FIGURES.items()}
+    unmet = {name: [need for need in figure.needs if need not in met] for name, figure in FIGURES.items()}
     if entry.value is None:
         return tuple(name for name in FIGURES if not unmet[name])
     names = tuple(reading.choice(item, tuple(FIGURES)) for item in _one_or_more(entry))

@@ -1,0 +1,39 @@
+"""The list of figures. To add one, write its module `figures/NAME.py` and add a line here.
+
+The module has `draw(cases)`, which returns a matplotlib figure; `table(cases)`, its numbers; `VARIABLES`, the variables
+of the dataset that a case must have to be shown; and `LACKING`, why a dataset may have none of them. Studies, the
+command line and the workflow take the names from here, so that this module imports nothing heavy.
+"""
+
+from typing import NamedTuple
+
+# What a study must have for a figure, in the words of a refusal
+FOLLOWED = "a disk to follow"
+SEVERAL_COUNTS = "two particle counts or more"
+TRACKED = "record: tracer"
+SPREADING = "record: tracer, or square_displacement among the observables"
+
+
+class Figure(NamedTuple):
+    """One figure of a study, drawn by the module of its name."""
+
+    name: str
+    needs: tuple[str, ...] = ()  # of the study
+    every_count: bool = False  # shows all particle counts of a scene; otherwise one
+
+
+FIGURES = {
+    figure.name: figure
+    for figure in (
+        Figure("msd", (FOLLOWED, SPREADING)),
+        Figure("displacement_distribution", (FOLLOWED, TRACKED)),
+        Figure("diffusion", (FOLLOWED, SPREADING)),
+        Figure("velocity_autocorrelation", ("the observable velocity_autocorrelation",)),
+        Figure("velocity_distribution", ("the observable velocity_distribution",)),
+        Figure("pair_distribution", ("the observable pair_distribution",)),
+        Figure("energy", ("the observable species_energy",)),
+        Figure("thermodynamics", (FOLLOWED,), every_count=True),
+        Figure("particle_counts", (SEVERAL_COUNTS, SPREADING), every_count=True),
+        Figure("health", every_count=True),
+    )
+}

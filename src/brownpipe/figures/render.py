@@ -1,0 +1,75 @@
+"""Write the figures of a dataset, each as PNG, SVG and CSV."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from brownpipe.errors import FigureError
+from brownpipe.figures.cases import cases_of, check_count, has, one_count
+from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS, Figure
+from brownpipe.figures.style import drawing, image_bytes
+from brownpipe.figures.summary import summary_table
+from brownpipe.figures.tables import to_csv
+from brownpipe.storage import write_file
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from types import ModuleType
+
+    from xarray import Dataset
+
+FILE_TYPES = ("png", "svg", "csv")
+
+
+def render(
+    dataset: Dataset, folder: str | Path, names: Sequence[str] | None = None, particles: int | None = None
+) -> list[Path]:
+    """Write figures of a dataset and `summary.csv` into a folder; return the paths.
+
+    `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
+    particle count of each scene: `particles`, or by default the 2020 note's 150 if the scene has it, or else its
+    largest. Figures in the folder that are not drawn now are removed, as they may belong to another dataset. The
+    summary is written last.
+
+    Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
+    """
+    shown = cases_shown(dataset, particles)
+    for name in names or ():
+        if not shown[name]:
+            raise FigureError(f"{name}: there is nothing to show in this figure: {module_of(name).LACKING}")
+    files = {}
+    with drawing():
+        for name in names or [name for name, cases in shown.items() if cases]:
+            module, cases = module_of(name), shown[name]
+            figure = module.draw(cases)
+            files |= {f"{name}.{suffix}": image_bytes(figure, suffix) for suffix in ("png", "svg")}
+            files[f"{name}.csv"] = to_csv(module.table(cases))
+    files["summary.csv"] = to_csv(summary_table(dataset))
+    for path in (Path(folder) / f"{name}.{suffix}" for name in FIGURES for suffix in FILE_TYPES):
+        if path.name not in files:
+            path.unlink(missing_ok=True)
+    for name, contents in files.items():
+        write_file(Path(folder) / name, contents)
+    return [Path(folder) / name for name in files]
+
+
+def module_of(name: str) -> ModuleType:
+    """Return the module that draws the figure of this name."""
+    return import_module(f"brownpipe.figures.{name}")
+
+
+def cases_shown(dataset: Dataset, particles: int | None = None) -> dict[str, list[Dataset]]:
+    """Return for each figure the cases it shows: those with data for it, of one particle count or of all."""
+    cases = cases_of(dataset)
+    check_count(cases, particles)
+    return {name: _selected(figure, cases, particles) for name, figure in FIGURES.items()}
+
+
+def _selected(figure: Figure, cases: list[Dataset], particles: int | None) -> list[Dataset]:
+    cases = [case for case in cases if has(case, *module_of(figure.name).VARIABLES)]
+    if not figure.every_count:
+        return one_count(cases, particles)
+    too_few = SEVERAL_COUNTS in figure.needs and len({int(case.particles) for case in cases}) < 2
+    return [] if too_few else cases
