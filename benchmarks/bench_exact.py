@@ -297,7 +297,7 @@ def drawn(speeds):
     with style.drawing():
         figure, axes = style.grid(1, 1, 5.6, 4.2)
         axes = axes[0, 0]
-        for colour, phi in zip((style.DATA, style.FIT, style.FREE), FRACTIONS, strict=True):
+        for colour, phi in zip((style.DATA, style.FIT, style.MODEL), FRACTIONS, strict=True):
             for dashes, row in (("-", ("periodic", "equal")), (style.DASHED, ("periodic", "radii 1 and 1.25"))):
                 there = [case for case in speeds if case.phi == phi and case[2:] == row]
                 cost = [1e6 / speeds[case].rate for case in there]

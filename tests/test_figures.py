@@ -255,7 +255,7 @@ def test_titles_of_a_row_stand_at_one_height(dataset):
     assert len({title(axes).get_window_extent().y1 for axes in panels}) == 1
 
 
-def test_green_and_kubo_need_a_temperature(dataset, tmp_path, no_pictures):
+def test_green_kubo_needs_a_temperature(dataset, tmp_path, no_pictures):
     data = only_hot(dataset, "enskog_diffusion")
     shown = [{line.get_label() for line in axes.lines} for axes in drawn("diffusion", data)[1]]
     assert [any("Green" in label for label in labels) for labels in shown] == [True, False]
@@ -317,10 +317,10 @@ def test_uncertain_bins_are_pooled_for_drawing_alone(dataset):
     assert down[:-1] == pytest.approx(up[:-1])
     assert (up[:-1] / single[: 4 * (value.size - 1) : 4]) == pytest.approx(0.5, rel=0.05)
     unsure = case.assign(pair_distribution_standard_error=0.05 * case.pair_distribution)
-    assert pair_distribution._together(unsure, CONTACT[1]) == 7  # 0.05 / sqrt(7) is the first below 0.02
-    assert pair_distribution._together(unsure, 0.11) == 5  # within a quarter of the contact distance
+    assert pair_distribution._bins_to_pool(unsure, CONTACT[1]) == 7  # 0.05 / sqrt(7) is the first below 0.02
+    assert pair_distribution._bins_to_pool(unsure, 0.11) == 5  # within a quarter of the contact distance
     surer = case.assign(pair_distribution_standard_error=0.019 * case.pair_distribution)
-    assert pair_distribution._together(surer, CONTACT[1]) == 1
+    assert pair_distribution._bins_to_pool(surer, CONTACT[1]) == 1
 
 
 # -- what a reader sees ---------------------------------------------------------------------------------------------
@@ -512,7 +512,7 @@ def test_no_marker_of_a_state_point_hides_another(dataset, count, particles):
         assert x.size == count * len(particles)
         assert (np.diff(x) > width).all()
         assert axes.bbox.x0 + width < x[0] and x[-1] < axes.bbox.x1 - width
-    assert ("set apart" in panels[-1].get_xlabel()) == (count > 1)
+    assert ("shifted" in panels[-1].get_xlabel()) == (count > 1)
 
 
 @pytest.mark.slow

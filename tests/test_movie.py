@@ -123,7 +123,7 @@ def test_path_goes_on_at_the_other_edge(path):
     """The pieces, each a straight line, make up the whole way: their length is that of free flight."""
     scene = make_scene("walk", 12, boundary="periodic")
     track = whole(scene, 3)
-    run = snapshot.Run(scene, 3, scene.times, track.position, track.image[:, 0])
+    run = snapshot.WholeRun(scene, 3, scene.times, track.position, track.image[:, 0])
     points, ends = snapshot._path(run)
     assert np.abs(np.diff(track.image[:, 0], axis=0)).max() == 1
     for k in range(len(scene.times)):

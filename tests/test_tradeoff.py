@@ -378,9 +378,9 @@ def test_every_line_has_its_name_beside_it(count):
     named = [one for one in axes.texts if isinstance(one, Annotation) and one.arrow_patch is not None]
     remark = next(one for one in axes.texts if one not in named)
     assert sorted(one.get_text() for one in named) == sorted(
-        drawing.name_of(label) for label in labels if label != "timestep-0.035-single"
+        label for label in labels if label != "timestep-0.035-single"
     )
-    assert ("dt = 0.035, single" in remark.get_text()) == ("timestep-0.035-single" in labels)
+    assert ("timestep-0.035-single" in remark.get_text()) == ("timestep-0.035-single" in labels)
     texts = [*named, remark, axes.xaxis.label, axes.yaxis.label]
     boxes = [Text.get_window_extent(one) for one in texts]
     for k, box in enumerate(boxes):
@@ -403,23 +403,8 @@ def test_a_short_part_of_the_front_is_drawn():
     assert bold[0].get_xdata()[[0, -1]] == pytest.approx([1.5e-3, 1.6e-3])
 
 
-def test_names_of_settings():
-    names = {
-        "exact": "exact",
-        "exact in half": "exact in half",
-        "timestep-0.01": "dt = 0.01",
-        "timestep-0.01-single": "dt = 0.01, single",
-        "timestep-0.01-late": "dt = 0.01, late",
-        "timestep-0.01-single-late": "dt = 0.01, single, late",
-        "timestep-1e-05-single": "dt = 1e-05, single",
-        "langevin-boltzmann": "Langevin, Boltzmann",
-        "langevin-measured": "Langevin, measured",
-    }
-    assert {label: drawing.name_of(label) for label in names} == names
-
-
 def test_text_names_what_is_on_the_front_and_what_is_not():
     lines = drawing.summary(made(["exact", "timestep-0.001", "timestep-0.01", "exact in half"])).splitlines()
     fronts = {line.split("  ")[1]: line.split()[-2:] for line in lines[2:6]}
-    assert fronts["exact"][-1] == "on" and fronts["dt = 0.01"][-1] == "-"
-    assert "  not on the Pareto front: dt = 0.001; dt = 0.01" in lines
+    assert fronts["exact"][-1] == "on" and fronts["timestep-0.01"][-1] == "-"
+    assert "  not on the Pareto front: timestep-0.001; timestep-0.01" in lines

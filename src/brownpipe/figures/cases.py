@@ -1,101 +1,112 @@
-"""The parts of a dataset that figures and tables show: a case is one scene with one particle count and one engine."""
+"""The parts of a dataset that figures and tables show.
+
+A case is one scene with one particle count and one engine: the dataset without these three dimensions.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brownpipe.errors import FigureError
 
+if TYPE_CHECKING:
+    from xarray import Dataset
+
 NOTE_PARTICLES = 150  # of the 2020 note
 
 
-def cases_of(dataset):
-    """Every case that has runs, as a dataset without those three dimensions: by scene, then particle count."""
+def cases_of(dataset: Dataset) -> list[Dataset]:
+    """Return every case that has runs, ordered by scene, particle count and engine."""
     labels = [(s, n, e) for s in dataset.scene.values for n in dataset.particles.values for e in dataset.engine.values]
     cases = [dataset.sel(scene=s, particles=n, engine=e) for s, n, e in labels]
     return [case for case in cases if case.runs + case.failed_runs > 0]
 
 
-def has(case, *names):
-    """Has it a value of every one of these variables?"""
+def has(case: Dataset, *names: str) -> bool:
+    """Return whether the case has a finite value of every one of these variables."""
     return all(name in case and bool(np.isfinite(case[name]).any()) for name in names)
 
 
-def has_msd(case):
-    return has(case, "msd")
-
-
-def check_count(cases, particles):
-    """Raise FigureError if a particle count is asked for that no case has."""
+def check_count(cases: list[Dataset], particles: int | None) -> None:
+    """Raise FigureError for a requested particle count that no case has."""
     available = sorted({int(case.particles) for case in cases})
     if particles is not None and particles not in available:
         raise FigureError(f"particles: {particles} is not in the dataset; choose one of {available}")
 
 
-def one_count(cases, particles=None):
-    """The cases that figures of one particle count show: of each scene the one asked for, the note's, or the most."""
-    return [case for mine in by_scene(cases).values() for case in mine if case.particles == _shown(mine, particles)]
+def one_count(cases: list[Dataset], particles: int | None = None) -> list[Dataset]:
+    """Return the cases with one particle count per scene: the requested one, or else the note's, or else the largest.
+
+    A scene that lacks the requested count is left out.
+    """
+    selected = []
+    for in_scene in by_scene(cases).values():
+        counts = [int(case.particles) for case in in_scene]
+        count = particles or (NOTE_PARTICLES if NOTE_PARTICLES in counts else max(counts))
+        selected += [case for case in in_scene if case.particles == count]
+    return selected
 
 
-def _shown(cases, particles):
-    """The count asked for, which a scene may lack, or the one shown of a scene with these cases."""
-    counts = [int(case.particles) for case in cases]
-    return particles or (NOTE_PARTICLES if NOTE_PARTICLES in counts else max(counts))
-
-
-def by_scene(cases):
-    """The cases of each scene, scenes and cases in their order: name -> list."""
-    grouped = {}
+def by_scene(cases: list[Dataset]) -> dict[str, list[Dataset]]:
+    """Group the cases by the name of their scene; scenes and cases keep their order."""
+    groups = {}
     for case in cases:
-        grouped.setdefault(case.scene.item(), []).append(case)
-    return grouped
+        groups.setdefault(case.scene.item(), []).append(case)
+    return groups
 
 
-def by_series(cases):
-    """The cases that differ in their particle counts alone, by scene and, where it is not the exact one, engine."""
-    grouped = {}
+def by_series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
+    """Group the cases that differ in particle count alone, under the name of their scene and engine."""
+    groups = {}
     for case in cases:
-        grouped.setdefault(case.scene.item() + _engine(case), []).append(case)
-    return grouped
+        groups.setdefault(case.scene.item() + _engine_suffix(case), []).append(case)
+    return groups
 
 
-def over_time(case, name="msd"):
-    """The case at the times at which it has a value of `name`: scenes of other durations leave gaps."""
+def over_time(case: Dataset, name: str = "msd") -> Dataset:
+    """Return the case at the times where it has a value of `name`: scenes of other durations leave gaps."""
     return defined(case, name, "time")
 
 
-def defined(case, name, dim):
-    """The case where `name` has a value, along `dim`."""
+def defined(case: Dataset, name: str, dim: str) -> Dataset:
+    """Return the case restricted along `dim` to the points where `name` has a value."""
     values = np.isfinite(case[name])
     return case.isel({dim: values.any([other for other in values.dims if other != dim]).values})
 
 
-def distributions_of(case):
-    """The case at each time that its displacement distribution is taken at, with the rings of that time."""
-    at = [case.isel(displacement_time=k) for k in np.flatnonzero(np.isfinite(case.displacement_overflow))]
-    return [defined(one, "displacement_counts", "r") for one in at]
+def distributions_of(case: Dataset) -> list[Dataset]:
+    """Return the case at each time of its displacement distribution, with the rings used at that time."""
+    at_times = [case.isel(displacement_time=k) for k in np.flatnonzero(np.isfinite(case.displacement_overflow))]
+    return [defined(at_time, "displacement_counts", "r") for at_time in at_times]
 
 
-def at_last_distribution(case):
-    """The case at the last of these times; where there is none, at the last of the dataset."""
+def at_last_distribution(case: Dataset) -> Dataset:
+    """Return the case at the last time of its displacement distribution, or without one at the dataset's last."""
     return (distributions_of(case) or [case.isel(displacement_time=-1)])[-1]
 
 
-def fits_of(case):
-    """The windows whose line is defined, each as a dataset without the window dimension."""
+def fits_of(case: Dataset) -> list[Dataset]:
+    """Return the case at each fit window in which a line could be fitted to the MSD."""
     windows = [case.isel(window=k) for k in range(case.sizes["window"])]
     return [fit for fit in windows if np.isfinite(fit.slope)]
 
 
-def title_of(case):
-    """Scene, particle count and, if it is not the exact one, engine."""
-    return f"{case.scene.item()}, N = {case.particles.item()}{_engine(case)}"
+def title_of(case: Dataset) -> str:
+    """Return scene, particle count and, unless it is the exact one, the label of the engine."""
+    return f"{case.scene.item()}, N = {case.particles.item()}{_engine_suffix(case)}"
 
 
-def _engine(case):
+def _engine_suffix(case: Dataset) -> str:
     return "" if case.engine == "exact" else f", {case.engine.item()}"
 
 
-def plus_minus(value, error):
-    """`0.974 ± 0.022`: the value to the two leading digits of its standard error."""
+def plus_minus(value: float, error: float) -> str:
+    """Return `0.974 ± 0.022`: the value rounded to the two leading digits of its standard error.
+
+    Without a positive error return the value alone, and `-` if it is not finite.
+    """
     value, error = float(value), float(error)
     if not np.isfinite(error) or error <= 0.0:
         return f"{value:.4g}" if np.isfinite(value) else "-"

@@ -1,4 +1,12 @@
-"""Figure `diffusion`: D against the time it is taken at, by three routes, and by kinetic theory."""
+"""Figure `diffusion`: the diffusion coefficient D(t) against time, by three routes, and that of kinetic theory.
+
+The routes (docs/theory.md): the running slope of the MSD over 4, MSD/4t, and the Green-Kubo integral. In two dimensions
+D(t) has no limit, as the velocity autocorrelation decays as 1/t.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,72 +17,75 @@ from brownpipe.figures.style import (
     DATA,
     DOTTED,
     FIT,
-    FREE,
+    GREY,
     INK,
-    START,
+    MODEL,
     band,
     columns,
     heads,
     time_axis,
 )
-from brownpipe.figures.tables import long_table
+from brownpipe.figures.tables import Table, long_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from xarray import Dataset
 
 ROUTES = {
     "diffusion_running": ("d$\\langle r^2 \\rangle$/d$t$ / 4", DATA, "-"),
     "msd_over_4t": ("$\\langle r^2 \\rangle$ / 4$t$", FIT, DASHED),
-    "green_kubo": ("Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2", FREE, DASH_DOT),
-}
-SPREADING = ("diffusion_running", "msd_over_4t")  # shown in every case; they decide the axis
-ROOM = 1.25  # above the largest mean
+    "green_kubo": ("Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2", MODEL, DASH_DOT),
+}  # variable: label, colour, line
+FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
+HEADROOM = 1.25  # upper end of the axis over the largest mean
 VARIABLES = ("msd",)
 LACKING = "no run with a tracer was kept"
 
 
-def draw(cases):
-    """One column per case: every D(t) that there is with its 95 % band, Enskog's D, and D = slope/4 in its window."""
-    figure, axes = columns(["$D(t)$"], len(cases), [4.6], sharey=False)
+def draw(cases: list[Dataset]) -> Figure:
+    """Draw one column per case: D(t) by each route with its 95 % band, Enskog's D, and slope/4 across its window."""
+    figure, axes = columns(["diffusion coefficient $D(t)$"], len(cases), [4.6], sharey=False)
     for case, panel in zip(map(over_time, cases), axes[0], strict=True):
         _routes(panel, case)
         for fit in fits_of(case)[:1]:
             _window(panel, fit)
-        if has(case, "enskog_diffusion"):
-            panel.axhline(float(case.enskog_diffusion), color=START, linestyle=DOTTED, label=_enskog(case))
+        if _in_equilibrium(case):
+            panel.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=_enskog(case))
         time_axis(panel, case.time.values)
-        panel.set_ylim(min(0.0, _extreme(case, min)), ROOM * _extreme(case, max) or 1.0)
+        means = [case[name].values for name in FROM_MSD if has(case, name)]
+        panel.set_ylim(min(0.0, *map(np.nanmin, means)), HEADROOM * max(map(np.nanmax, means)) or 1.0)
     heads(axes[0], map(title_of, cases))
     return figure
 
 
-def _routes(axes, case):
+def _routes(axes: Axes, case: Dataset) -> None:
     later = case.isel(time=case.time.values > 0)
-    for name in (name for name in ROUTES if has(case, name) and (name in SPREADING or _in_equilibrium(case))):
-        label, colour, line = ROUTES[name]
-        band(axes, later.time.values, later, name, colour, linestyle=line, label=label)
+    for name, (label, colour, line) in ROUTES.items():
+        if has(case, name) and (name in FROM_MSD or _in_equilibrium(case)):
+            band(axes, later.time.values, later, name, colour, linestyle=line, label=label)
 
 
-def _in_equilibrium(case):
-    """Does theory know its temperature? Out of equilibrium the Green-Kubo integral is no D."""
+def _in_equilibrium(case: Dataset) -> bool:
+    """Return whether the scene has a temperature; without one, the Green-Kubo integral is not a D."""
     return has(case, "enskog_diffusion")
 
 
-def _window(axes, fit):
-    """D = slope/4 as a bar across its window."""
-    ends, diffusion = [float(fit.window_start), float(fit.window_end)], float(fit.diffusion_coefficient)
+def _window(axes: Axes, fit: Dataset) -> None:
+    """Draw D = slope/4 as a bar across its fit window."""
+    ends = [float(fit.window_start), float(fit.window_end)]
+    diffusion = float(fit.diffusion_coefficient)
     value = plus_minus(diffusion, fit.diffusion_coefficient_standard_error)
     label = f"slope/4 over {fit.window.item()}: {value}"
     axes.plot(ends, [diffusion, diffusion], color=INK, linewidth=1.2, marker="|", markersize=9, label=label)
 
 
-def _enskog(case):
+def _enskog(case: Dataset) -> str:
+    """Legend of D = kT/zeta by Enskog's friction zeta, with chi, the contact value of g between tracer and bath."""
     contact = f" ($\\chi$ = {float(case.enskog_contact_value):.4g})" if has(case, "enskog_contact_value") else ""
-    return f"Enskog and Langevin, $kT/\\zeta$: {float(case.enskog_diffusion):.4g}{contact}"
+    return f"$kT/\\zeta$ with Enskog's friction: {float(case.enskog_diffusion):.4g}{contact}"
 
 
-def _extreme(case, which):
-    values = [case[name].values for name in SPREADING if has(case, name)]
-    return which(float(which(np.nanmin(each), np.nanmax(each))) for each in values)
-
-
-def table(cases):
-    """One row per case and time."""
+def table(cases: list[Dataset]) -> Table:
+    """Return one row per case and time with D by each route."""
     return long_table(cases, ("time",), [name for name in ROUTES if any(has(case, name) for case in cases)])

@@ -1,23 +1,34 @@
-"""Figure `energy`: kinetic energy per disk of each species against time: a hot tracer cools until all have the same."""
+"""Figure `energy`: mean kinetic energy per disk of each species against time.
+
+In equilibrium all species have the same, kT in two dimensions (equipartition); a tracer that starts hotter cools.
+"""
+
+from __future__ import annotations
 
 from itertools import cycle
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brownpipe.figures.cases import has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DOTTED, INK, KINDS, band, columns, heads, time_axis
-from brownpipe.figures.tables import long_table
+from brownpipe.figures.style import DOTTED, INK, SERIES, band, columns, heads, time_axis
+from brownpipe.figures.tables import Table, long_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from xarray import Dataset
 
 NAME = "species_energy"
 VARIABLES = (NAME,)
-LACKING = "the observable species_energy was not asked for"
+LACKING = "the observable species_energy was not measured"
 
 
-def draw(cases):
-    """One column per case, one curve with its 95 % band per species, and the mean over all disks."""
+def draw(cases: list[Dataset]) -> Figure:
+    """Draw one column per case: a curve with its 95 % band for each species, and the mean over all disks."""
     figure, axes = columns(["kinetic energy per disk"], len(cases), [4.2])
+    cases = [over_time(case, NAME) for case in cases]
     for case, panel in zip(cases, axes[0], strict=True):
-        case = over_time(case, NAME)
         _curves(panel, case)
         if has(case, "kinetic_temperature"):
             mean = float(case.kinetic_temperature)
@@ -28,20 +39,20 @@ def draw(cases):
     return figure
 
 
-def _top(case):
-    """Upper end of the axis: above the band, unless this is very wide."""
+def _top(case: Dataset) -> float:
+    """Upper end of the axis: above the band, unless the band is very wide."""
     mean = float(case[NAME].max())
     return float(np.fmin(1.05 * np.fmax(case[f"{NAME}_high"].max(), mean), 1.5 * mean))
 
 
-def _curves(axes, case):
-    kinds = [name for name in case.species.values if has(case.sel(species=name), NAME)]
-    for name, (colour, line, _) in zip(kinds, cycle(KINDS), strict=False):
-        mine = case.sel(species=name)
-        last = plus_minus(mine[NAME][-1], mine[f"{NAME}_standard_error"][-1])
-        band(axes, mine.time.values, mine, NAME, colour, linestyle=line, label=f"{name}: {last} at the end")
+def _curves(axes: Axes, case: Dataset) -> None:
+    present = [name for name in case.species.values if has(case.sel(species=name), NAME)]
+    for name, (colour, line, _) in zip(present, cycle(SERIES), strict=False):
+        species = case.sel(species=name)
+        last = plus_minus(species[NAME][-1], species[f"{NAME}_standard_error"][-1])
+        band(axes, species.time.values, species, NAME, colour, linestyle=line, label=f"{name}: {last} at the end")
 
 
-def table(cases):
-    """One row per case, species and time."""
+def table(cases: list[Dataset]) -> Table:
+    """Return one row per case, species and time."""
     return long_table(cases, ("species", "time"), [NAME])

@@ -1,4 +1,8 @@
-"""Figure `health`: energy drift, worst overlap and momentum ledger of every run. Round-off is all there should be."""
+"""Figure `health`: energy drift, deepest overlap and momentum balance of every run, which should all be round-off."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -6,44 +10,42 @@ from brownpipe.figures.cases import title_of
 from brownpipe.figures.style import DASHED, DATA, FIT, grid
 from brownpipe.figures.tables import Table
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from xarray import Dataset
+
 MEASURES = {
     "energy_drift": ("relative energy drift", 1e-13),
-    "worst_overlap": ("worst overlap (contact distances)", 1e-12),
-    "momentum_residual": ("residual of the momentum ledger", 1e-12),
-}  # what is shown, and what round-off is expected to stay below; a run fails at state.HEALTH_BOUND
-SMALLEST = 1e-17  # left end of the axis: smaller values, zero among them, are drawn there
+    "worst_overlap": ("deepest overlap (contact distances)", 1e-12),
+    "momentum_residual": ("residual of the momentum balance", 1e-12),
+}  # axis label and the bound that round-off should stay below; a run fails only at state.HEALTH_BOUND
+SMALLEST = 1e-17  # left end of the axis, where smaller values and zeros are drawn
 QUANTILES = (0.05, 0.5, 0.95)
 VARIABLES = ()
 LACKING = "there are no runs"
 
 
-def draw(cases):
-    """One panel per measure, one line per case: all runs (thin), 90 % of them (thick), the median (dot)."""
+def draw(cases: list[Dataset]) -> Figure:
+    """Draw one panel per measure, one line per case: all runs (thin), the central 90 % (thick), the median (dot)."""
     figure, axes = grid(1, len(MEASURES), 3.4, 1.3 + 0.28 * len(cases), sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         for row, case in enumerate(cases):
             _range(panel, row, _sizes(case, name))
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
-        panel.text(
-            bound,
-            1.0,
-            f"expected below {bound:g} ",
-            ha="right",
-            va="bottom",
-            color=FIT,
-            transform=panel.get_xaxis_transform(),
-        )
+        place = {"ha": "right", "va": "bottom", "transform": panel.get_xaxis_transform()}
+        panel.text(bound, 1.0, f"expected below {bound:g} ", color=FIT, **place)
         panel.set_xscale("log")
         panel.minorticks_off()
         panel.set_xlabel(label)
-    key = f"dot: median run; thick: 90 % of the runs; thin: all (zero is drawn at {SMALLEST:g})"
+    key = f"dot: median; thick: central 90 % of the runs; thin: all runs (zeros are drawn at {SMALLEST:g})"
     axes[0, 0].set_title(key, pad=22, fontweight="normal", fontsize=9)
     _name_rows(axes[0, 0], cases)
     return figure
 
 
-def _range(axes, row, sizes):
-    """From least to greatest, the middle 90 % and the median, on a log axis that ends at SMALLEST."""
+def _range(axes: Axes, row: int, sizes: np.ndarray) -> None:
+    """Draw the range, the central 90 % and the median of values on a logarithmic axis that begins at SMALLEST."""
     if not sizes.size:
         return
     sizes = np.maximum(sizes, SMALLEST)
@@ -53,39 +55,26 @@ def _range(axes, row, sizes):
     axes.plot([middle], [row], "o", color=DATA, markersize=5)
 
 
-def _name_rows(axes, cases):
+def _name_rows(axes: Axes, cases: list[Dataset]) -> None:
     axes.set_yticks(range(len(cases)), map(title_of, cases))
     axes.set_ylim(len(cases) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
 
 
-def _sizes(case, name):
-    """Absolute values of a measure over the runs that there are."""
+def _sizes(case: Dataset, name: str) -> np.ndarray:
+    """Absolute values of a measure over the runs that have one."""
     values = np.abs(case[name].values)
     return values[np.isfinite(values)]
 
 
-def table(cases):
-    """One row per case and measure."""
-    header = (
-        "scene",
-        "particles",
-        "engine",
-        "runs",
-        "failed_runs",
-        "measure",
-        "bound",
-        "least",
-        "5 %",
-        "median",
-        "95 %",
-        "greatest",
-    )
+def table(cases: list[Dataset]) -> Table:
+    """Return one row per case and measure: its bound, and minimum, quantiles and maximum over the runs."""
+    of_case = ("scene", "particles", "engine", "runs", "failed_runs")
     rows = []
     for case in cases:
-        label = [case[name].item() for name in header[:5]]
+        label = [case[name].item() for name in of_case]
         for name, (_, bound) in MEASURES.items():
             sizes = _sizes(case, name)
-            spread = np.quantile(sizes, (0, *QUANTILES, 1)) if sizes.size else [np.nan] * 5
-            rows.append((*label, name, bound, *spread))
-    return Table(header, rows)
+            quantiles = np.quantile(sizes, (0, *QUANTILES, 1)) if sizes.size else [np.nan] * 5
+            rows.append((*label, name, bound, *quantiles))
+    return Table((*of_case, "measure", "bound", "least", "5 %", "median", "95 %", "greatest"), rows)

@@ -1,4 +1,6 @@
-"""`brownpipe movie`: one whole run as a picture, an animation, or a video."""
+"""`brownpipe movie`: one whole run as a picture, an animation or a video."""
+
+from __future__ import annotations
 
 import contextlib
 import io
@@ -6,42 +8,60 @@ import itertools
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.snapshot import COLOURS, scenery_of, snapshot, whole_run
+from brownpipe.figures.snapshot import COLOURS, WholeRun, scenery_of, snapshot, whole_run
 from brownpipe.figures.style import drawing
 
-KINDS = (".gif", ".mp4", ".png")
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+    from brownpipe.storage import Trajectories
+
+SUFFIXES = (".gif", ".mp4", ".png")
 DOTS = 100  # per inch, of an animation
+LEAST_PAUSE = 2  # between frames of a GIF [0.01 s]: viewers slow down faster ones
 
 
-def movie(trajectories, path, kind, seed=None, frames=None, fps=25.0):
-    """The bytes of a picture (`.png`), an animation (`.gif`) or a video (`.mp4`) of one whole run.
+def movie(
+    trajectories: Trajectories,
+    path: str,
+    suffix: str,
+    seed: int | None = None,
+    frames: int | None = None,
+    fps: float = 25.0,
+) -> bytes:
+    """Return the bytes of a picture (`.png`), an animation (`.gif`) or a video (`.mp4`) of one whole run.
 
-    `path` is the file that the trajectories came from. The picture shows the run at its end. An animation shows
-    `frames` of its samples, evenly spread and the last among them (default: all), `fps` of them a second (a GIF counts
-    in hundredths of a second). The same run gives the same bytes, except for a video, which ffmpeg makes.
-    Raises FigureError for a file without this run, for another kind, or for a video if there is no ffmpeg.
+    `path` is the file of the trajectories, for messages. A picture shows the run at its end. An animation shows
+    `frames` of its samples (default: all), equally spaced and ending with the last, at `fps` per second, which a GIF
+    rounds to hundredths of a second per frame. The same run gives the same bytes, except for a video, which ffmpeg
+    encodes.
+
+    Raise FigureError for a file without this run, for another suffix, and for a video if ffmpeg is not installed;
+    OSError if ffmpeg fails.
     """
-    if kind not in KINDS:
-        raise FigureError(f"movie: the output must end in {', '.join(KINDS[:-1])} or {KINDS[-1]}, not {kind!r}")
+    if suffix not in SUFFIXES:
+        raise FigureError(f"movie: the output must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}, not {suffix!r}")
     run = whole_run(trajectories, path, seed)
-    if kind == ".png":
+    if suffix == ".png":
         return snapshot(run)
     with drawing():
-        return (_gif if kind == ".gif" else _video)(_frames(run, samples_shown(len(run.times), frames)), fps)
+        return (_gif if suffix == ".gif" else _video)(_frames(run, samples_shown(len(run.times), frames)), fps)
 
 
-def samples_shown(samples, frames=None):
-    """The indices of the samples that an animation shows."""
+def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
+    """Return the indices of the samples that an animation shows, of so many samples."""
     return np.unique(np.linspace(samples - 1, 0, frames or samples).round().astype(int))
 
 
-def _frames(run, shown):
-    """One picture after the other, (height, width, 3) bytes each. What stands still is drawn once."""
+def _frames(run: WholeRun, shown: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield the pictures, (height, width, 3) uint8. The background is drawn once."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure, moving, show = scenery_of(run)
@@ -59,42 +79,43 @@ def _frames(run, shown):
         yield np.array(canvas.buffer_rgba())[..., :3]
 
 
-def _gif(frames, fps):
-    """The bytes of an animation that repeats for ever."""
+def _gif(frames: Iterator[np.ndarray], fps: float) -> bytes:
+    """The bytes of an animation that repeats forever."""
     from PIL import Image
 
-    palette, buffer = _palette(), io.BytesIO()
+    palette = _palette()
+    buffer = io.BytesIO()
     pictures = (Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    pause = 10 * max(2, round(100 / fps))  # [ms]; viewers slow down what is faster
+    pause = 10 * max(LEAST_PAUSE, round(100 / fps))  # [ms]
     next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, duration=pause, loop=0)
     return buffer.getvalue()
 
 
-def _palette():
-    """The colours of the pictures and, for smooth rims, what lies between any two of them."""
+def _palette() -> Image:
+    """An image with the colours of the pictures as its palette and, for smooth edges, mixtures of any two of them."""
     from matplotlib.colors import to_rgb
     from PIL import Image
 
     colours = np.array([to_rgb(colour) for colour in COLOURS])
     pairs = np.array(list(itertools.combinations(colours, 2)))
-    between = [(1 - x) * pairs[:, 0] + x * pairs[:, 1] for x in (0.25, 0.5, 0.75)]
+    mixtures = [(1 - x) * pairs[:, 0] + x * pairs[:, 1] for x in (0.25, 0.5, 0.75)]
     palette = Image.new("P", (1, 1))
-    palette.putpalette((255 * np.concatenate([colours, *between])).round().astype(np.uint8).tobytes())
+    palette.putpalette((255 * np.concatenate([colours, *mixtures])).round().astype(np.uint8).tobytes())
     return palette
 
 
-def _video(frames, fps):
-    """The bytes of an MP4 (H.264), made by ffmpeg from raw frames."""
+def _video(frames: Iterator[np.ndarray], fps: float) -> bytes:
+    """The bytes of an MP4 (H.264), encoded by ffmpeg from raw frames."""
     if shutil.which("ffmpeg") is None:
         raise FigureError("movie: a .mp4 needs ffmpeg, which is not installed; choose a .gif, or install it")
     first = next(frames)
     size = f"{first.shape[1]}x{first.shape[0]}"
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size", size, "-framerate", f"{fps:g}", "-i", "-"]
     with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "movie.mp4"  # an MP4 cannot be made in a pipe: its index comes last and stands first
-        made = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(target)]
-        started = subprocess.Popen(["ffmpeg", "-loglevel", "error", *raw, *made], stdin=subprocess.PIPE)
-        with contextlib.suppress(BrokenPipeError), started as ffmpeg:  # it may have ended; what it says is below
+        target = Path(folder) / "movie.mp4"  # not a pipe: ffmpeg writes the index at the start, once it has all frames
+        encoded = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(target)]
+        started = subprocess.Popen(["ffmpeg", "-loglevel", "error", *raw, *encoded], stdin=subprocess.PIPE)
+        with contextlib.suppress(BrokenPipeError), started as ffmpeg:  # if it ended early, its exit status says so
             for frame in itertools.chain([first], frames):
                 ffmpeg.stdin.write(frame.tobytes())
         if started.returncode or not target.exists():

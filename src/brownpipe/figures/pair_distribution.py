@@ -1,103 +1,120 @@
-"""Figure `pair_distribution`: g(r) of every pair of species, and its value at contact by two routes."""
+"""Figure `pair_distribution`: g(r) of every pair of species, and its value at contact by two routes.
+
+The routes: extrapolation of g(r) to contact, and the collision rate of the pair (docs/theory.md).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brownpipe.figures.cases import defined, has, plus_minus, title_of
-from brownpipe.figures.style import DATA, DOTTED, FILL, FIT, FREE, START, band, bars, columns, heads
-from brownpipe.figures.tables import long_table
+from brownpipe.figures.style import DATA, DOTTED, FILL, FIT, GREY, MODEL, band, bars, columns, heads
+from brownpipe.figures.tables import Table, long_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from xarray import Dataset
 
 NAME = "pair_distribution"
 CONTACTS = {
-    "contact_value": ("at contact, from $g(r)$", FIT, "o", -1),
-    "contact_value_rate": ("at contact, from the collision rate", FREE, "s", 1),
-}  # label, colour, marker, on which side of contact
-SURE = 0.02  # relative error of a bin that is drawn: neighbours are pooled until theirs is not larger,
-FINE = 0.25  # up to this width, in contact distances
+    "contact_value": ("at contact, by extrapolation", FIT, "o", -1),
+    "contact_value_rate": ("at contact, from the collision rate", MODEL, "s", 1),
+}  # label, colour, marker, on which side of the contact distance it is drawn
+LARGEST_ERROR = 0.02  # relative, of a bin that is drawn: neighbouring bins are pooled until theirs is smaller,
+WIDEST = 0.25  # but up to this width, in contact distances
 VARIABLES = (NAME,)
-LACKING = "the observable pair_distribution was not asked for, or no two disks come near"
+LACKING = "the observable pair_distribution was not measured, or no two disks come near"
 
 
-def draw(cases):
-    """One panel per case and pair of species: g(r) with its 95 % band, 1, and the values at contact.
+def draw(cases: list[Dataset]) -> Figure:
+    """Draw one panel per case and pair of species: g(r) with its 95 % band, and its values at contact.
 
-    Cases with equally many pairs have a column each; else all panels follow each other.
+    If all cases have equally many pairs, each case has a column; otherwise the panels follow each other.
     """
     stacks = [[(case, pair) for pair in case.species_pair.values if has(_of(case, pair), NAME)] for case in cases]
     if len(set(map(len, stacks))) > 1:
         stacks = [[panel] for stack in stacks for panel in stack]
     rows = list(zip(*stacks, strict=True))
-    figure, axes = columns(["pair distribution $g(r)$"] * len(rows), len(stacks), [3.6] * len(rows), sharey=False)
+    figure, axes = columns(
+        ["pair distribution function $g(r)$"] * len(rows), len(stacks), [3.6] * len(rows), sharey=False
+    )
     for panels, row in zip(axes, rows, strict=True):
         for panel, (case, pair) in zip(panels, row, strict=True):
             _panel(panel, defined(_of(case, pair), NAME, "distance"))
         heads(panels, [f"{title_of(case)}: {pair}" for case, pair in row])
     for panel in axes[-1]:
-        panel.set_xlabel("distance $r$ of the centres")
+        panel.set_xlabel("centre-to-centre distance $r$")
     return figure
 
 
-def _of(case, pair):
+def _of(case: Dataset, pair: str) -> Dataset:
     return case.sel(species_pair=pair)
 
 
-def _panel(axes, case):
+def _panel(axes: Axes, case: Dataset) -> None:
+    """Draw g(r) beyond the contact distance, the contact distance, and the values at contact on either side of it."""
     contact = float(case.contact_distance)
     case = case.isel(distance=case.distance.values > contact)
     r = case.distance.values
-    axes.axvline(contact, color=START, linestyle=DOTTED, linewidth=1)
-    axes.axhline(1, color=START, linewidth=0.8)
+    axes.axvline(contact, color=GREY, linestyle=DOTTED, linewidth=1)
+    axes.axhline(1, color=GREY, linewidth=0.8)
     _curve(axes, case, contact)
     for name in (name for name in CONTACTS if has(case, name)):
         label, colour, marker, side = CONTACTS[name]
         value = plus_minus(case[name], case[f"{name}_standard_error"])
         at = contact + side * 0.01 * (r[-1] - contact)
-        axes.errorbar(
-            at, case[name], bars([case], name), fmt=marker, color=colour, markersize=5, label=f"{label}: {value}"
-        )
+        looks = {"fmt": marker, "color": colour, "markersize": 5}
+        axes.errorbar(at, case[name], bars([case], name), label=f"{label}: {value}", **looks)
     axes.set_xlim(contact - 0.04 * (r[-1] - contact), r[-1])
 
 
-def _curve(axes, case, contact):
-    """g(r) with its band: of the bins or, where their errors are large, of several neighbours as steps."""
-    label, several = f"{int(case.runs):,} runs, 95 % band", _together(case, contact)
-    if several == 1:
+def _curve(axes: Axes, case: Dataset, contact: float) -> None:
+    """Draw g(r) with its band: a curve or, if the errors of single bins are large, steps of several pooled bins."""
+    label = f"{int(case.runs):,} runs, 95 % band"
+    pooled_bins = _bins_to_pool(case, contact)
+    if pooled_bins == 1:
         band(axes, case.distance.values, case, NAME, DATA, label=label)
         return
-    edges, value, down, up = _pooled(case, several)
+    edges, value, down, up = _pooled(case, pooled_bins)
     axes.stairs(value + up, edges, baseline=value - down, fill=True, color=DATA, alpha=FILL, linewidth=0)
-    label += f", bins of {several * _width(case):.2g}"
+    label += f", bins of width {pooled_bins * _width(case):.2g}"
     axes.stairs(value, edges, baseline=None, color=DATA, linewidth=1.8, label=label)
 
 
-def _width(case):
+def _width(case: Dataset) -> float:
+    """Width of the bins [length]."""
     return float(np.diff(case.distance.values[:2])[0])
 
 
-def _together(case, contact):
-    """How many bins are pooled."""
+def _bins_to_pool(case: Dataset, contact: float) -> int:
+    """How many neighbouring bins to pool: the error of independent counts falls as one over the root of the number."""
     if f"{NAME}_standard_error" not in case or case.sizes["distance"] < 2:
         return 1
     filled = case.isel(distance=case[NAME].values > 0)
     error = float((filled[f"{NAME}_standard_error"] / filled[NAME]).median())
-    if not error > SURE:
+    if not error > LARGEST_ERROR:
         return 1
-    return max(1, min(int(np.ceil((error / SURE) ** 2)), int(FINE * contact / _width(case))))
+    return max(1, min(int(np.ceil((error / LARGEST_ERROR) ** 2)), int(WIDEST * contact / _width(case))))
 
 
-def _pooled(case, several):
-    """Edges (B + 1,) of the pooled bins; their g and how far its interval reaches down and up (B,).
+def _pooled(case: Dataset, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pool bins in groups: edges (B + 1,), g (B,), and how far its 95 % interval reaches down and up (B,).
 
-    Bins weigh as the area of their ring; their errors are taken to be independent, as counts of rare pairs are.
+    Bins are weighted by the area of their ring. Their errors are taken as independent, as for counts of rare pairs.
     """
-    r, g = case.distance.values, case[NAME].values
-    first = np.arange(0, r.size, several)
+    r = case.distance.values
+    g = case[NAME].values
+    first = np.arange(0, r.size, number)
     total = np.add.reduceat(r, first)
     reach = [np.abs(case[f"{NAME}_{end}"].values - g) for end in ("low", "high")]
-    errors = [np.sqrt(np.add.reduceat((r * each) ** 2, first)) / total for each in reach]
+    errors = [np.sqrt(np.add.reduceat((r * error) ** 2, first)) / total for error in reach]
     edges = np.append(r[first], r[-1] + _width(case)) - _width(case) / 2
     return edges, np.add.reduceat(r * g, first) / total, *errors
 
 
-def table(cases):
-    """One row per case, pair of species and distance."""
+def table(cases: list[Dataset]) -> Table:
+    """Return one row per case, pair of species and distance."""
     return long_table(cases, ("species_pair", "distance"), [NAME])

@@ -1,6 +1,9 @@
-"""A picture of one whole run: every disk to scale, the followed one in colour with the path it has left behind it."""
+"""A picture of one whole run: every disk to scale, the tracer in colour with its path up to then."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -8,35 +11,48 @@ from brownpipe.errors import FigureError
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
 from brownpipe.scene.seeds import seed_text
 
-LONGEST, SHORTEST = 5.6, 3.6  # of the panel: the longer side of the box, the least width [inch]
-SIDE, BELOW, ABOVE, LINE = 0.18, 0.4, 0.46, 0.19  # margins, and a line of the key [inch]
-FACES = np.array(["#B5DAF0", "#DADADA", "#A9A9A9", "#F1E2B8", "#8FB8A8"])  # of disk 0 and of the others, by kind
-RIM = "#858585"
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.figure import Figure
+
+    from brownpipe.scene import Scene
+    from brownpipe.scene.scene import Box
+    from brownpipe.storage import Trajectories
+
+LONGER_SIDE = 5.6  # of the box [inch]
+LEAST_WIDTH = 3.6  # of the panel [inch]
+SIDE = 0.18  # margins of the panel [inch]
+BELOW = 0.4
+ABOVE = 0.46
+LINE = 0.19  # height of a line of the legend [inch]
+FACES = np.array(["#B5DAF0", "#DADADA", "#A9A9A9", "#F1E2B8", "#8FB8A8"])  # of disk 0 and of the others, by species
+RIM = "#858585"  # of the other disks
 COLOURS = ("#FFFFFF", INK, DATA, RIM, *FACES)
 
 
-class Run(NamedTuple):
-    """One whole run as a picture needs it."""
+class WholeRun(NamedTuple):
+    """One run with the tracks of all disks."""
 
-    scene: object  # brownpipe.scene.Scene
+    scene: Scene
     seed: int
-    times: np.ndarray  # (T,)
-    position: np.ndarray  # (T, N, 2) inside the box
+    times: np.ndarray  # (T,) [time]
+    position: np.ndarray  # (T, N, 2) inside the box [length]
     image: np.ndarray | None  # (T, 2) periodic images that disk 0 has crossed
 
 
 class Scenery(NamedTuple):
-    """A figure with a function that shows it at a sample, `show(k)`, and the artists that this changes."""
+    """A figure of a run, the artists that move, and the function that sets them to sample k."""
 
-    figure: object
+    figure: Figure
     moving: tuple
-    show: object
+    show: Callable[[int], None]
 
 
-def whole_run(trajectories, path, seed=None):
-    """The whole run of a seed, or the first that there is, of the trajectories in the file at `path`.
+def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) -> WholeRun:
+    """Return the whole run of a seed, by default of the smallest, of the trajectories in the file at `path`.
 
-    Raises FigureError if the file holds no whole runs, none of this seed, or no disks.
+    Raise FigureError if the file holds no whole runs, none of this seed, or no disks.
     """
     whole = trajectories.ensemble.whole
     if not whole:
@@ -48,26 +64,26 @@ def whole_run(trajectories, path, seed=None):
     seed = min(whole) if seed is None else seed
     track = whole[seed]
     image = None if track.image is None else track.image[:, 0]
-    return Run(trajectories.scene, seed, trajectories.ensemble.times, track.position, image)
+    return WholeRun(trajectories.scene, seed, trajectories.ensemble.times, track.position, image)
 
 
-def snapshot(run):
-    """The bytes of a PNG that shows a run at its last sample. The same run gives the same bytes."""
+def snapshot(run: WholeRun) -> bytes:
+    """Return the bytes of a PNG that shows a run at its last sample. The same run gives the same bytes."""
     with drawing():
         scenery = scenery_of(run)
         scenery.show(len(run.times) - 1)
         return image_bytes(scenery.figure, "png")
 
 
-def scenery_of(run):
-    """The box, the disks and the path, ready to be shown at any sample; to be used while `style.drawing` holds."""
-    kinds = _kinds(run.scene)
-    axes = _stage(run.scene, f"{run.scene.name}, N = {run.scene.particles}, seed {run.seed}", kinds)
+def scenery_of(run: WholeRun) -> Scenery:
+    """Return the figure of a run with box, disks and path, to be set to a sample within the context `style.drawing`."""
+    shades = _shades(run.scene)
+    axes = _box(run.scene, f"{run.scene.name}, N = {run.scene.particles}, seed {run.seed}", shades)
     disks = _disks(axes)
     (path,) = axes.plot([], [], color=DATA, linewidth=1.2)
-    (here,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
+    (centre,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
     axes.plot(*run.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3)
-    clock = axes.set_title("", loc="right", fontweight="normal", fontsize=10)
+    time = axes.set_title("", loc="right", fontweight="normal", fontsize=10)
     track, ends = _path(run)
 
     def show(k):
@@ -75,34 +91,36 @@ def scenery_of(run):
         disks.set_offsets(centres)
         disks.set_widths(2 * run.scene.radius[which])
         disks.set_heights(2 * run.scene.radius[which])
-        disks.set_facecolors(FACES[kinds[which]])
+        disks.set_facecolors(FACES[shades[which]])
         disks.set_edgecolors(np.where(which == 0, DATA, RIM))
         path.set_data(*track[: ends[k]].T)
-        here.set_data(*run.position[k, :1].T)
-        clock.set_text(_time_text(run.times, k))
+        centre.set_data(*run.position[k, :1].T)
+        time.set_text(_time_text(run.times, k))
 
-    return Scenery(axes.figure, (disks, path, here, clock), show)
-
-
-# --- what stands still
+    return Scenery(axes.figure, (disks, path, centre, time), show)
 
 
-def _kinds(scene):
-    """(N,) the shade of each disk: 0 is disk 0, then one for each radius and mass in order of their first disk."""
-    alike = np.stack([scene.radius, scene.mass])[:, 1:]
-    _, first, kind = np.unique(alike, axis=1, return_index=True, return_inverse=True)
+# --- the background
+
+
+def _shades(scene: Scene) -> np.ndarray:
+    """Index (N,) of each disk's colour in FACES: 0 for disk 0, then one per radius and mass, by first appearance."""
+    properties = np.stack([scene.radius, scene.mass])[:, 1:]
+    _, first, species = np.unique(properties, axis=1, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
-    return np.append(0, 1 + rank[kind.ravel()] % (len(FACES) - 1))
+    return np.append(0, 1 + rank[species.ravel()] % (len(FACES) - 1))
 
 
-def _stage(scene, title, kinds):
-    """The axes of the empty box, its sides solid where there are walls and dashed where it repeats itself."""
+def _box(scene: Scene, title: str, shades: np.ndarray) -> Axes:
+    """The axes of the empty box, with solid sides for hard walls and dashed ones for a periodic box."""
     from matplotlib.figure import Figure
 
-    scale = LONGEST / max(scene.box.width, scene.box.height)
-    width, height, words = scene.box.width * scale, scene.box.height * scale, _words(scene, kinds)
-    size = np.array([max(width, SHORTEST) + 2 * SIDE, height + BELOW + ABOVE + LINE * len(words)])
-    size = np.ceil(50 * size) / 50  # an even number of pixels at 100 to the inch, as videos want
+    scale = LONGER_SIDE / max(scene.box.width, scene.box.height)
+    width = scene.box.width * scale
+    height = scene.box.height * scale
+    entries = _legend_entries(scene, shades)
+    size = np.array([max(width, LEAST_WIDTH) + 2 * SIDE, height + BELOW + ABOVE + LINE * len(entries)])
+    size = np.ceil(50 * size) / 50  # an even number of pixels at 100 per inch, as videos need
     figure = Figure(size)
     axes = figure.add_axes((0.5 - width / size[0] / 2, BELOW / size[1], width / size[0], height / size[1]))
     axes.set(xlim=scene.box.x, ylim=scene.box.y, xticks=[], yticks=[])
@@ -111,41 +129,40 @@ def _stage(scene, title, kinds):
         spine.set(visible=True, color=INK, linewidth=1.2 if scene.box.periodic else 2.5)
         spine.set_linestyle((0, (4, 3)) if scene.box.periodic else "-")
     figure.text(SIDE / size[0], 1 - 0.12 / size[1], title, fontsize=11, fontweight="bold", va="top")
-    _key(figure, words, SIDE / size[0], 1 - (0.12 + 0.2) / size[1])
-    _scale(axes, scene.box, height)
+    _legend(figure, entries, SIDE / size[0], 1 - (0.12 + 0.2) / size[1])
+    _scale_bar(axes, scene.box, height)
     return axes
 
 
-def _words(scene, kinds):
-    """What each shade stands for: (shade, text)."""
-    words = []
-    for kind in np.unique(kinds):
-        mine = kinds == kind
-        radius, mass = (_range(values[mine]) for values in (scene.radius, scene.mass))
-        name = "followed, with its path" if kind == 0 else f"{np.count_nonzero(mine):,} others"
-        words.append((kind, f"{name}: radius {radius}, mass {mass}"))
-    return words
+def _legend_entries(scene: Scene, shades: np.ndarray) -> list[tuple[int, str]]:
+    """Shade and text of each entry of the legend."""
+    entries = []
+    for shade in np.unique(shades):
+        members = shades == shade
+        radius, mass = (_range(values[members]) for values in (scene.radius, scene.mass))
+        name = "tracer and its path" if shade == 0 else f"{np.count_nonzero(members):,} other disks"
+        entries.append((shade, f"{name}: radius {radius}, mass {mass}"))
+    return entries
 
 
-def _range(values):
+def _range(values: np.ndarray) -> str:
     low, high = values.min(), values.max()
     return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
 
 
-def _key(figure, words, x, y):
+def _legend(figure: Figure, entries: list[tuple[int, str]], x: float, y: float) -> None:
+    """Draw the legend with its upper left corner at (x, y), fractions of the figure."""
     from matplotlib.lines import Line2D
 
-    rims = [DATA if kind == 0 else RIM for kind, _ in words]
-    marks = [
-        Line2D([], [], linestyle="", marker="o", markersize=8, markerfacecolor=FACES[kind], markeredgecolor=rim)
-        for (kind, _), rim in zip(words, rims, strict=True)
-    ]
-    texts = [text for _, text in words]
+    disk = {"linestyle": "", "marker": "o", "markersize": 8}
+    colours = [(FACES[shade], DATA if shade == 0 else RIM) for shade, _ in entries]
+    marks = [Line2D([], [], markerfacecolor=face, markeredgecolor=rim, **disk) for face, rim in colours]
+    texts = [text for _, text in entries]
     figure.legend(marks, texts, loc="upper left", bbox_to_anchor=(x, y), borderpad=0, borderaxespad=0, handlelength=1)
 
 
-def _scale(axes, box, height):
-    """A bar below the box, of a round length; `height` is that of the panel [inch]."""
+def _scale_bar(axes: Axes, box: Box, height: float) -> None:
+    """Draw a bar of a round length below the box; `height` is that of the panel [inch]."""
     most = box.width / 4
     length = 10.0 ** np.floor(np.log10(most))
     length *= max(step for step in (1, 2, 5) if step * length <= most)
@@ -156,20 +173,21 @@ def _scale(axes, box, height):
     axes.text(box.x[0] + length, -0.2 / height, text, va="center_baseline", fontsize=8.8, **at)
 
 
-# --- what moves
+# --- disks and path
 
 
-def _disks(axes):
-    """Circles in units of the box."""
+def _disks(axes: Axes) -> EllipseCollection:
+    """Circles in units of the box, none as yet."""
     from matplotlib.collections import EllipseCollection
 
     disks = EllipseCollection([], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5)
     return axes.add_collection(disks)
 
 
-def _with_images(scene, position):
-    """Centres (M, 2) and indices (M,) of all disks, and of the images that reach into a periodic box; disk 0 last."""
-    which, box = np.arange(scene.particles)[::-1], scene.box
+def _with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (M, 2) and indices (M,) of all disks and of the images that reach into a periodic box; disk 0 is last."""
+    box = scene.box
+    which = np.arange(scene.particles)[::-1]
     centres = position[which]
     if not box.periodic:
         return centres, which
@@ -183,12 +201,13 @@ def _with_images(scene, position):
     return centres[order], which[order]
 
 
-def _path(run):
-    """The path of disk 0 as points (P, 2), and how many of them (T,) there are up to each sample.
+def _path(run: WholeRun) -> tuple[np.ndarray, np.ndarray]:
+    """The path of disk 0 as points (P, 2), and the number of points up to each sample (T,).
 
-    Where it leaves a periodic box, the path goes on beyond the edge and, after a gap, comes in at the other one.
+    Where the disk leaves a periodic box, the path continues past the edge and, after a gap, enters at the opposite one.
     """
-    track, ends = run.position[:, 0], np.arange(1, len(run.times) + 1)
+    track = run.position[:, 0]
+    ends = np.arange(1, len(run.times) + 1)
     if run.image is None:
         return track, ends
     crossed = np.flatnonzero(np.diff(run.image, axis=0).any(axis=1))
@@ -198,8 +217,8 @@ def _path(run):
     return points, ends + 3 * np.searchsorted(crossed, np.arange(len(run.times)))
 
 
-def _time_text(times, k):
-    """The time of sample k, with as many decimals as the step to its nearest neighbour has, to one per cent."""
+def _time_text(times: np.ndarray, k: int) -> str:
+    """The time of sample k, with as many decimals as give the step to its nearest neighbour to one per cent."""
     step = np.abs(np.delete(times, k) - times[k]).min(initial=max(times[-1], 1e-9))
     decimals = next((d for d in range(9) if abs(round(step, d) - step) < 0.01 * step), 9)
     return f"$t$ = {times[k]:.{decimals}f}"

@@ -1,19 +1,44 @@
-"""The one style of all figures: print-ready, colours of Okabe and Ito (colour-blind safe), nothing that varies."""
+"""The style of all figures, their layout, axes and legends.
+
+Figures are ready for print, in the colours of Okabe and Ito, which are safe for colour-blind readers. Nothing in a file
+depends on the user's settings, the date or the version of matplotlib's metadata. matplotlib is imported in functions,
+as it takes long.
+"""
+
+from __future__ import annotations
 
 import io
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-PANEL = (4.8, 5.4)  # width and height of one scene's panel [inch]
-DATA, FIT, FREE, START = "#0072B2", "#D55E00", "#009E73", "#6B6B6B"
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from contextlib import AbstractContextManager
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from xarray import Dataset
+
+# Colours by meaning: measured data, fits, models, reference lines, text and theory
+DATA = "#0072B2"
+FIT = "#D55E00"
+MODEL = "#009E73"
+GREY = "#6B6B6B"
 INK = "#222222"
-DASHED, DOTTED, DASH_DOT = (0, (5, 2.5)), (0, (1, 1.2)), (0, (4, 1.5, 1, 1.5))
-KINDS = ((DATA, "-", "o"), (FIT, DASHED, "s"), (FREE, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D"))  # of disks, of scenes
-MOST_COLUMNS = 4  # side by side; further ones begin a new row
+PALE = "#EFEFEF"  # of the band in which residuals are expected
+DASHED = (0, (5, 2.5))
+DOTTED = (0, (1, 1.2))
+DASH_DOT = (0, (4, 1.5, 1, 1.5))
+# Colour, line and marker of the first, second, ... species, fit window or scene
+SERIES = ((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D"))
+PANEL = (4.8, 5.4)  # width and height of the panel of a case [inch]
+MOST_COLUMNS = 4  # of panels side by side; further ones begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis
-BETWEEN = 0.09  # on each side of a panel [inch]
-TITLE = 45  # characters of a title that a panel has room for; longer ones are set smaller
+BETWEEN = 0.09  # padding on each side of a panel [inch]
+TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 FILL = 0.22  # opacity of a band
+LIKELY = 2.0  # residuals of up to so many standard errors lie in the grey band
 SAVE = {"png": {"dpi": 160, "metadata": {"Software": None}}, "svg": {"metadata": {"Date": None, "Creator": None}}}
 
 _STYLE = {
@@ -46,24 +71,27 @@ _STYLE = {
 }
 
 
-def drawing():
-    """Context in which figures are drawn and saved: matplotlib's defaults and `_STYLE`, whatever the user has set."""
+def drawing() -> AbstractContextManager:
+    """Return the context in which figures are drawn and saved: matplotlib's defaults and `_STYLE`.
+
+    The settings of the user have no effect in it, and are restored after it.
+    """
     import matplotlib
 
     defaults = {key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith("backend")}
     return matplotlib.rc_context(defaults | _STYLE)
 
 
-def image_bytes(figure, kind):
-    """The figure as the bytes of a PNG or SVG file, without date or version. It is laid out the first time."""
+def image_bytes(figure: Figure, suffix: str) -> bytes:
+    """Return the bytes of a PNG or SVG file, without date or version. The first call computes the layout."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, **SAVE[kind])
+    figure.savefig(buffer, format=suffix, **SAVE[suffix])
     figure.set_layout_engine("none")
     return buffer.getvalue()
 
 
-def _figure(width, height):
-    """An empty figure [inch], laid out with room between the tick labels of neighbouring panels."""
+def _figure(width: float, height: float) -> Figure:
+    """Return an empty figure [inch], laid out with padding between the tick labels of neighbouring panels."""
     from matplotlib.figure import Figure
 
     figure = Figure((width, height), layout="constrained")
@@ -71,8 +99,13 @@ def _figure(width, height):
     return figure
 
 
-def tall_and_low(columns, rows=1, ratio=2.6, sharex="col", sharey="row", height=PANEL[1]):
-    """A figure of `rows` pairs of a tall and a low panel for each column: (figure, axes (2 rows, columns))."""
+def tall_and_low(
+    columns: int, rows: int = 1, ratio: float = 2.6, sharex="col", sharey="row", height: float = PANEL[1]
+) -> tuple[Figure, np.ndarray]:
+    """Return a figure and its axes (2 rows, columns): `rows` pairs of a tall panel and a low one in each column.
+
+    `ratio` is that of their heights, `height` [inch] that of a pair; `sharex` and `sharey` as in matplotlib.
+    """
     figure = _figure(PANEL[0] * columns, height * rows)
     axes = figure.subplots(
         2 * rows, columns, sharex=sharex, sharey=sharey, squeeze=False, height_ratios=(ratio, 1) * rows
@@ -80,8 +113,8 @@ def tall_and_low(columns, rows=1, ratio=2.6, sharex="col", sharey="row", height=
     return figure, axes
 
 
-def time_axis(axes, times):
-    """Name the time axis and set its ends: logarithmic if the samples after t = 0 are not spread evenly."""
+def time_axis(axes: Axes, times: np.ndarray) -> None:
+    """Label the time axis and set its limits; make it logarithmic if the samples after t = 0 are not equally spaced."""
     later = times[times > 0]
     steps = np.diff(later)
     logarithmic = len(steps) > 1 and steps.max() > 10 * steps[:-1].min()
@@ -92,8 +125,8 @@ def time_axis(axes, times):
     axes.set_xlabel("time $t$")
 
 
-def log_axis(axes, name, low, high):
-    """Make the axis `name`, x or y, logarithmic from `low` to `high`, with few enough labels to stand apart."""
+def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
+    """Make the axis `name`, x or y, logarithmic from `low` to `high`, with few enough labels to be legible."""
     from matplotlib.ticker import FixedFormatter, FixedLocator, LogLocator, NullFormatter
 
     if low == high:
@@ -106,8 +139,8 @@ def log_axis(axes, name, low, high):
     axis.set_minor_formatter(NullFormatter())
 
 
-def log_ticks(low, high):
-    """Where a logarithmic axis is labelled: powers of ten, every so many, or 2 to 7 round numbers of a short axis."""
+def log_ticks(low: float, high: float) -> np.ndarray:
+    """Return where a logarithmic axis is labelled: at powers of ten, or on a short axis at 2 to 7 round numbers."""
     from matplotlib.ticker import MaxNLocator
 
     first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
@@ -121,8 +154,8 @@ def log_ticks(low, high):
     return places[(places >= low) & (places <= high)]
 
 
-def _log_labels(places):
-    """Plain numbers from 0.001 to 9999, digits and a power of ten beyond."""
+def _log_labels(places: np.ndarray) -> list[str]:
+    """Return plain numbers from 0.001 to 9999, and digits times a power of ten outside."""
     if all(1e-3 <= place < 1e4 for place in places):
         return [f"{place:.10g}" for place in places]
     labels = []
@@ -133,15 +166,15 @@ def _log_labels(places):
     return labels
 
 
-def apart(places, least, low, high):
-    """The places of labels, moved as little as possible (least squares) until they lie `least` apart in [low, high].
+def apart(places: Sequence[float], least: float, low: float, high: float) -> np.ndarray:
+    """Return places moved as little as possible (least squares) until they lie `least` apart in [low, high].
 
-    Their order stays. Where there is no room for all they share it evenly.
+    Their order stays. If the interval is too short for that, they divide it evenly.
     """
     places, count = np.asarray(places, float), len(places)
     order = np.argsort(places, kind="stable")
     steps = min(least, (high - low) / max(1, count - 1)) * np.arange(count)
-    blocks = []  # (mean, labels) of labels that touch: the isotonic regression of places - steps
+    blocks = []  # (mean, number) of places that touch: the isotonic regression of places - steps
     for place in places[order] - steps:
         blocks.append((place, 1))
         while len(blocks) > 1 and blocks[-2][0] >= blocks[-1][0]:
@@ -152,34 +185,31 @@ def apart(places, least, low, high):
     return moved
 
 
-def band(axes, x, case, name, colour, **line):
-    """The curve `name` of a case over x, with its 95 % band if it has one; `line` as for `axes.plot`."""
+def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **line) -> None:
+    """Draw the variable `name` of a case over x, with its 95 % band if it has one; `line` as for `axes.plot`."""
     if f"{name}_low" in case:
         axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=colour, alpha=FILL, linewidth=0)
     axes.plot(x, case[name], color=colour, **line)
 
 
-def bars(cases, name):
-    """How far the 95 % intervals of `name` reach down and up (2, cases), for `axes.errorbar`."""
+def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
+    """Return how far the 95 % intervals of `name` reach down and up, (2, cases), as `axes.errorbar` takes it."""
     return np.abs([[float(case[f"{name}_{end}"] - case[name]) for case in cases] for end in ("low", "high")])
 
 
-def say(axes, text, at, offset, **words):
-    """A text beside the point `at`, `offset` points away, that may stand outside the panel."""
-    axes.annotate(text, at, offset, textcoords="offset points", annotation_clip=False, **words)
-
-
-def grid(rows, columns, width, height, **sharing):
-    """A figure of equal panels: (figure, axes (rows, columns))."""
+def grid(rows: int, columns: int, width: float, height: float, **sharing) -> tuple[Figure, np.ndarray]:
+    """Return a figure of panels of equal width and height [inch], and its axes (rows, columns)."""
     figure = _figure(width * columns, height * rows)
     return figure, figure.subplots(rows, columns, squeeze=False, **sharing)
 
 
-def columns(labels, count, heights, sharey=True):
-    """`count` stacks of panels, at most MOST_COLUMNS side by side: (figure, axes (panels of a stack, count)).
+def columns(
+    labels: Sequence[str], count: int, heights: Sequence[float], sharey: bool = True
+) -> tuple[Figure, np.ndarray]:
+    """Return a figure of `count` stacks of panels, at most MOST_COLUMNS side by side, and its axes (panels, count).
 
-    `labels` name the vertical axes of the panels of a stack, `heights` [inch] are theirs. With `sharey` the panels at
-    the same place of all stacks have one axis, with numbers at the left of each row alone.
+    `labels` name the vertical axes of a stack's panels, `heights` [inch] are those of the panels. With `sharey` the
+    panels at the same place of all stacks share their vertical axis, and only the leftmost of a row shows its numbers.
     """
     wide = min(count, MOST_COLUMNS)
     rows, panels = -(-count // wide), len(heights)
@@ -198,21 +228,27 @@ def columns(labels, count, heights, sharey=True):
     return figure, stacks[:, :count]
 
 
-def heads(panels, titles):
-    """Titles and legends above panels, where they cover no data; all titles as high as the longest legend needs."""
+def heads(panels: Sequence[Axes], titles: Iterable[str]) -> None:
+    """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
     from matplotlib.transforms import ScaledTranslation
 
-    room = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)
+    pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
     for axes, title in zip(panels, titles, strict=True):
-        axes.set_title(title, pad=room, fontsize=11 * min(1, TITLE / len(title)))
+        axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / len(title)))
         if axes.get_legend_handles_labels()[1]:
-            above = axes.transAxes + ScaledTranslation(0, (room - 5) / 72, axes.figure.dpi_scale_trans)
+            above = axes.transAxes + ScaledTranslation(0, (pad - 5) / 72, axes.figure.dpi_scale_trans)
             place = {"loc": "upper left", "bbox_to_anchor": (-0.02, 1.0), "bbox_transform": above, "borderaxespad": 0}
             axes.legend(**place, labelspacing=0.35).set_in_layout(False)
 
 
-def shades(count):
-    """`count` colours from dark to light that stay in order for every kind of sight and in grey."""
+def residual_panel(axes: Axes) -> None:
+    """Prepare a panel for residuals in standard errors: a line at zero, and the band of likely ones in grey."""
+    axes.axhspan(-LIKELY, LIKELY, color=PALE, linewidth=0)
+    axes.axhline(0, color=GREY, linewidth=0.8)
+
+
+def shades(count: int) -> list:
+    """Return colours from dark to light, whose order shows to the colour-blind and in greyscale, too."""
     import matplotlib
 
     return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0.02, 0.7, count)]

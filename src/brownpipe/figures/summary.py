@@ -1,24 +1,33 @@
-"""The answer of a study as a short table: text to print, rows to write."""
+"""The results of a study as a short table, printed at its end, and all numbers behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
-from brownpipe.figures.cases import at_last_distribution, cases_of, has_msd, over_time, plus_minus, title_of
+from brownpipe.figures.cases import at_last_distribution, cases_of, has, over_time, plus_minus, title_of
 from brownpipe.figures.tables import Table
 from brownpipe.scene.seeds import seed_text
 
+if TYPE_CHECKING:
+    from xarray import Dataset
+
 TESTS = ("with D = MSD/4t", "with fitted D")  # of eq. (18), the first two models of a dataset
 QUESTION = "eq. (18) rejected?"  # above the columns of the tests
+LONGEST_SEEDS = 60  # characters of a list of seeds
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 
 
-def summary(dataset):
-    """The answer as a plain-text table with one line per scene, particle count and engine.
+def summary(dataset: Dataset) -> str:
+    """Return the results as a text table with one line per scene, particle count and engine.
 
-    Runs, MSD at the end and D = slope/4 over the first window with their standard errors over runs, and p-values of
-    eq. (18) with either D. Those of the whole table are one family: what is rejected is so at the family-wise level
-    (Holm). Below it, what the columns mean, and seeds that failed or are missing.
+    The columns are the number of runs, the MSD at the end and D = slope/4 over the first fit window with their standard
+    errors over runs, and the verdict on eq. (18) with either D. All tests of the table are one family, of which each is
+    rejected at the family-wise level (Holm). Lines below explain the columns and name failed and missing seeds.
     """
     cases = cases_of(dataset)
     durations = sorted({case.duration.item() for case in cases})
@@ -26,40 +35,39 @@ def summary(dataset):
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
     rows = [("scene", "N", "engine", "runs", end, "D", *TESTS), *map(_row, cases, p, rejected)]
-    tests, left_out = np.count_nonzero(np.isfinite(p)), set()
-    if len({row[2] for row in rows}) == 2:
-        left_out.add("engine")
-    if not tests:
-        left_out.update(TESTS)
-    columns = [column for column in zip(*rows, strict=True) if column[0] not in left_out]
+    tests = np.count_nonzero(np.isfinite(p))
+    hidden = set() if tests else set(TESTS)
+    if len({row[2] for row in rows}) == 2:  # the header and one engine
+        hidden.add("engine")
+    columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
     widths = [max(map(len, column)) for column in columns]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*columns, strict=True)]
     above = [" " * lines[0].index(TESTS[0]) + QUESTION] if tests else []
-    return "\n".join([*above, *lines, *_legend(dataset, cases, tests), *_left_out(cases)]) + "\n"
+    return "\n".join([*above, *lines, *_legend(dataset, cases, tests), *_missing_runs(cases)]) + "\n"
 
 
-def _p_values(case):
-    """Of eq. (18) with either D, by rings and kurtosis together; NaN where there is no test."""
-    return at_last_distribution(case).p_value_joint.values[: len(TESTS)] if has_msd(case) else [np.nan] * len(TESTS)
+def _p_values(case: Dataset) -> np.ndarray | list[float]:
+    """The p-values (2,) of eq. (18) with either D, by rings and kurtosis together; NaN where there is no test."""
+    return at_last_distribution(case).p_value_joint.values[: len(TESTS)] if has(case, "msd") else [np.nan] * len(TESTS)
 
 
-def _row(case, p, rejected):
-    """One line of the text table."""
+def _row(case: Dataset, p: np.ndarray, rejected: np.ndarray) -> tuple[str, ...]:
+    """One line of the text table, cell by cell."""
     names = (case.scene.item(), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
-    if not has_msd(case):
+    if not has(case, "msd"):
         return (*names, *["-"] * 4)
     estimates = [(over_time(case).isel(time=-1), "msd"), (case.isel(window=0), "diffusion_coefficient")]
     numbers = [plus_minus(part[name], part[f"{name}_standard_error"]) for part, name in estimates]
     return (*names, *numbers, *map(_verdict, p, rejected))
 
 
-def _verdict(p, rejected):
+def _verdict(p: float, rejected: bool) -> str:
     return "-" if np.isnan(p) else f"{'yes' if rejected else 'no'}, {in_words(p)}"
 
 
-def _legend(dataset, cases, tests):
-    """What the columns mean."""
-    shown = [case for case in cases if has_msd(case)]
+def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]:
+    """Lines that explain the columns."""
+    shown = [case for case in cases if has(case, "msd")]
     yield "N: number of disks. MSD: mean squared displacement of the tracer. All in the scene's reduced units."
     yield f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs."
     if tests:
@@ -70,32 +78,21 @@ def _legend(dataset, cases, tests):
         yield f"yes: rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm); no: not rejected."
 
 
-def _left_out(cases):
-    """Which runs the table lacks."""
+def _missing_runs(cases: list[Dataset]) -> Iterator[str]:
+    """Lines that name the seeds whose runs failed or are missing."""
     for case in cases:
-        for status, what in ((FAILED, "failed and left out"), (MISSING, "missing")):
+        for status, fate in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[case.run_status.values == status]
-            if seeds.size:
-                yield f"{title_of(case)}: {what}: {seeds.size} of {case.seed.size} seeds ({_short(seed_text(seeds))})"
+            text = seed_text(seeds) if seeds.size else ""
+            text = text if len(text) <= LONGEST_SEEDS else text[: LONGEST_SEEDS - 4] + " ..."
+            if text:
+                yield f"{title_of(case)}: {fate}: {seeds.size} of {case.seed.size} seeds ({text})"
 
 
-def _short(text, most=60):
-    return text if len(text) <= most else text[: most - 4] + " ..."
-
-
-def summary_table(dataset):
-    """Every number of the summary: one row per case and window."""
-    header = (
-        "scene",
-        "particles",
-        "engine",
-        "runs",
-        "failed_runs",
-        "missing_seeds",
-        "time",
-        "msd",
-        "msd_standard_error",
-    )
+def summary_table(dataset: Dataset) -> Table:
+    """Return every number of the summary, and those of the other fit windows: one row per case and window."""
+    label = ("scene", "particles", "engine", "runs", "failed_runs", "missing_seeds")
+    end_of_run = ("msd", "msd_standard_error")
     fits = ("window_start", "window_end", "slope", "slope_standard_error", "naive_slope_error")
     fits += ("diffusion_coefficient", "diffusion_coefficient_standard_error")
     tests = [
@@ -105,12 +102,15 @@ def summary_table(dataset):
     ]
     rows = []
     for case in cases_of(dataset):
-        counts, end = [case[name].item() for name in header[:6]], at_last_distribution(case)
+        counts = [case[name].item() for name in label]
         last = over_time(case).isel(time=slice(-1, None))
-        final = [case.duration.item(), *(last[name].item() if last.sizes["time"] else np.nan for name in header[7:])]
-        shape = [end[name].item() if name in end else np.nan for name in SHAPE]
-        verdicts = [end[test].values[k] for test, k, _ in tests]
+        msd = [last[name].item() if last.sizes["time"] else np.nan for name in end_of_run]
+        distribution = at_last_distribution(case)
+        shape = [distribution[name].item() if name in distribution else np.nan for name in SHAPE]
+        results = [distribution[test].values[k] for test, k, _ in tests]
         for k in range(case.sizes["window"]):
             fit = case.isel(window=k)
-            rows.append((*counts, *final, *(fit[name].item() for name in fits), *shape, *verdicts))
-    return Table((*header, *fits, *SHAPE, *(f"{test}, {model}" for test, _, model in tests)), rows)
+            line = (fit[name].item() for name in fits)
+            rows.append((*counts, case.duration.item(), *msd, *line, *shape, *results))
+    columns = (f"{test}, {model}" for test, _, model in tests)
+    return Table((*label, "time", *end_of_run, *fits, *SHAPE, *columns), rows)

@@ -1,25 +1,34 @@
-"""Plain tables: the numbers of a figure as CSV."""
+"""Plain tables: the numbers behind a figure, as CSV."""
+
+from __future__ import annotations
 
 import csv
 import io
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-EACH = ("scene", "particles", "engine")
-PARTS = ("", "_standard_error", "_low", "_high")
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from xarray import Dataset
+
+EACH = ("scene", "particles", "engine")  # what labels a case
+PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 
 
 class Table(NamedTuple):
-    header: tuple  # column names
-    rows: list  # of tuples: numbers and texts
+    """Column names and rows of numbers and texts."""
+
+    header: tuple[str, ...]
+    rows: list[tuple]
 
 
-def long_table(cases, dims, names):
-    """One row per case and point along `dims`, with the variables `names` there; rows without any value are left out.
+def long_table(cases: list[Dataset], dims: Sequence[str], names: Sequence[str]) -> Table:
+    """Return one row per case and point along `dims` with the variables `names` there; empty rows are left out.
 
-    The uncertainties of a variable, where the dataset has them, follow it.
+    Each variable is followed by its standard error and the ends of its interval where the dataset has them.
     """
     names = [f"{name}{part}" for name in names for part in PARTS if f"{name}{part}" in cases[0]]
     rows = []
@@ -28,17 +37,17 @@ def long_table(cases, dims, names):
         columns = [case[name].broadcast_like(case[names].to_array()[0]).transpose(*dims).values for name in names]
         for at in np.ndindex(columns[0].shape):
             values = [column[at] for column in columns]
-            if not all(map(_nothing, values)):
+            if not all(map(_is_nan, values)):
                 rows.append((*label, *(case[dim].values[k] for dim, k in zip(dims, at, strict=True)), *values))
     return Table((*EACH, *dims, *names), rows)
 
 
-def _nothing(value):
+def _is_nan(value) -> bool:
     return isinstance(value, float) and math.isnan(value)
 
 
-def to_csv(table):
-    """UTF-8 bytes of the table: shortest digits that give the number back, nothing for NaN, lines end in LF."""
+def to_csv(table: Table) -> bytes:
+    """Return the table as UTF-8 text: the shortest digits that give each number back, nothing for NaN, LF line ends."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table.header)
@@ -47,6 +56,7 @@ def to_csv(table):
 
 
 def _cell(value):
+    """A number as Python prints it, whole numbers without a point."""
     value = value.item() if hasattr(value, "item") else value
     if isinstance(value, float):
         return "" if math.isnan(value) else repr(int(value) if value.is_integer() and abs(value) < 1e15 else value)

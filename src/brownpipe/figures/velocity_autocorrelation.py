@@ -1,27 +1,41 @@
-"""Figure `velocity_autocorrelation`: how tracer and bath forget their velocity, from first collision to late tail."""
+"""Figure `velocity_autocorrelation`: that of the tracer and of the bath, from its initial slope to the 1/t tail.
+
+The initial slope follows from the collision rate, -gamma <v^2> (docs/theory.md); the tail is that of hydrodynamics in
+two dimensions.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brownpipe.figures.cases import has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, INK, START, band, columns, heads, log_axis, time_axis
-from brownpipe.figures.tables import long_table
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, band, columns, heads, log_axis, time_axis
+from brownpipe.figures.tables import Table, long_table
 
-TRACER, BATH = "velocity_autocorrelation", "bath_velocity_autocorrelation"
-LOOKS = {TRACER: ("tracer", DATA, "-"), BATH: ("bath", FIT, DASHED)}
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from xarray import Dataset
+
+TRACER = "velocity_autocorrelation"
+BATH = "bath_velocity_autocorrelation"
+LOOKS = {TRACER: ("tracer", DATA, "-"), BATH: ("bath", FIT, DASHED)}  # label, colour, line
 LABEL = "$\\langle v(0) v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
-TAIL = 10  # by this factor at most the logarithmic axis goes on below a curve to show its band
+TAIL = 10  # by this factor at most the logarithmic axis extends below a curve to show its band
 VARIABLES = (TRACER,)
-LACKING = "the observable velocity_autocorrelation was not asked for"
+LACKING = "the observable velocity_autocorrelation was not measured"
 
 
-def draw(cases):
-    """One column per case: the correlation and its initial slope above, its decay on logarithmic axes below."""
+def draw(cases: list[Dataset]) -> Figure:
+    """Draw one column per case: the correlation and its initial slope above, its decay on logarithmic axes below."""
     cases = [over_time(case, TRACER) for case in cases]
     curves = [{name: _normalised(case, name) for name in LOOKS if has(case, name)} for case in cases]
     figure, axes = columns((LABEL, LABEL), len(cases), (3.85, 3.35))
-    for case, mine, (main, low) in zip(cases, curves, axes.T, strict=True):
-        _decay(main, case, mine)
-        _tail(main, low, mine)
+    for case, of_case, (main, low) in zip(cases, curves, axes.T, strict=True):
+        _decay(main, case, of_case)
+        _tail(main, low, of_case)
         times = case.time.values
         time_axis(main, times)
         log_axis(low, "x", times[times > 0][0], times[-1])
@@ -32,38 +46,42 @@ def draw(cases):
     return figure
 
 
-def _extent(curves):
-    """Ends of the vertical axis of all cases: beyond 0, 1, the curves and their bands."""
-    values = np.concatenate([part.values for mine in curves for curve in mine.values() for part in curve.values()])
+def _extent(curves: list[dict[str, Dataset]]) -> tuple[float, float]:
+    """Limits of the vertical axis that all cases share: they contain 0, 1, the curves and their bands."""
+    every = [curve for of_case in curves for curve in of_case.values()]
+    values = np.concatenate([part.values for curve in every for part in curve.values()])
     low, high = min(0.0, np.nanmin(values)), max(1.0, np.nanmax(values))
     return low - 0.05 * (high - low), high + 0.05 * (high - low)
 
 
-def _tail_extent(curves):
-    """The same on the logarithmic axis, where bands may come close to 0."""
+def _tail_extent(curves: list[dict[str, Dataset]]) -> tuple[float, float]:
+    """The same for the logarithmic axis, where bands may come close to 0."""
     low, high = [0.5], [1.2]
-    for mine in curves:
-        resolved = [(_resolved(curve, name), name) for name, curve in mine.items()]
-        for seen, name in ((seen, name) for seen, name in resolved if seen.sizes["time"]):
-            low.append(max(float(seen.get(f"{name}_low", seen[name]).min()), float(seen[name].min()) / TAIL))
-            high.append(float(np.nanmax(seen.to_dataarray())))
-        high += list(_guide(mine)[1])
+    for of_case in curves:
+        for name, curve in of_case.items():
+            resolved = _resolved(curve, name)
+            if resolved.sizes["time"]:
+                end_of_band = float(resolved.get(f"{name}_low", resolved[name]).min())
+                low.append(max(end_of_band, float(resolved[name].min()) / TAIL))
+                high.append(float(np.nanmax(resolved.to_dataarray())))
+        high += list(_guide(of_case)[1])
     return min(low) / 1.2, max(high) * 1.2
 
 
-def _normalised(case, name):
-    """The correlation with its band over its value at t = 0."""
+def _normalised(case: Dataset, name: str) -> Dataset:
+    """The correlation and its band, divided by its value at t = 0."""
     parts = [part for part in (name, f"{name}_low", f"{name}_high") if part in case]
     return case[parts] / float(case[name][0])
 
 
-def _decay(axes, case, curves):
-    axes.axhline(0, color=START, linewidth=0.8)
-    begins = {TRACER: _measured_rate(case)}
+def _decay(axes: Axes, case: Dataset, curves: dict[str, Dataset]) -> None:
+    """Draw the correlations, and the initial slope that follows from the tracer's collision rate."""
+    axes.axhline(0, color=GREY, linewidth=0.8)
+    initial = {TRACER: _measured_rate(case)}
     for name, curve in curves.items():
         label, colour, line = LOOKS[name]
         label = label if BATH in curves else "disks"
-        band(axes, curve.time.values, curve, name, colour, linestyle=line, label=label + begins.get(name, ""))
+        band(axes, curve.time.values, curve, name, colour, linestyle=line, label=label + initial.get(name, ""))
     if has(case, "vacf_initial_slope_expected"):
         rate = -float(case.vacf_initial_slope_expected) / float(case[TRACER][0])
         label = f"1 - $\\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
@@ -72,40 +90,42 @@ def _decay(axes, case, curves):
         axes.plot(t, 1 - rate * t, color=INK, linestyle=DOTTED, label=label)
 
 
-def _measured_rate(case):
-    """How fast the tracer's correlation begins to decay, in words; nothing where that is not known."""
+def _measured_rate(case: Dataset) -> str:
+    """The measured initial decay rate of the tracer's correlation, for the legend; empty where it is not known."""
     if not has(case, "vacf_initial_slope"):
         return ""
     rate, error = (float(case[f"vacf_initial_slope{part}"] / case[TRACER][0]) for part in ("", "_standard_error"))
-    return f": begins as 1 - $\\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
+    return f": initial decay 1 - $\\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
 
 
-def _tail(main, axes, curves):
-    """The decay on logarithmic axes as far as it is resolved, with the slope of 1/t that it has in the plane."""
+def _tail(main: Axes, axes: Axes, curves: dict[str, Dataset]) -> None:
+    """Draw the decay on logarithmic axes as far as it is resolved, and the slope of the 1/t tail in two dimensions."""
     for name, curve in curves.items():
-        seen, (_, colour, line) = _resolved(curve, name), LOOKS[name]
-        band(axes, seen.time.values, seen, name, colour, linestyle=line)
+        _, colour, line = LOOKS[name]
+        resolved = _resolved(curve, name)
+        band(axes, resolved.time.values, resolved, name, colour, linestyle=line)
     guide = _guide(curves)
     if guide[0].size:
         axes.plot(*guide, color=INK, linewidth=1)
-        main.plot([], [], color=INK, linewidth=1, label="slope of $1/t$ (lower panel)")
+        main.plot([], [], color=INK, linewidth=1, label="decay as $1/t$ (lower panel)")
     if not any(_resolved(curve, name).sizes["time"] for name, curve in curves.items()):
-        axes.text(0.5, 0.5, "not resolved from 0", ha="center", color=START, transform=axes.transAxes)
+        axes.text(0.5, 0.5, "not resolved from 0", ha="center", color=GREY, transform=axes.transAxes)
 
 
-def _resolved(curve, name):
-    """The curve after t = 0 up to where its 95 % band, or without one the curve, first reaches zero: noise follows."""
+def _resolved(curve: Dataset, name: str) -> Dataset:
+    """The curve after t = 0 until its 95 % band, or without one the curve, first reaches zero: the rest is noise."""
     later = curve.isel(time=curve.time.values > 0)
-    least = later[f"{name}_low"] if f"{name}_low" in later else later[name]
-    reached = np.flatnonzero(~(least.values > 0))
+    lower = later[f"{name}_low"] if f"{name}_low" in later else later[name]
+    reached = np.flatnonzero(~(lower.values > 0))
     return later.isel(time=slice(0, reached[0] if reached.size else None))
 
 
-def _guide(curves):
-    """A line of slope -1 above the last half decade of the first curve: times and values (2,), or (0,) without it."""
+def _guide(curves: dict[str, Dataset]) -> np.ndarray:
+    """Times and values (2, 2) of a line of slope -1 above the end of the first curve; (2, 0) if that is too short."""
     name, curve = next(iter(curves.items()))
-    seen = _resolved(curve, name)
-    t, values = seen.time.values, seen[name].values
+    resolved = _resolved(curve, name)
+    t = resolved.time.values
+    values = resolved[name].values
     if t.size < 3:
         return np.empty((2, 0))
     late = t >= t[-1] / 3
@@ -114,6 +134,6 @@ def _guide(curves):
     return np.array([ends, height / ends])
 
 
-def table(cases):
-    """One row per case and time."""
+def table(cases: list[Dataset]) -> Table:
+    """Return one row per case and time."""
     return long_table(cases, ("time",), [name for name in LOOKS if any(has(case, name) for case in cases)])
