@@ -101,6 +101,18 @@ def test_no_date_in_the_files(folder):
     assert not any(b"tIME" in path.read_bytes() or b"Software" in path.read_bytes() for path in folder.glob("*.png"))
 
 
+def test_layout_leaves_no_round_off_in_the_names_of_an_svg(dataset):
+    """SVG names clipping rectangles by their corners, and the solver of the layout is not the same to the last bit."""
+    with style.drawing():
+        figure = module_of("energy").draw(cases_shown(dataset)["energy"])
+        style.image_bytes(figure, "png")
+        first = style.image_bytes(figure, "svg")
+        for axes in figure.axes:
+            bounds = axes.get_position().bounds
+            assert bounds == tuple(np.round(bounds, style.LAYOUT_DIGITS))
+        assert style.image_bytes(figure, "svg") == first
+
+
 def test_style_is_put_back(dataset, tmp_path):
     before = dict(matplotlib.rcParams)
     render(dataset, tmp_path, ["health"])

@@ -39,6 +39,7 @@ BETWEEN = 0.09  # padding on each side of a panel [inch]
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 FILL = 0.22  # opacity of a band
 LIKELY = 2.0  # residuals of up to so many standard errors lie in the grey band
+LAYOUT_DIGITS = 9  # of positions, in units of the figure
 SAVE = {"png": {"dpi": 160, "metadata": {"Software": None}}, "svg": {"metadata": {"Date": None, "Creator": None}}}
 
 _STYLE = {
@@ -83,10 +84,16 @@ def drawing() -> AbstractContextManager:
 
 
 def image_bytes(figure: Figure, suffix: str) -> bytes:
-    """Return the bytes of a PNG or SVG file, without date or version. The first call computes the layout."""
+    """Return the bytes of a PNG or SVG file, without date or version. The first call computes the layout.
+
+    The solver of the layout ends with a round-off that differs from one call to the next, and SVG names its clipping
+    rectangles by a hash of their corners. Panels are therefore moved to rounded positions before any later call.
+    """
     buffer = io.BytesIO()
     figure.savefig(buffer, format=suffix, **SAVE[suffix])
     figure.set_layout_engine("none")
+    for axes in figure.axes:
+        axes.set_position(np.round(axes.get_position().bounds, LAYOUT_DIGITS))
     return buffer.getvalue()
 
 
