@@ -1,4 +1,4 @@
-"""How the price of the exact engine and of time steps grows with the number of disks, at one packing fraction.
+"""Cost of the exact engine and of time steps against the number of disks.
 
     python benchmarks/bench_engines.py [--most 100000]   writes docs/benchmarks_engines.md and docs/figures/engines.png
     python benchmarks/bench_engines.py --quick             one small box, nothing written
@@ -25,6 +25,10 @@ PHI = 0.14
 SHARES = (1.0, 0.1, 0.01)  # of the largest time step allowed
 WORK = 2e6  # disks times steps of a stretch, or collisions, about
 QUICK = 1e5  # of them in a quick pass
+TITLE = """# Cost of the exact engine and of time steps against the number of disks
+
+Periodic boxes of equal disks, packing fraction 0.14. CPU time for one unit of time by the exact engine, and the cost of
+time steps relative to it. Steps are given as fractions of the largest step allowed."""
 
 
 def scene_of(n, duration):
@@ -78,7 +82,7 @@ def main():
     table = {n: [] for n in sizes}
     for n, row in table.items():
         row += [seconds_of_time(n, one, duration_of(n, one, work), repeats) for one in engines(scene_of(n, 1.0))]
-    lines = [__doc__.partition("\n")[0], "", "| N | exact, s | " + " | ".join(names[1:]) + " |", "|---" * 5 + "|"]
+    lines = [TITLE, "", "| N | exact, s | " + " | ".join(names[1:]) + " |", "|---" * 5 + "|"]
     for n, (exact, *others) in table.items():
         lines.append(f"| {n:,} | {exact:.3g} | " + " | ".join(f"x {other / exact:.3g}" for other in others) + " |")
     print("\n".join(lines))
@@ -97,7 +101,7 @@ def picture(table, names):
             axes.plot(list(table), [1e6 * row[k] / n for n, row in table.items()], "o-", color=colour, label=name)
         axes.set(xscale="log", ylim=(0, None), xlabel="number of disks N")
         axes.set_ylabel("CPU time per disk and unit of time ($\\mu$s)")
-        heads([axes], ["Price of a unit of time"])
+        heads([axes], ["Cost of a unit of time"])
         return image_bytes(figure, "png")
 
 

@@ -261,8 +261,9 @@ def report(effort, speeds):
     yield f"# Speed of the exact engine\n\nOne core of an {processor()}; made by `make bench`.\n"
     alone, whole, pairs = milliseconds_per_run(effort)
     yield (
-        f"The note's scene (N = 150, t = 1): {alone:.3f} ms of CPU a run for the engine, {pairs / alone / 1e3:.2f} "
-        f"million pair collisions a second; {whole:.3f} ms with drawing the state and reporting.\n"
+        f"The note's scene (N = 150, t = 1): {alone:.3f} ms of CPU time per run for the engine, "
+        f"{pairs / alone / 1e3:.2f} million pair collisions per second;\n"
+        f"{whole:.3f} ms with the drawing of the initial state and the report.\n"
     )
     yield "Million pair collisions per CPU second, and bytes of working memory per disk:\n"
     yield "| N | box | disks | phi = 0.14 | 0.5 | 0.7 | bytes per disk |"
@@ -274,12 +275,16 @@ def report(effort, speeds):
             rates = [f"{speeds[case].rate / 1e6:.2f}" if case in speeds else "" for case in cases]
             size = max(speeds[case].size for case in cases if case in speeds)
             yield f"| {n} | {boundary} | {kinds} | {' | '.join(rates)} | {size:.0f} |"
-    yield "\nCPU time of a collision with what the scene does not need, to that without (N = 1000, periodic, equal):\n"
+    yield (
+        "\nCPU time of a collision with a feature that the scene does not need, relative to that without it "
+        "(N = 1000, periodic,\nequal disks):\n"
+    )
     yield "| | phi = 0.14 | 0.5 |\n|---|---|---|"
     columns = (cost_of_features(1_000, phi, effort) for phi in FRACTIONS[:2])
     for (name, dilute), (_, dense) in zip(*columns, strict=True):
         yield f"| {name} | {dilute:.2f} | {dense:.2f} |"
-    yield "\nProcesses at once, million pair collisions per second of wall time:\n\n| | one | two |\n|---|---|---|"
+    yield "\nMillion pair collisions per second of wall time, by one process and by two at the same time:\n"
+    yield "| | one | two |\n|---|---|---|"
     for name, one, two in ensembles(effort):
         yield f"| {name} | {one / 1e6:.2f} | {two / 1e6:.2f} |"
 
