@@ -1,4 +1,4 @@
-"""What the README and the guide tell people to type works as it stands there, and what they point at is there."""
+"""Commands and snippets of README and guide work as printed; links, headings and files named in the pages exist."""
 
 import os
 import re
@@ -14,9 +14,8 @@ from brownpipe.cli import DONE, main
 from test_architecture import ROOMS
 
 ROOT = Path(__file__).parent.parent
-PAGES = {
-    name: (ROOT / name).read_text() for name in ("README.md", "docs/guide.md", "docs/results.md", "CONTRIBUTING.md")
-}
+NAMES = ("README.md", "CONTRIBUTING.md", *(f"docs/{name}.md" for name in ("guide", "results", "theory", "decisions")))
+PAGES = {name: (ROOT / name).read_text() for name in NAMES}
 README, GUIDE = PAGES["README.md"], PAGES["docs/guide.md"]
 DATASET = "results/harrison2020/aggregate/harrison2020.nc"
 
@@ -82,12 +81,24 @@ def test_snippets_run(code, folder):
 
 def test_map_names_every_room_in_the_order_of_imports():
     """The order itself is held by tests/test_architecture.py."""
-    named = re.findall(r"`(\w+)(?:\.py|/)`", PAGES["CONTRIBUTING.md"].partition("## Map")[2].partition("## Style")[0])
+    table = PAGES["CONTRIBUTING.md"].partition("\n## Map")[2].partition("\n### ")[0]
+    named = re.findall(r"`(\w+)(?:\.py|/)`", table)
     assert [name for name in named if name in ROOMS] == [name for name in ROOMS if name != "__main__"]
+
+
+def headings(page):
+    """The anchors that GitHub makes of a page's headings."""
+    text = re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL)
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return [re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles]
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_and_pictures_are_there(page):
-    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)|<img src=\"([^\"]*)\"", PAGES[page])
-    assert links or page == "CONTRIBUTING.md"
-    assert [link for pair in links for link in pair if link and not ((ROOT / page).parent / link).exists()] == []
+    links = re.findall(r"\]\(([^)#: ]*)(?:#([^)]*))?\)", PAGES[page])
+    files = [file for file, _ in links] + re.findall(r"<img src=\"([^\"]*)\"", PAGES[page])
+    assert any(files) or page == "docs/theory.md"
+    assert [file for file in files if not ((ROOT / page).parent / file).exists()] == []
+    for file, anchor in links:
+        target = (ROOT / page).parent / file if file else ROOT / page
+        assert not anchor or anchor in headings(target.read_text()), f"{file}#{anchor}"
