@@ -10,7 +10,7 @@ import numpy as np
 from brownpipe.engines.kernels import entry_point, kernel
 
 # How `insert` ends: all disks are placed; it needs more random numbers; a disk found no place in TRIES tries.
-PLACED, HUNGRY, STUCK = range(3)
+PLACED, OUT_OF_NUMBERS, STUCK = range(3)
 TRIES = 1_000_000
 
 
@@ -67,7 +67,7 @@ def fits(position, radius, common, big, size, periodic, grid, following, i):
 
 @entry_point
 def insert(position, radius, common, big, size, periodic, numbers, grid, following, progress) -> int:
-    """Insert disks one after another; return PLACED, HUNGRY or STUCK.
+    """Insert disks one after another; return PLACED, OUT_OF_NUMBERS or STUCK.
 
     `numbers` (n, 2) are uniform in [0, 1): one row for every try. `progress` (2,) int64 holds the number of disks
     placed and of tries for the next one, which a further call continues.
@@ -86,7 +86,7 @@ def insert(position, radius, common, big, size, periodic, numbers, grid, followi
         elif tries == TRIES:
             return STUCK
     progress[0], progress[1] = i, tries
-    return PLACED if i == len(radius) else HUNGRY
+    return PLACED if i == len(radius) else OUT_OF_NUMBERS
 
 
 def warm_up() -> None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from brownpipe.engines.insertion import HUNGRY, STUCK, TRIES, insert, register
+from brownpipe.engines.insertion import OUT_OF_NUMBERS, STUCK, TRIES, insert, register
 from brownpipe.engines.units import common_radius
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
@@ -53,8 +53,8 @@ def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator
         position[0] = np.array(fixed) - low
         register(grid, following, position, size, 0)
         progress[0] = 1
-    outcome = HUNGRY
-    while outcome == HUNGRY:
+    outcome = OUT_OF_NUMBERS
+    while outcome == OUT_OF_NUMBERS:
         numbers = stream.random((2 * n + 64, 2))
         outcome = insert(position, radius, common, big, size, scene.box.periodic, numbers, grid, following, progress)
     if outcome == STUCK:
