@@ -34,7 +34,7 @@ class Engine(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name in folders, datasets and figures, like timestep-0.001-single: settings at their default left out."""
+        """The name in folders, datasets and figures, like timestep-0.001-single, without settings at their default."""
         defaults = _defaults(self.definition)
         return "-".join([self.name, *(str(value) for key, value in self.settings if defaults.get(key) != value)])
 
@@ -112,7 +112,7 @@ def recorded(mapping: dict, where: str = "") -> Engine:
 
 
 def requested(name: str, values: dict[str, object]) -> Engine:
-    """Return the engine of a command line; `values` are those of the settings that stand there.
+    """Return the engine of a command line; `values` has the settings given there.
 
     Raises RequestError, naming the option, for a setting that the engine lacks, that is missing or that is not allowed.
     """

@@ -1,4 +1,4 @@
-"""A batch of runs: the ensemble that an engine fills run by run, and what is kept and measured of each run."""
+"""A batch of runs: the ensemble that an engine fills run by run; what of each run is recorded and measured."""
 
 import math
 from collections.abc import Collection, Iterator, Sequence
@@ -90,7 +90,7 @@ def errors_name_run(scene: Scene, seed: int) -> Iterator[None]:
 
 
 def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float | int]:
-    """Return what the engine reports of a run, and what is measured from its trajectories."""
+    """Return the engine's report on a run and the observables measured from its trajectories."""
     values = dict(result.observables)
     if batch.scene.particles and result.tracer.velocity is not None:
         x, y = result.tracer.velocity[0, 0].tolist()  # as Python's floats, whose squares overflow without a warning

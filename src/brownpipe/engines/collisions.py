@@ -14,10 +14,10 @@ import math
 
 from brownpipe.engines.kernels import kernel
 
-# At contact x*x + y*y is sigma^2 but for its last bits. Floating-point numbers lie twice as far apart just above a
+# At contact x*x + y*y is sigma^2 except for its last bits. Floating-point numbers lie twice as far apart just above a
 # power of two as just below it. There, at sigma = 1 for instance, the sum is rounded to one side on average, and every
-# collision changes the energy by the same 3e-17 kT. The factor moves powers of two off that edge; being a simple
-# fraction, it keeps collisions exact whose numbers are simple fractions.
+# collision changes the energy by the same 3e-17 kT. The factor moves such sums away from powers of two. It is a simple
+# fraction, so that a collision whose numbers are simple fractions remains exact.
 OFF_POWERS_OF_TWO = 0.75
 
 

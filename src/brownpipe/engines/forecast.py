@@ -1,11 +1,11 @@
-"""Forecast of a run's cost before it runs: Enskog's collision rates, and from them CPU time, memory and file size.
+"""Forecast of the cost of a run: Enskog's collision rates, and from them CPU time, memory and file size.
 
-CPU time is a sum of terms: so much for a collision, a disk that moves from cell to cell, a sample, an observable of a
-disk in a sample. `benchmarks/bench_cost.py` compares the forecast with the CPU time taken.
+CPU time is a sum of terms in proportion to the numbers of collisions, of cell crossings, of samples, and of disks that
+an observable measures in a sample. `benchmarks/bench_cost.py` compares the forecast with the CPU time taken.
 
 The forecast is rough on purpose. Collision counts hold in equilibrium, within some percent up to a packing fraction of
-0.65. In a scene that gives every disk the same standard deviation of the velocity, whatever its mass, they are those of
-the first collisions. docs/theory.md, section 3.
+0.65. In a scene that gives disks of all masses the same standard deviation of the velocity, they hold for the first
+collisions only. docs/theory.md, section 3.
 """
 
 import os
@@ -22,11 +22,11 @@ from brownpipe.observables import pairs
 from brownpipe.observables.species import bath_disks, equal_disks
 from brownpipe.scene import Scene
 
-START_UP = 0.9  # CPU seconds of a process besides its runs: Python, imports, compiled kernels loaded, an empty file
+START_UP = 0.9  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
 EACH_RUN = 2.5e-4  # CPU seconds to draw an initial state and to store what is recorded
 SECONDS_PER_COLLISION = 2.5e-7  # CPU seconds, with a disk or a wall
 SECONDS_PER_CROSSING = 2e-7  # CPU seconds for a disk that moves by the distance of neighbours
-DISKS = (1e3, 1e4, 1e5, 1e6)  # numbers of disks: the more there are, the more of them are outside the processor's cache
+DISKS = (1e3, 1e4, 1e5, 1e6)  # numbers of disks: the larger, the less of their data fits the processor's cache
 SLOWER = (1.0, 1.2, 1.6, 2.1)  # factor on the cost of collisions and crossings for these numbers
 PATH_PER_BLOCK = 1024.0  # as in engines.exact.layout: contact distances that a disk moves in a block of time
 SECONDS_PER_BLOCK = 1.5e-7  # CPU seconds to predict the events of one disk afresh, at the start of a block
@@ -37,7 +37,7 @@ COMPRESSED = 0.95  # size of compressed random coordinates, relative to the byte
 BYTES_PER_NUMBER = 8
 BYTES_PER_SAMPLE = 120  # of one disk in a run that is measured: recorded, sorted by disk, and intermediate arrays
 COPIES = 4  # of what is recorded, while it is written and verified
-# CPU seconds of an observable: in a run, and for each disk in each sample.
+# CPU seconds of an observable: per run, and per disk and sample.
 SECONDS_TO_MEASURE = {
     "square_displacement": (1e-5, 3.6e-8),
     "velocity_autocorrelation": (3e-5, 7e-9),
@@ -45,12 +45,12 @@ SECONDS_TO_MEASURE = {
     "velocity_distribution": (5e-5, 2.8e-8),
     "pair_distribution": (1e-4, 6e-7),
 }
-# CPU seconds of pair_distribution besides: for a sample, a pair of disks closer than the largest distance counted, and
-# a bin of distance around a lone disk between walls.
+# Further CPU seconds of pair_distribution: per sample, per pair of disks closer than the largest distance counted, and
+# per bin of distance around a lone disk between walls.
 SECONDS_PER_SNAPSHOT = 4e-5
 SECONDS_PER_PAIR = 9e-8
 SECONDS_PER_RING = 6e-8
-# CPU seconds of averages over time origins: for a lag, and for each disk and time origin at that lag.
+# CPU seconds of averages over time origins: per lag, and per disk and time origin at that lag.
 SECONDS_PER_LAG = {"square_displacement": (9e-6, 2.2e-8), "velocity_autocorrelation": (6e-6, 1e-9)}
 
 
@@ -79,7 +79,7 @@ def of_run(
 ) -> Cost:
     """Return the forecast for one run of the exact engine that records `record` and measures `observables`.
 
-    `record` and `average` as in `engines.batch.Request`.
+    `record` and `average` as in `engines.batch.new_batch`.
     """
     time = scene.duration + scene.equilibrate
     mixture = mixture_of(scene)
@@ -140,7 +140,7 @@ def refuse_too_large(
     observables: Iterable[str] = (),
     average: str = "runs",
 ) -> None:
-    """Raise RequestError if memory cannot hold what so many runs record and the working memory of one."""
+    """Raise RequestError if the records of all runs and the working memory of one exceed this machine's memory."""
     cost = of_run(scene, record, observables, average)
     needed = COPIES * runs * cost.recorded + cost.working
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
@@ -189,7 +189,7 @@ def pair_rate(scene: Scene, mixture: Mixture) -> float:
     """Return the expected collisions between disks per time [1/time], summed over all pairs of components.
 
     `theory.collision_rate` with sqrt(kT/mu) = hypot(speed_i, speed_j), the standard deviation of a component of the
-    relative velocity; for components of different temperatures, too.
+    relative velocity. This also holds for components of different temperatures.
     """
     density = mixture.number / scene.box.area
     fluid = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))

@@ -10,7 +10,7 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import Scene, Species
 
 SMALLEST = 2.3e-308  # smallest floating-point number with all its digits
-DENSEST = 0.7  # packing fraction above which disks freeze; the contact value holds for the fluid
+DENSEST = 0.7  # packing fraction above which disks freeze and the contact values, those of the fluid, do not hold
 
 
 class Bath(NamedTuple):
@@ -53,11 +53,11 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
     """Return the tracer's friction rate gamma = zeta/m [1/time], dv/dt = -gamma v + noise.
 
     `friction` is `enskog`, the sum of the frictions of all species of the bath (`partners_of`); `boltzmann`, the same
-    with contact values 1, the limit of a thin bath; or `measured`, Enskog's sum times the tracer's `measured` collision
-    rate [1/time] over Enskog's rate. A species has zeta = 2 n chi sigma sqrt(2 pi mu kT) = 2 mu times its collision
-    rate. With one species gamma is therefore 2 mu rate/m, the initial decay of the velocity autocorrelation, whatever
-    chi is. With several species the measured rate is divided in Enskog's proportions. It includes the density increase
-    due to excluded volume at the walls.
+    with contact values 1, the dilute limit; or `measured`, Enskog's sum times the tracer's `measured` collision rate
+    [1/time] over Enskog's rate. A species contributes zeta = 2 n chi sigma sqrt(2 pi mu kT), which is 2 mu times the
+    collision rate with it. With one species gamma is therefore 2 mu rate/m, the initial decay rate of the velocity
+    autocorrelation, for any chi. With several species the measured rate is divided in Enskog's proportions. It includes
+    the density increase due to excluded volume at the walls.
 
     Raises RequestError if gamma is beyond the floating-point numbers.
     """

@@ -35,9 +35,9 @@ def draw_tracer(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return initial position (2,) and velocity (2,) of disk 0 alone; `mass` (N,) is the scene's.
 
-    The velocity is that of `draw` for the same seed: the tracer's is drawn first. With `zero_momentum` those of the
-    other disks are drawn, too, to subtract the velocity of the centre of mass. A tracer for which the scene gives no
-    position gets one from `stream`, uniform over the accessible box.
+    The velocity is that of `draw` for the same seed, where the tracer's is drawn first. With `zero_momentum` those of
+    the other disks are drawn, too, to subtract the velocity of the centre of mass. If the scene gives no position of
+    the tracer, it is drawn from `stream`, uniform over the accessible box.
     """
     zero_momentum = scene.velocities.zero_momentum
     velocity = _velocities(scene, mass if zero_momentum else mass[:1], _stream(ROOT_SEED, scene, seed))
@@ -63,7 +63,7 @@ def _stream(root: int | tuple[int, ...], scene: Scene, seed: int) -> np.random.G
 
 
 def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> np.ndarray:
-    """Return Maxwell-Boltzmann velocities (n, 2) of disks of the given masses (n,)."""
+    """Return velocities (n, 2), with normal components as the scene says, of disks of the given masses (n,)."""
     distribution = scene.velocities
     normal = stream.standard_normal((len(mass), 2))
     if distribution.temperature is None:

@@ -33,7 +33,7 @@ from brownpipe.provenance import PACKAGE, sources
 
 inlining.install()
 LOCK = "compiling"  # a file in each folder of machine code; its modification time is that of the last use
-UNUSED = 86_400.0  # seconds after which machine code of another source may be removed
+UNUSED = 86_400.0  # seconds without use after which machine code of another source version is removed
 
 # error_model="numpy": x / 0 is inf, as for arrays, and no division needs a branch.
 # forceinline: of all kernels an entry point becomes one function, with the workspace in registers (3.4 times faster).
@@ -103,7 +103,7 @@ def _cache_folder(module: str) -> str:
 
 
 def _prune(base: Path) -> None:
-    """Remove machine code of other sources that no process has used for a day; a later process compiles it again."""
+    """Remove machine code of other source versions that no process has used for a day."""
     for lock in base.glob(f"kernels-*/{LOCK}"):
         with suppress(OSError), open(lock) as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -162,7 +162,7 @@ if not numba.config.DISABLE_JIT:
         return types.void(array, types.intp), code
 
 
-on_compile = []  # functions of one line of text, called when this process compiles or waits for another's compiling
+on_compile = []  # functions of one line of text, called when this process compiles or waits for another that does
 
 
 def _tell(line: str) -> None:

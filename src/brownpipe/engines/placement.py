@@ -13,7 +13,7 @@ from brownpipe.scene import Scene
 def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.ndarray:
     """Return the centres (N, 2) [length] of the disks of a scene of species, of the given radii (N,).
 
-    A tracer for which the scene gives a position has it. The other disks are placed by the scene's `placement`:
+    A tracer is placed where the scene says, if it gives a position; all other disks by the scene's `placement`:
     `random`: random sequential insertion (B. Widom, J. Chem. Phys. 44, 3888 (1966)): each centre is uniform over the
     positions where the disk lies in the box and overlaps no disk inserted before. Larger disks are inserted first, as
     they find no gap among many small ones, and equal disks in the scene's order. The packing fraction can reach 0.5.

@@ -1,4 +1,4 @@
-"""What the engines of all disks return of a run: trajectories, conservation of energy and momentum, the report.
+"""What engines that move all disks return of a run: trajectories, conservation of energy and momentum, the report.
 
 Engines compute in units and in an order of the disks of their own (`units.Frame`); results are in the scene's.
 """
@@ -17,11 +17,11 @@ SMALLEST = np.finfo(float).smallest_normal
 
 
 class Conservation(NamedTuple):
-    """Energy and momentum at the end of a run against its beginning, in the engine's units."""
+    """Energy and momentum at the end of a run compared with its beginning, in the engine's units."""
 
     twice_energy: float  # sum m v^2 at the beginning
     energy_drift: float  # relative change of the energy
-    momentum_residual: float  # largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J given by the walls
+    momentum_residual: float  # largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J: wall impulses
     fastest: float  # speed of the lightest disk if it had all the energy
 
 
@@ -111,9 +111,9 @@ def represented(value, *units: float):
 
 
 def images_fit(scene: Scene, frame: Frame, crossings: int, path: float) -> bool:
-    """Whether an int32 can count the periodic images that a disk crosses in at most so many crossings and on a path.
+    """Whether an int32 can count the periodic images that a disk crosses.
 
-    `path` is the longest path of a disk, in the engine's units.
+    Their number is bounded by the `crossings` of all disks, and by the longest `path` of a disk [engine's units].
     """
     side = min(scene.box.width, scene.box.height) / frame.length
     return not scene.box.periodic or bool(crossings < MOST_IMAGES or path < MOST_IMAGES * side)

@@ -1,4 +1,4 @@
-"""The units in which the engines of all disks compute, and the order in which they store the disks.
+"""The units in which engines that move all disks compute, and the order in which they store the disks.
 
 Sizes, speeds and masses are near 1 in these units, so that their squares do not over- or underflow. The units of length
 and time are powers of two, so that conversion by them is exact.
@@ -13,7 +13,7 @@ from brownpipe.engines.state import State
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-LARGEST_RATIO = 1e12  # of a mass to the smallest: heavier disks count in `thermal_speed` as if they had this mass
+LARGEST_RATIO = 1e12  # of a mass to the smallest; `thermal_speed` takes heavier disks to have this mass
 SHORTEST_UNIT = 1e-305  # of time: the unit, its inverse and its products with speeds are normal floating-point numbers
 
 
@@ -59,7 +59,7 @@ def frame_of(scene: Scene) -> Frame:
 def thermal_speed(scene: Scene) -> float:
     """Return the thermal speed sqrt(2 kT/m) of the lightest disks [length/time]; 0 if all disks are at rest.
 
-    kT is that of equipartition among all disks, of the velocities that the scene gives them.
+    kT is the mean kinetic energy per disk, by the velocities that the scene gives; equipartition is assumed.
     """
     if scene.particles == 0:
         return 0.0

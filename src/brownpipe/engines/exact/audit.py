@@ -47,7 +47,10 @@ def audit(w, i, now):
 
 @kernel
 def boxes_beyond(image, w, x, y):
-    """Return how many boxes to the right and above a position is: with lists, disks are wrapped late."""
+    """Return how many boxes to the right and above a position is.
+
+    It can be outside a periodic box, as with neighbour lists a disk is wrapped only when it leaves its square.
+    """
     if image is None:
         return 0, 0
     return math.floor((x - w.grid.x) / w.grid.width), math.floor((y - w.grid.y) / w.grid.height)
@@ -55,7 +58,7 @@ def boxes_beyond(image, w, x, y):
 
 @kernel
 def write_image(image, i, images, sample, column, across, up):
-    """Write how often disk i has left a periodic box to (sample, column) of a record."""
+    """Write the image of disk i, how often it has left a periodic box, to (sample, column) of a record."""
     if image is not None:
         images[sample, column, 0] = image[2 * i] + across
         images[sample, column, 1] = image[2 * i + 1] + up

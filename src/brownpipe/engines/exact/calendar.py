@@ -6,8 +6,8 @@ a bucket is one cache line: a count and up to 15 disks, without times. Lazy dele
 disk's BUCKET field points here; outdated entries stay and are skipped when the bucket is opened. The events of the
 current bucket are in an array sorted by (time, disk), whose last element is the next event.
 
-An event beyond the ring goes into some earlier bucket of it, an event whose bucket is full into a bucket before that.
-When this bucket is opened, events that are not yet due are pushed again. With many disks an insertion is deferred until
+An event beyond the end of the ring is stored in an earlier bucket, and so is an event whose bucket is full. When that
+bucket is opened, events that are not yet due are pushed again. With many disks an insertion is deferred until
 the bucket has been prefetched, at the latest until the next bucket is opened.
 
 `push` enters an event into the queue, `store` into a future bucket, `insert` into the current one.
@@ -24,7 +24,7 @@ IN_CURRENT, BEYOND_BLOCK = 0xFFFFFFFE, 0xFFFFFFFF  # in place of a bucket's numb
 
 @kernel
 def push(w, i, time):
-    """Enter the next event of disk i, unless it is beyond the end of the block: the next block predicts anew."""
+    """Enter the next event of disk i, unless it lies beyond the end of the block: the next block predicts it anew."""
     scale = w.calendar
     if time >= scale.block:
         w.link[ws.ROW * i + ws.BUCKET] = BEYOND_BLOCK
@@ -56,7 +56,7 @@ def store_or_defer(deferred, w, i, bucket):
 
 @kernel
 def store_deferred(deferred, w):
-    """Carry out the deferred insertions, but for those of disks that have had another event predicted since."""
+    """Carry out the deferred insertions, except those of disks whose event has been predicted anew since."""
     if deferred is None:
         return
     for j in range(w.progress[ws.DEFERRED]):
@@ -148,8 +148,8 @@ def open_next_bucket(w):
 def has_next_event(w):
     """Whether the last element of the current bucket is the next event of all.
 
-    An event moved here from a full bucket can lie beyond the end of the current bucket. Events of the buckets between
-    may then precede it.
+    An event that was moved here from a later, full bucket lies beyond the end of the current one; events in the buckets
+    between may precede it.
     """
     n = w.progress[ws.CURRENT_EVENTS]
     return n > 0 and w.current_time[n - 1] < (w.progress[ws.CURRENT_BUCKET] + 1) * w.calendar.width

@@ -7,8 +7,8 @@ images of the disks at the opposite side, so that no search ever wraps round.
 A disk much bigger than a cell is listed in a sparse pattern of cells around its own, such that every small disk within
 its reach finds it among its own 3 x 3 cells. Small disks need no code for this.
 
-`enter` and `leave` list a disk, `add` and `remove` write one entry, `update_...` does either. `gather_...` collects the
-disks of cells in `w.candidate`; next to it stands what prefetches the same cells, or the disks in them.
+`enter` lists a disk and `leave` removes it; `add` and `remove` change one cell; `update_...` does either. `gather_...`
+collects the disks of cells in `w.candidate`; the functions that prefetch the same cells or disks stand next to it.
 """
 
 import math
@@ -20,6 +20,7 @@ from brownpipe.engines.exact.disks import position
 from brownpipe.engines.kernels import kernel, prefetch
 
 # -- which cell -----------------------------------------------------------------------------------------------------
+# A "place" is the column and row of a cell.
 
 
 @kernel
@@ -43,7 +44,7 @@ def cell_of(w, i):
 
 @kernel
 def inside(shift, w, column, row):
-    """Return the place of the nearest cell between walls; in a periodic box, where images have places, the place."""
+    """Return the place of the nearest cell; in a periodic box the place itself, which is a cell or the image of one."""
     if shift is not None:
         return column, row
     return min(max(column, 0), w.grid.columns - 1), min(max(row, 0), w.grid.rows - 1)
@@ -51,7 +52,7 @@ def inside(shift, w, column, row):
 
 @kernel
 def place(w, i, now):
-    """Return column and row of the cell at the position of disk i; outside a periodic box they go on counting."""
+    """Return column and row of the cell at the position of disk i; their numbering continues outside a periodic box."""
     x, y = position(w, i, now)
     column = math.floor((x - w.grid.x) / w.grid.cell_width)
     row = math.floor((y - w.grid.y) / w.grid.cell_height)
@@ -68,7 +69,7 @@ def boxes_away(shift, w, column, row):
 
 @kernel
 def is_outside(shift, w, column, row):
-    """Whether a place has no cell, nor, in a periodic box, the image of one."""
+    """Whether there is no cell at a place; in a periodic box every place is a cell or an image of one."""
     if shift is not None:
         return False
     return column < 0 or column >= w.grid.columns or row < 0 or row >= w.grid.rows
@@ -191,7 +192,7 @@ def is_crossing(event):
 
 @kernel
 def steps(w, event):
-    """Return the step in the number of a cell from the one left to the one entered, and along the edge between them."""
+    """Return the change of the cell number from the cell left to the cell entered, and along the edge between them."""
     above = w.grid.columns + 2
     sideways = event <= ws.RIGHT
     across, up = (event == ws.RIGHT) - (event == ws.LEFT), (event == ws.UP) - (event == ws.DOWN)
@@ -202,7 +203,8 @@ def steps(w, event):
 def gather_three(w, middle, step, m):
     """Append the disks of three cells to the m candidates; return their new number.
 
-    Three disks a cell are copied whether they are valid or not: most cells have fewer, and no branch is mispredicted.
+    The first three entries of a cell are always copied, valid or not: most cells have fewer disks, and a loop over the
+    actual number would mispredict its end.
     """
     for cell in three_cells(middle, step):
         first = cell * w.grid.slots
@@ -250,7 +252,7 @@ def prefetch_cells_around(w, cell):
 
 @kernel
 def gather_entered(w, column, row, event):
-    """Collect the disks of the three cells that a crossing into a cell made neighbours; return their number."""
+    """Collect the disks of the three cells that come within reach by a crossing into a cell; return their number."""
     ahead, along = steps(w, event)
     return gather_three(w, cell_at(w, column, row) + ahead, along, 0)
 
@@ -282,7 +284,7 @@ def prefetch_candidates(w, i, event):
 
 @kernel
 def images_across(shift):
-    """Return how many boxes away the images on either side are at most."""
+    """Return how many boxes away, on either side, images are considered: 1 in a periodic box, else 0."""
     if shift is None:
         return 0
     return 1

@@ -1,6 +1,6 @@
 """The state of all disks at t = 0: drawn from the seed, then equilibrated by the exact engine if the scene says so.
 
-Every engine that moves all disks starts from these states.
+All engines that move all disks start from these states.
 """
 
 from collections.abc import Callable, Generator

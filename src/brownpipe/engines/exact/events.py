@@ -29,7 +29,7 @@ from brownpipe.engines.records import local_copy
 def earliest(w, i, now, candidates, first, m):
     """Store the earliest collision of disk i with m candidates as its pair event, if earlier than the one it has.
 
-    The candidates are at `first` and after in an array, which may be `w.candidate`: that is overwritten.
+    The candidates are candidates[first : first + m]. `w.candidate`, which may be the same array, is overwritten.
 
     The first of two passes, free of branches, keeps the candidates on a course to touch; the second takes the square
     roots. Skip a partner whose own next collision is earlier: it will be re-predicted then and will find disk i.
@@ -69,10 +69,10 @@ def within_walls(shift, edge, low, side, radius):
 
 @kernel
 def leave_time(shift, position, velocity, since, edge, low, side, radius):
-    """Return when a disk with this motion at the time `since` reaches the edge ahead in x or y, and whether a wall.
+    """Return when a disk, moving so at the time `since`, reaches the edge or wall ahead in x or y, and whether a wall.
 
     Consider only the wall the disk moves towards: if round-off has left it slightly beyond the opposite wall, that
-    contact also lies ahead and must be ignored. At a wall that it overlaps by round-off the time is before `since`.
+    contact also lies ahead and must be ignored. If it overlaps the wall ahead by round-off, the time is before `since`.
     """
     end = within_walls(shift, edge, low, side, radius)
     return since + wall_time(end - position, velocity), (edge - end) * velocity > 0.0
@@ -115,7 +115,7 @@ def schedule(w, i, now):
 def candidates_after(lists, w, i, event):
     """Return the array with the candidates of disk i after an event, the index of the first, and their number.
 
-    After a crossing these are the new neighbours; else they are all, and the pair event is reset.
+    After a crossing only the new neighbours are candidates; otherwise all are, and the pair event is reset.
     """
     if lists is not None:
         w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
@@ -263,7 +263,7 @@ def happen(w, r, i, now):
 
 @kernel
 def run(w, r, until, most):
-    """Execute events up to a time within the block, at most so many; return why it stopped and how many are left."""
+    """Execute up to `most` events until a time within the block; return why it stopped and how many events are left."""
     progress = w.progress
     for left in range(most, 0, -1):
         while not calendar.has_next_event(w):
@@ -318,7 +318,7 @@ def end_block(w):
 
 @entry_point
 def advance(w: ws.Workspace, r: ws.Recorder, most: int) -> int:
-    """Run until all samples are taken, for at most so many events; return why it stopped (DONE, PAUSED, ...).
+    """Run until all samples are taken, for at most `most` events; return why it stopped (DONE, PAUSED, ...).
 
     Call it again to continue, except after CELL_FULL: then the run must restart with twice the capacity.
     """

@@ -11,7 +11,7 @@ from brownpipe.engines.units import Frame, common_radius, power_of_two, thermal_
 from brownpipe.scene import Scene
 
 EVENTS_PER_BUCKET = 8.0  # on average
-COLLISIONS_PER_BLOCK = 128.0  # per disk: every block begins with predicting all events anew, which should cost little
+COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
 PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
@@ -79,7 +79,7 @@ def aligned(size: int, dtype: type) -> np.ndarray:
 
 
 def begin(w: ws.Workspace, motion: np.ndarray) -> None:
-    """Set a workspace to the beginning of a run from positions and velocities (N, 4), those of `units.motion_of`."""
+    """Set a workspace to the beginning of a run from positions and velocities (N, 4) as of `units.motion_of`."""
     disk = w.disk.reshape(-1, ws.ROW)
     disk[:, ws.MOTION] = motion
     disk[:, ws.TIME] = 0.0

@@ -19,7 +19,7 @@ from brownpipe.engines.kernels import kernel, prefetch
 
 @kernel
 def reversed_image(candidate, i):
-    """Return disk i as a candidate of the disk of which disk i sees this candidate."""
+    """Return disk i as a candidate of disk k, where `candidate` is disk k as a candidate of disk i."""
     image = candidate >> ws.DISK_BITS
     across, up = image % 3, image // 3
     return i + ((((3 - across) % 3) + 3 * ((3 - up) % 3)) << ws.DISK_BITS)

@@ -1,8 +1,8 @@
-"""Prefetch what the next events need, where the disks no longer fit into the processor's cache.
+"""Prefetch the memory that upcoming events need, where the disks no longer fit into the processor's cache.
 
-An event waits for memory several times, as each step finds the next: a bucket names its disks, a disk its partner and
-its cell or list, and these the candidates for the next collision. Whenever a bucket is opened, each of these steps is
-therefore made ahead of time for a later bucket:
+Without this an event would wait for memory several times, as each access depends on the one before: a bucket contains
+its disks, a disk refers to its partner and its cell or list, and these contain the candidates for the next collision.
+Whenever a bucket is opened, each of these accesses is therefore prefetched for a later bucket:
 
     bucket + 5    the bucket
     bucket + 3    its disks
@@ -10,8 +10,8 @@ therefore made ahead of time for a later bucket:
     bucket + 1    the candidates in these; the cells or lists of the partners
     current       the candidates of the partners
 
-Each stage reads only what an earlier one prefetched. Nothing is computed here, and no result depends on it. What a cell
-or a list reads is prefetched by functions next to the code that reads it (`cells`, `neighbour_lists`).
+Each stage reads only what an earlier one prefetched. Nothing is computed here, and no result depends on it. Cells and
+lists are prefetched by functions next to the code that reads them (`cells`, `neighbour_lists`).
 """
 
 import numpy as np

@@ -12,7 +12,7 @@ from brownpipe.engines.units import Frame
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-EVENTS_PER_LOG = 65_536  # collisions that a recorder holds; a full log is moved out between two calls of the kernel
+EVENTS_PER_LOG = 65_536  # collisions that a recorder holds; a full log is emptied between two calls of the kernel
 MOST_BLOCKS = 2.0**62  # an int64 counts the blocks of a run
 
 

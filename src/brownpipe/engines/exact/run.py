@@ -1,4 +1,4 @@
-"""One run of the exact engine as resumable data: where it stands at the end of a block of time.
+"""One run of the exact engine, and its state at the end of a block of time, from which it can be resumed.
 
 At the end of a block all disks are at the same time, and the next block starts from their positions and velocities
 alone (`events.begin_block`): cell list, event queue and neighbour lists are built anew. A run that continues from a
@@ -45,7 +45,7 @@ class RunState(NamedTuple):
     """
 
     equilibrating: bool  # before t = 0
-    slots: int  # capacity of a cell; above the default one a run has no neighbour lists, which changes its rounding
+    slots: int  # capacity of a cell; above the default a run has no neighbour lists, which changes its round-off
     first: np.ndarray  # (N, 4) float64, positions and velocities at the beginning
     motion: np.ndarray  # (N, 4) float64, positions and velocities now
     image: np.ndarray | None = None  # (2 N,) int32, periodic boxes only
@@ -96,7 +96,7 @@ def evolve(
 
     Whenever a checkpoint is due, yield the run's state at the end of the block. Its arrays are views of the
     workspace: use them before the run goes on. A run in which a cell or a neighbour list overflows restarts with twice
-    the capacity. The next run has the default capacity again, as it must not depend on the runs before it.
+    the capacity. The next run starts with the default capacity, as it must not depend on earlier runs.
     Raises RunError if the run makes no progress.
     """
     scene, frame, w, pinned = prepared
@@ -113,7 +113,7 @@ def evolve(
 
 
 def uninterrupted(stages: Generator[RunState, None, Outcome]) -> Outcome:
-    """Return what a generator of states returns at its end."""
+    """Run a generator of states to its end; return its result."""
     while True:
         try:
             next(stages)

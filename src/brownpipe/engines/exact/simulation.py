@@ -27,10 +27,10 @@ def simulate(
     """Run the scene once for every seed.
 
     `record` is a set of words: "tracer" (disk 0 of all runs), "all" (every disk of every run), "events" (every
-    collision). `observables` are measured in each run, also where its trajectory is not recorded; `average` says what
-    displacements and autocorrelations among them are averages over (brownpipe.observables).
-    `checkpoints` says when the state of the batch is stored, and which stored state to continue from; the result does
-    not depend on it, to the last bit.
+    collision). `observables` are measured in each run, even if its trajectory is not recorded; `average` says over
+    what displacements and autocorrelations among them are averaged (brownpipe.observables).
+    `checkpoints` says when the state of the batch is stored, and which stored state to continue from; the result is
+    bit-identical to that of an uninterrupted batch.
     Raises RunError if a run makes no progress or its equilibration fails, RequestError if its disks cannot be placed
     or it has no such observables.
     """

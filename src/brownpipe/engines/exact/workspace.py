@@ -16,8 +16,8 @@ uint32, which tells the compiler that they are not negative.
 An optional field is an argument of its own beside `w`, as in `gather(w.big, w, i)`: where the argument is
 None, Numba removes the branch behind `if big is not None` when it compiles; a branch on `w.big` would remain. Every
 kind of scene thus has kernels of its own, without code for what it lacks. Records declared with `by_reference` are
-passed as one pointer (see `engines.records`). Without Numba's compiler every kernel is a function of Python with the
-same results.
+passed as one pointer (see `engines.records`). Without Numba's compiler every kernel is a Python function with the same
+results.
 """
 
 from typing import NamedTuple
@@ -27,7 +27,7 @@ import numpy as np
 from brownpipe.engines.records import by_reference
 
 # A row of `disk`: position and velocity at the disk's own time TIME; the time of its next pair collision; how often its
-# velocity or its image has changed, by which a partner knows whether its prediction still holds; the radius.
+# velocity or its image has changed, which tells whether a prediction made with it still holds; the radius.
 ROW = 8
 X, Y, VX, VY, TIME, PAIR_TIME, CHANGES, RADIUS = range(ROW)
 MOTION = slice(X, TIME)  # what is handed from one block of time to the next
@@ -51,7 +51,7 @@ TALLY = WALL_IMPULSE + 4
 PAIRS, WALLS, TRACER_PAIRS, STALE, CROSSINGS = range(5)
 COUNTS = 5
 # `progress`: current bucket and the number of its events; current block, next sample, collisions in the log; whether a
-# cell or list overflowed, the block has begun, and to stop at its end; deferred insertions.
+# cell or list overflowed, whether the block has begun, whether to stop at its end; number of deferred insertions.
 CURRENT_BUCKET, CURRENT_EVENTS, BLOCK, SAMPLE, LOGGED, OVERFLOW, BLOCK_BEGUN, STOP, DEFERRED = range(9)
 PROGRESS = 9
 # How a call of `events.advance` ends.
@@ -65,7 +65,7 @@ class BigDisks(NamedTuple):
     number: int
     listed_first: np.ndarray  # (number + 1,) int64, index in `listed` where the pattern of each big disk begins
     listed: np.ndarray  # (n, 2) int64, offsets (columns, rows) of the cells that list it
-    reach_first: np.ndarray  # (number + 1,) int64, likewise in `reach`
+    reach_first: np.ndarray  # (number + 1,) int64, the same for `reach`
     reach: np.ndarray  # (n, 2) int64, offsets of the cells in which it can touch a disk
 
 
@@ -115,7 +115,7 @@ class Deferred(NamedTuple):
 
 @by_reference
 class Workspace(NamedTuple):
-    """All that the kernels read and write in a run, but for the record. None: the scene does not need it."""
+    """All that the kernels read and write in a run, except the samples. None: the scene does not need it."""
 
     grid: Grid
     calendar: Calendar
@@ -141,7 +141,7 @@ class Workspace(NamedTuple):
 
 @by_reference
 class Recorder(NamedTuple):
-    """When to sample, and the arrays to write to. Those of all disks and of collisions are empty if not recorded."""
+    """When to sample, and the arrays to write to; those of all disks, or of collisions, are empty if not recorded."""
 
     tracer: int  # its number in the engine
     block: np.ndarray  # (T,) int64, block of each sample
@@ -150,8 +150,8 @@ class Recorder(NamedTuple):
     velocity: np.ndarray  # (T, 1, 2) float64
     image: np.ndarray  # (T, 1, 2) int32
     whole_position: np.ndarray  # (T, N, 2) float64, of all disks, or (T, 0, 2)
-    whole_velocity: np.ndarray  # likewise
-    whole_image: np.ndarray  # likewise, int32
+    whole_velocity: np.ndarray  # (T, N, 2) float64, or (T, 0, 2)
+    whole_image: np.ndarray  # (T, N, 2) int32, or (T, 0, 2)
     log_block: np.ndarray  # (L,) int64, of each collision
     log_time: np.ndarray  # (L,) float64, within the block
     log_pair: np.ndarray  # (L, 2) int32, the disks; the second is -side for a wall

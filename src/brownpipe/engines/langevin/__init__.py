@@ -1,10 +1,10 @@
 """The Langevin engine: the tracer alone, friction and noise in place of its bath. Here is its `Definition`.
 
 The Langevin equation has one time scale, 1/gamma, and a noise without memory. It describes a disk much heavier than
-those of its bath, in a bath so thin that the same bath disk rarely hits it twice. A light disk changes its velocity too
-much in one collision. In the plane the flow of the bath returns momentum, so that the velocity autocorrelation of hard
-disks has a 1/t tail (B. J. Alder & T. E. Wainwright, Phys. Rev. A 1, 18 (1970)), and in a dense bath the neighbours
-form a cage; neither tail nor cage is modelled. docs/theory.md, section 4.
+those of its bath, in a bath so dilute that the same bath disk rarely hits it twice; the velocity of a light disk would
+change too much in one collision. In the plane the flow of the bath returns momentum, so that the velocity
+autocorrelation of hard disks has a 1/t tail (B. J. Alder & T. E. Wainwright, Phys. Rev. A 1, 18 (1970)), and in a dense
+bath the neighbours form a cage; neither tail nor cage is modelled. docs/theory.md, section 4.
 """
 
 import math
@@ -20,7 +20,7 @@ from brownpipe.scene import reading
 from brownpipe.scene.scene import Scene, Velocities
 
 LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
-HEAVY = 10.0  # mass ratio from which the Langevin equation is good to some percent
+HEAVY = 10.0  # mass ratio above which the Langevin equation is accurate to some percent
 RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
 RATE_RUNS = 8  # of the exact engine that share these collisions
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
@@ -100,7 +100,7 @@ def scene_to_measure_rate(scene: Scene) -> Scene | None:
     """Return the scene in which the exact engine measures the tracer's collision rate; None if nothing moves.
 
     All disks are in equilibrium at the temperature of the bath, and the tracer moves freely. The rate, from the first
-    RATE_RUNS seeds, is an average over the places that the tracer visits and does not depend on the seeds of the study.
+    RATE_RUNS seeds, is an average over the positions of the tracer and does not depend on the seeds of the study.
     """
     expected = partners_of(scene).rate.sum()
     if expected == 0:

@@ -3,11 +3,11 @@
     dx = v dt,    dv = -gamma v dt + sqrt(2 gamma kT/m) dW        (G. E. Uhlenbeck & L. S. Ornstein, 1930)
 
 The step is exact for any length (D. T. Gillespie, Phys. Rev. E 54, 2084 (1996)), so one step leads from sample to
-sample: there is no time-step error. Walls need no extra step: equation and noise are the same in a mirror, so that a
+sample: there is no time-step error. Walls need no extra step: equation and noise are invariant under reflection, and a
 reflected path is the mirror image of a path through the wall. The free path is computed and, at each sample, folded
 into the region that the tracer's centre can reach. docs/theory.md, section 4.
 
-gamma is explained in `engines.friction`, the limits of the model in `engines.langevin`; walls are taken not to change
+gamma is explained in `engines.friction`, the limits of the model in `engines.langevin`. Walls are assumed not to change
 the friction near them. The noise is one random stream for each (N, seed). With other sample times the same seed
 gives another path, of the same distribution.
 """
@@ -74,7 +74,7 @@ def rate_of(scene: Scene, friction: str) -> float:
 def _collision_rate(scene: Scene) -> float:
     """Return the tracer's collisions per time [1/time] in RATE_RUNS runs of the exact engine.
 
-    Each run is brought to the scene's temperature by its own: rates go as the square root of the temperature.
+    The rate of each run is scaled from the run's own temperature to the scene's: rates are proportional to sqrt(kT).
     """
     reports = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"})).observables
     if reports["failed"].any():
@@ -93,9 +93,9 @@ def _path(scene: Scene, mass: np.ndarray, seed: int, weights: np.ndarray) -> np.
 
 
 def is_known(scene: Scene, path: np.ndarray) -> bool:
-    """Whether a free path (T, 2, 2) determines the place in the box: it stays within MOST_BOXES of it.
+    """Whether a free path (T, 2, 2) is finite and close enough to the box, MOST_BOXES sides, to be folded into it.
 
-    Further away round-off exceeds 2e-7 of the box, and soon an int32 cannot count the images.
+    Further away the round-off of a position exceeds 2e-7 of the box, and soon an int32 cannot count the images.
     """
     box = scene.box
     margin = 0.0 if box.periodic else followed(scene).radius

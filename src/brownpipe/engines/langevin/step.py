@@ -14,8 +14,8 @@ def step_weights(dt: np.ndarray, gamma: float, square_speed: float) -> np.ndarra
 
     v' = e v + w1 xi and x' = x + w2 (v + v') + w3 eta with independent standard normal xi, eta, where X = gamma dt,
     e = exp(-X), w1^2 = kT/m (1 - e^2), w2 = tanh(X/2)/gamma, w3^2 = 2 kT/(m gamma^2) (X - 2 tanh(X/2)). This is
-    Gillespie's pair of correlated numbers, with v + v' for what v and v' determine of x', and eta for the rest. Without
-    friction x' = x + v dt. docs/theory.md, section 4.
+    equivalent to Gillespie's pair of correlated random numbers: given v and v', the displacement x' - x is normal with
+    mean w2 (v + v') and standard deviation w3. Without friction x' = x + v dt. docs/theory.md, section 4.
     """
     dt = np.asarray(dt, float)
     x = gamma * dt

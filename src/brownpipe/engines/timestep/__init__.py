@@ -1,6 +1,6 @@
 """The time-stepping engine, for comparison: all disks fly for a fixed time, then the pairs that met collide.
 
-Here is its `Definition`; how it works: `simulation`.
+This file has its `Definition`; `simulation` says how it works.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def _refuse_unfit(scene: Scene, settings: dict, record: frozenset) -> None:
 
 
 def _forecast(scene: Scene, settings: dict, record, observables, average: str) -> forecast.Cost:
-    """Return the cost of a run of the exact engine, whose collisions cost as much, plus that of the time steps."""
+    """Return the cost of a run: that of an exact one, as a collision costs the same, plus that of the time steps."""
     exact = forecast.of_run(scene, record, observables, average)
     steps = scene.duration / settings["time_step"]
     return exact._replace(seconds=exact.seconds + SECONDS_PER_DISK_STEP * scene.particles * steps)

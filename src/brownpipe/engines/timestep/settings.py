@@ -1,4 +1,4 @@
-"""The time steps, precisions and kinds of collisions that a scene can be run with."""
+"""The time steps, precisions and treatments of collisions that a scene can be run with."""
 
 import math
 
@@ -11,7 +11,7 @@ from brownpipe.scene import Scene
 PRECISIONS = {"double": np.float64, "single": np.float32}
 COLLISIONS = ("at_contact", "late")
 MOST_STEPS = 1e10  # in a run
-FINEST = 64  # least path of a disk in a step, in units of round-off of the largest coordinate; less is lost in rounding
+FINEST = 64  # shortest path of a disk in a step, in units of the round-off of the largest coordinate
 
 
 def refuse_bad_step(scene: Scene, time_step: float, precision: str, collisions: str) -> None:
@@ -51,7 +51,7 @@ def largest_step(scene: Scene) -> float:
 def smallest_step(scene: Scene, precision: str) -> float:
     """Return the time step [time] below which a run has too many steps, or a step is lost in round-off.
 
-    That is, a disk at the thermal speed moves by less than FINEST roundings of a coordinate in a step.
+    The latter: a disk at the thermal speed moves in a step by less than FINEST times the round-off of a coordinate.
     """
     speed, size = thermal_speed(scene), max(scene.box.width, scene.box.height)
     moving = FINEST * float(np.finfo(PRECISIONS[precision]).eps) * size / speed if speed > 0 else 0.0

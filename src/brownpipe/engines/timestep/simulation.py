@@ -1,9 +1,9 @@
 """Runs of the time-stepping engine: all disks fly for a fixed time, then the pairs that met collide.
 
 A collision is computed at the moment of contact, in closed form; only encounters of three disks within a step are
-approximate. Or, as simpler programs do, late: where disks overlap at the end of a step. Late collisions happen up to a
-step after contact and displaced from it, and short ones are missed. Energy and momentum are conserved as by the exact
-engine, including the momentum given to the walls.
+approximate. Alternatively collisions are late, as in simpler programs: disks that overlap at the end of a step collide
+there, up to a step after contact and displaced from it, and short encounters are missed. Energy and momentum, including
+that given to the walls, are conserved as by the exact engine.
 """
 
 from collections.abc import Iterable
@@ -85,7 +85,7 @@ def prepared(
 
 
 def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Iterable[str] = frozenset()) -> RunResult:
-    """Run from a state and sample at the given times (T,); lists that are full get twice the capacity."""
+    """Run from a state and sample at the given times (T,); full lists are replaced by lists of twice the capacity."""
     scene, frame, w = setup.scene, setup.frame, setup.workspace
     samples = recorder(scene, frame, setup.time_step, times, record)
     begin(w, motion_of(state, frame))

@@ -2,7 +2,7 @@
 
 Collisions at contact: a pair that met in the step is taken back along its straight paths to the moment of contact,
 exchanges momentum there, and flies on with its new velocities to the end of the step. Late collisions: pairs that
-overlap at the end of the step and approach exchange momentum where they are.
+overlap and approach at the end of the step exchange momentum where they are.
 
 Work on every disk and every pair is done in the precision of the run. A collision is computed in double precision, and
 its outcome is rounded; `np.float64` converts, because Numba's float() leaves a single-precision number as it is. The
@@ -20,7 +20,7 @@ from brownpipe.engines.records import local_copy
 from brownpipe.engines.timestep import verlet_lists
 from brownpipe.engines.timestep import workspace as ws
 
-MOST_HITS = 1e6  # of walls by a disk in a step; a gap so narrow that there are more is no room to move
+MOST_HITS = 1e6  # wall hits of a disk in a step; with more, in a very narrow gap, it is put in the middle of the gap
 
 
 @kernel
@@ -45,7 +45,7 @@ def reaches_beyond(x, y, r, left, right, bottom, top):
 def candidates_within(x, y, a, b, contact, number, slack, candidate):
     """Write the pairs of a list that overlap, or did within the last two steps, to `candidate`; return their number.
 
-    Every pair is written and counted only if it is close enough: there is no branch to predict.
+    Every pair is written, but the count increases only if it is close enough, so that there is no branch to predict.
     """
     m = 0
     for j in range(number):
@@ -70,8 +70,8 @@ def candidates_across(w, pairs, number, slack, offset, m):
 def relative(w, pair):
     """Return disks a and b of a pair, and the position and velocity of b relative to a.
 
-    `pair` is a place in the list within the box or, from its capacity on, in the list across its sides. Disk a has the
-    lower number in the engine.
+    `pair` below the capacity of a list is an index into `w.within`; the others, less the capacity, are indices into
+    `w.across`. Disk a has the lower number in the engine.
     """
     j, capacity = pair, len(w.within.a)
     if j < capacity:
@@ -98,8 +98,8 @@ def squared_contact(w, pair):
 def time_since_contact(x, y, u, v, sigma2):
     """Return how long ago two disks came into contact, eqs. (1)-(3); negative if they did not.
 
-    Now their relative position is (x, y) and their relative velocity (u, v). Of the two roots of the quadratic equation
-    it is the one at which they approached, in a form without cancellation.
+    (x, y) and (u, v) are their present relative position and velocity. Of the two roots of the quadratic equation this
+    is the one at which they approached, in a form without cancellation.
     """
     approach, speed2, cross = x * u + y * v, u * u + v * v, x * v - y * u
     root = speed2 * sigma2 - cross * cross
@@ -246,8 +246,9 @@ def raise_speed_bound(w, i):
 def bounce(w, place, velocity, i, before, after, gap, wall, now):
     """Reflect disk i where it reaches beyond the wall that it moves towards: one velocity component, eqs. (9)-(10).
 
-    `before` and `after` are how far its edge is beyond the lower and the upper wall, `gap` is the range of its centre
-    between them. Unless collisions are late, its path is folded into the gap: it may have met both walls several times.
+    `before` and `after` are the distances of its edge beyond the lower and the upper wall, `gap` is the distance that
+    its centre can move between them. Unless collisions are late, its path is folded into the gap: it may have met both
+    walls several times.
     """
     v = np.float64(velocity[i])
     beyond = before if v < 0.0 else after
@@ -261,7 +262,7 @@ def bounce(w, place, velocity, i, before, after, gap, wall, now):
             turns = int(beyond / gap)
             hits, rest = turns + 1, beyond - turns * gap
             place[i] = at_wall + inward * (gap - rest if turns % 2 else rest)
-        else:  # it has no room to move
+        else:  # put it in the middle of the gap
             place[i] = at_wall + inward * 0.5 * gap
         w.straight_since[w.disk[i]] = max(w.straight_since[w.disk[i]], now - rest / abs(v))
         if beyond > abs(v) * w.step:

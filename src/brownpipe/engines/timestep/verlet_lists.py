@@ -13,8 +13,8 @@ from brownpipe.engines.kernels import kernel
 from brownpipe.engines.timestep import workspace as ws
 
 SAFE = 0.98  # part of the skin that is used; the rest covers round-off of single precision
-KEEP_ORDER = 16  # builds between two sorts of the disks themselves by cell, which keep neighbours close in memory
-WORTH = 0.25  # unused part of the skin from which on the lists are kept
+KEEP_ORDER = 16  # builds of the lists between two sorts of the disks by cell, which keep neighbours close in memory
+WORTH = 0.25  # the lists are kept while at least this part of the skin is unused
 
 
 @kernel
@@ -30,7 +30,7 @@ def survey(w):
 
 @kernel
 def slack(path):
-    """Return by how much the squared distance of a pair may exceed sigma^2 two steps of this path after contact."""
+    """Return the largest excess of r^2 over sigma^2 two steps after contact, for disks with this path per step."""
     return 16.0 * path * path
 
 
@@ -55,7 +55,7 @@ def renew(w):
 
 @kernel
 def make(w):
-    """Build the lists; OVERFULL is set if a list has no room for all its pairs."""
+    """Build the lists; OVERFULL is set if the pairs exceed the capacity of a list."""
     columns, rows = cells_along_side(w, w.box.width), cells_along_side(w, w.box.height)
     wrap(w)
     sort(w, columns, rows)
@@ -216,7 +216,7 @@ def pairs_across_sides(w, columns, rows, column, row):
 
 @kernel
 def images_within_reach(distance, cells, side):
-    """Return how many cells to each side a distance reaches."""
+    """Return how many cells on each side, those of periodic images included, are within a distance."""
     return max(1, math.ceil(distance * cells / side))
 
 

@@ -1,7 +1,7 @@
-"""The memory that the time-stepping kernels work on: numbers and arrays in the engine's units, one array per quantity.
+"""The arrays on which the time-stepping kernels work, in the engine's units, one array per quantity.
 
-`real` below is float64 or float32, the precision of the run. Disks stand in memory roughly in the order of their cells,
-much bigger ones first; `disk` says which disk of the engine stands at each place.
+`real` below is float64 or float32, the precision of the run. Disks are stored roughly in the order of their cells, big
+ones first; `disk` has the engine's number of the disk at each place in memory.
 """
 
 from typing import NamedTuple
@@ -11,12 +11,12 @@ import numpy as np
 from brownpipe.engines.records import by_reference
 
 # w.counters: steps done, samples taken, the tracer's place in memory, pairs listed within the box and across its sides,
-# disks that reach beyond a wall, whether a list has no room for all pairs, how often lists were built
+# disks that reach beyond a wall, whether a list is too short for its pairs, how often lists were built
 STEP, SAMPLE, TRACER, WITHIN, ACROSS, BEYOND, OVERFULL, LISTS_BUILT, COUNTERS = range(9)
 # w.count: collisions of pairs, of the tracer, with walls, and missed ones
 PAIRS, TRACER_PAIRS, WALLS, MISSED, COUNTS = range(5)
 # w.tally: the distance a disk may move before the lists are checked, an upper bound on all speeds, the skin, the least
-# squared distance of a pair / sigma^2, the sum of |impulse| sigma, impulses given to the walls left, right, bottom, top
+# squared distance of a pair / sigma^2, the virial, the impulses given to the walls left, right, bottom, top
 BUDGET, FASTEST, SKIN, NEAREST, VIRIAL, WALL_IMPULSE = range(6)
 TALLY = WALL_IMPULSE + 4
 # w.real: the time step, by how much the squared distance of candidates may exceed sigma^2, the skin, the walls
@@ -49,14 +49,14 @@ class PairList(NamedTuple):
 
 @by_reference
 class Workspace(NamedTuple):
-    """Everything that a run changes, and the settings it needs. N disks; capacity C of each list of pairs."""
+    """All that a run reads and writes, except the samples. N disks; capacity C of each list of pairs."""
 
     box: Box
     step: float  # the time step
-    late: bool  # collisions happen where a pair or wall is found overlapped, not at contact
+    late: bool  # disks collide where they overlap each other or a wall at the end of a step, not at contact
     skin: float  # listed pairs are closer than contact plus this; more if disks are very fast
-    common_radius: float  # the largest radius without the big disks, which are the first `big`
-    big: int
+    common_radius: float  # the largest radius except those of big disks, which are numbered first
+    big: int  # number of big disks
     tracer: int  # the engine's number of the tracer
     x: np.ndarray  # (N,) real, centres
     y: np.ndarray
@@ -82,7 +82,7 @@ class Workspace(NamedTuple):
     across: PairList  # pairs of a disk and a periodic image
     candidate: np.ndarray  # (2 C,) uint32, listed pairs close enough to have met
     contact_time: np.ndarray  # (2 C,) float64, time of contact of pairs that met, 0 at the end of the step
-    contact_key: np.ndarray  # (2 C,) int64, the numbers of both disks in one
+    contact_key: np.ndarray  # (2 C,) int64, the numbers i, k of both disks in one: i N + k
     contact_pair: np.ndarray  # (2 C,) uint32
     counters: np.ndarray  # (COUNTERS,) int64
     count: np.ndarray  # (COUNTS,) int64
