@@ -37,7 +37,7 @@ __all__ = [
     "refuse_unfit",
 ]
 
-AVERAGES = ("runs", "origins", "disks")  # over runs alone, and within each run over time origins or equal disks
+AVERAGES = ("runs", "origins", "disks")  # over runs alone; also over time origins, or over equal disks, of each run
 AVERAGED = ("square_displacement", "velocity_autocorrelation")  # observables to which these averages apply
 MOST_PAIR_COUNTS = 1_000_000  # bins of all pair-distance histograms of a run
 
@@ -54,15 +54,15 @@ class Observable(NamedTuple):
     """An observable, and the arrays that it returns."""
 
     measure: Callable  # (scene, run, average) -> {array name: values}
-    arrays: tuple[str, ...]  # names in ARRAYS; the first is there in every scene
+    arrays: tuple[str, ...]  # names in ARRAYS; the first is measured in every scene
 
 
 AXES = {  # dimension: units, meaning
     "time": ("time", "time since the start of the run, or since a time origin"),
     "species": ("1", "species of the disk"),
     "species_pair": ("1", "species of the two disks"),
-    "velocity": ("sqrt(kT/mass)", "velocity component, centre of its bin; the outermost bins hold all beyond"),
-    "speed": ("sqrt(kT/mass)", "speed, centre of its bin; the last bin holds all beyond"),
+    "velocity": ("sqrt(kT/mass)", "velocity component, centre of its bin; the outermost bins include all beyond"),
+    "speed": ("sqrt(kT/mass)", "speed, centre of its bin; the last bin includes all beyond"),
     "distance": ("length", "distance between the centres, centre of its bin"),
 }
 ARRAYS = {
@@ -70,14 +70,20 @@ ARRAYS = {
         ("time",), "length^2", "squared displacement of the tracer; for averages within the run see /parameters"
     ),
     "displacement_velocity": RunArray(
-        ("time",), "length^2/time", "v(t).(r(t) - r(0)) of the tracer, half of d(r^2)/dt; averaged likewise"
+        ("time",),
+        "length^2/time",
+        "v(t).(r(t) - r(0)) of the tracer, half of d(r^2)/dt; averaged like square_displacement",
     ),
-    "velocity_autocorrelation": RunArray(("time",), "length^2/time^2", "v(0).v(t) of the tracer; averaged likewise"),
+    "velocity_autocorrelation": RunArray(
+        ("time",), "length^2/time^2", "v(0).v(t) of the tracer; averaged like square_displacement"
+    ),
     "velocity_displacement": RunArray(
-        ("time",), "length^2/time", "v(0).(r(t) - r(0)) of the tracer, the integral of v(0).v(s); averaged likewise"
+        ("time",),
+        "length^2/time",
+        "v(0).(r(t) - r(0)) of the tracer, the integral of v(0).v(s); averaged like square_displacement",
     ),
     "bath_velocity_autocorrelation": RunArray(
-        ("time",), "length^2/time^2", "v(0).v(t), mean over the disks of the most numerous species but the tracer's"
+        ("time",), "length^2/time^2", "v(0).v(t), mean over the disks of the most numerous species except the tracer's"
     ),
     "species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk"),
     "velocity_counts": RunArray(("species", "velocity"), "1", "histogram of the velocity components"),
@@ -85,7 +91,7 @@ ARRAYS = {
     "pair_counts": RunArray(("species_pair", "distance"), "1", "histogram of the distances of pairs of disks"),
     "pair_snapshots": RunArray((), "1", "number of samples that pair_counts is summed over"),
     "pair_expected": RunArray(
-        ("species_pair", "distance"), "1", "pair_counts of an ideal gas around a lone disk where that was; else NaN"
+        ("species_pair", "distance"), "1", "pair_counts of an ideal gas around a lone disk at its positions; else NaN"
     ),
 }
 OBSERVABLES = {
@@ -119,7 +125,7 @@ def needs_every_disk(scene: Scene, names: tuple[str, ...], average: str = "runs"
 
 
 def of_tracer(names: tuple[str, ...], average: str = "runs") -> tuple[tuple[str, ...], str]:
-    """Return those of the observables, and the average, that an engine of the tracer alone can measure."""
+    """Return the observables of these, and the average, that an engine of the tracer alone can measure."""
     names = tuple(name for name in names if name in AVERAGED)
     return names, average if names else "runs"
 
@@ -148,7 +154,7 @@ def numbers_in(scene: Scene, names: tuple[str, ...]) -> int:
 
 
 def _axis(scene: Scene, dim: str) -> np.ndarray | list[str]:
-    """Return the coordinates along one dimension; of histograms the centres of the bins."""
+    """Return the coordinates along one dimension; for a histogram the centres of its bins."""
     if dim == "time":
         return scene.times
     if dim in ("velocity", "speed"):

@@ -14,7 +14,7 @@ from brownpipe.scene import Scene
 
 BINS_PER_CONTACT = 40  # bins per smallest contact distance
 FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
-SAMPLES_AT_ONCE = 16  # samples whose rings are intersected with the box in one call: a third of the time of one each
+SAMPLES_AT_ONCE = 16  # samples whose rings are intersected with the box in one call, three times as fast as one by one
 
 
 def species_pairs(species: SpeciesTable) -> list[tuple[int, int]]:
@@ -65,9 +65,9 @@ def distribution(scene: Scene, run, _) -> dict[str, np.ndarray | int]:
 
 
 def lone_pairs(scene: Scene, species: SpeciesTable) -> list[tuple[int, int, int]]:
-    """Return (p, lone, other) of the pairs p of two species of which `lone` is a single disk.
+    """Return (p, lone, other) for each pair p of two species, one of which, `lone`, is a single disk.
 
-    None in a periodic box, where no wall cuts the rings around that disk.
+    Empty for a periodic box, where no wall cuts the rings around that disk.
     """
     if scene.box.periodic:
         return []
@@ -80,8 +80,8 @@ def expected_pairs(scene: Scene, species: SpeciesTable, lone_pairs, position: np
     """Return the counts (P, R) that an ideal gas has around the lone disks, summed over samples `position` (T, N, 2).
 
     N_k points, uniform in the rectangle accessible to the centres of species k, are expected in a ring in proportion
-    to the part of its area inside the rectangle. The ring is centred where the lone disk was in each sample, so that
-    nothing is assumed of how far that disk has spread. NaN in the rows of all other pairs.
+    to the part of its area inside the rectangle. The ring is centred at the position of the lone disk in each sample,
+    so that nothing is assumed about the distribution of that disk. NaN in the rows of all other pairs.
     """
     size, (number, width) = np.array([scene.box.width, scene.box.height]), bins(scene)
     edges, expected = np.arange(number + 1) * width, np.full((len(species_pairs(species)), number), np.nan)
@@ -95,7 +95,7 @@ def expected_pairs(scene: Scene, species: SpeciesTable, lone_pairs, position: np
 
 
 def close_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return all pairs (Q, 2) of disks closer than `reach`, and their distances (Q,); round-off may add a few beyond.
+    """Return all pairs (Q, 2) of disks closer than `reach`, and their distances (Q,); a few may exceed it by round-off.
 
     position: (N, 2). In a periodic box the distance is that of the nearest images.
     """

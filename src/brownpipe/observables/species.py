@@ -1,4 +1,4 @@
-"""Species of a scene: groups of disks of one radius and mass, which observables and estimators tell apart."""
+"""Species of a scene: groups of disks of one radius and mass, which observables and estimators distinguish."""
 
 from typing import NamedTuple
 
@@ -20,8 +20,8 @@ class SpeciesTable(NamedTuple):
 def species_table(scene: Scene) -> SpeciesTable:
     """Return the species of a scene.
 
-    The disks of an explicit list have no species: every radius and mass makes one, kind-1, kind-2, ... by first
-    appearance.
+    An explicit list of disks names no species: disks of equal radius and mass are one, called kind-1, kind-2, ... in
+    the order of the list.
     """
     if scene.disks:
         alike = {pair: k for k, pair in enumerate(dict.fromkeys((disk.radius, disk.mass) for disk in scene.disks))}
@@ -50,7 +50,7 @@ def tracer_tracks(scene: Scene, run, average: str):
 
 
 def bath_disks(scene: Scene) -> np.ndarray:
-    """Return the indices of the disks of the most numerous species but the tracer's; empty if there is no other."""
+    """Return the indices of the disks of the most numerous species except the tracer's; empty if there is no other."""
     species = species_table(scene)
     number = np.where(np.isin(np.arange(len(species.number)), species.label[:1]), 0, species.number)
     return np.flatnonzero(species.label == np.argmax(number)) if number.any() else np.array([], int)

@@ -7,7 +7,7 @@ import numpy as np
 from brownpipe.scene import Scene
 from brownpipe.scene.sample_times import SAME
 
-MOST_SAMPLES = 20_000  # of which half the square are pairs of samples
+MOST_SAMPLES = 20_000  # which have 2e8 pairs
 
 
 def is_stationary(scene: Scene) -> bool:
@@ -54,7 +54,7 @@ def averaged(scene: Scene, average: str, products: Callable) -> np.ndarray:
 def lags(scene: Scene) -> Iterator[tuple[slice, slice]]:
     """For each sample time t yield the slices (earlier, later) of all pairs of samples that are t apart.
 
-    Sample times are multiples of the sample interval. If the duration is not one, only t = 0 lies that far before it.
+    Sample times are multiples of the sample interval, except the duration if it is none: its only time origin is t = 0.
     """
     times = scene.times
     count = len(times)

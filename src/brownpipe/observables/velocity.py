@@ -10,16 +10,16 @@ from brownpipe.observables.time_origins import is_stationary, lags
 from brownpipe.scene import Scene
 
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
-FASTEST = 6.0  # of velocity components, either sign, in these units: the outermost bins hold all beyond
+FASTEST = 6.0  # velocity component, either sign, in these units; the outermost bins include all values beyond
 BINS = {"velocity": 120, "speed": 80}
-VALUES_AT_ONCE = 2**18  # velocity components that are scaled and counted in one go, so that temporaries stay small
+VALUES_AT_ONCE = 2**18  # velocity components that are scaled and counted at a time, so that temporary arrays stay small
 
 
 def autocorrelation(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
     """Return velocity autocorrelations v(0).v(t) (T,) of the tracer and of the bath, and the tracer's time integral.
 
     The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half its mean
-    (Green-Kubo). The bath's function is the mean over the disks of the most numerous species but the tracer's, if there
+    (Green-Kubo). That of the bath is a mean over the disks of the most numerous species except the tracer's, if there
     is one. `average` as in `displacement.square_displacement`.
     """
     arrays = {
@@ -53,7 +53,7 @@ def distribution(scene: Scene, run, _) -> dict[str, np.ndarray]:
 
     All samples of a stationary run are counted, otherwise the last one. kT is the scene's temperature or, if none is
     given, the mean kinetic energy per disk of the counted samples. In equilibrium the components are standard normal
-    and the speeds have the density u exp(-u^2/2) (Maxwell-Boltzmann). The outermost bins hold all beyond.
+    and the speeds have the density u exp(-u^2/2) (Maxwell-Boltzmann). The outermost bins include all values beyond.
     """
     species = species_table(scene)
     velocity = run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
