@@ -1,4 +1,4 @@
-"""Storage of trajectories (HDF5) and datasets (netCDF4): files are written whole or not at all and verified when read.
+"""Storage of trajectories (HDF5) and datasets (netCDF4): written completely or not at all, and verified when read.
 
 A trajectory file holds a batch of runs, one for each of S seeds, in the layout of H5MD 1.1 in two dimensions. T sample
 times, N disks, E collisions:
@@ -9,11 +9,11 @@ times, N disks, E collisions:
             box/                     edges (2,), origin (2,); attributes dimension, boundary (none: walls, or periodic)
             id (S,)                  the seeds
             position/                value (T, S, 2), its scales time (T,), seed (S,), component (2,); step (T,)
-            velocity/, image/        likewise, if recorded; unwrapped position = position + image * edges
+            velocity/, image/        as position/, if recorded; unwrapped position = position + image * edges
         seed_00017/                  all disks of one run, if recorded
             box/, id (N,), radius (N,), mass (N,)
             position/, velocity/     value (T, N, 2), its scales time (T,), disk (N,), component (2,); step (T,)
-            image/                   likewise, in a periodic box
+            image/                   as position/, in a periodic box
     observables/
         run/                         seed (S,); pair_collisions (S,), energy_drift (S,), ...: one number per run;
                                      arrays of observables (brownpipe.observables), if measured:

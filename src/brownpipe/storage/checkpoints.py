@@ -1,4 +1,4 @@
-"""Checkpoint files: the stored state of a batch of runs, beside its output until that is complete."""
+"""Checkpoint files: the stored state of a batch of runs, kept beside the output file until that is complete."""
 
 import glob
 import json

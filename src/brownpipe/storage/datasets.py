@@ -27,7 +27,7 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
 def read_dataset(path: str | Path) -> "xarray.Dataset":
     """Return the dataset of a file, loaded into memory after its seal is verified.
 
-    Raises StorageError naming the file and how to make it again; WrongFileError if there is no file or another kind.
+    Raises StorageError, which says how to make the file again; WrongFileError if it does not exist or is no dataset.
     """
     try:
         return _from_bytes(read_sealed(path))

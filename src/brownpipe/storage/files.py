@@ -1,6 +1,6 @@
-"""Files that appear whole or not at all, sealed with a checksum that is verified before they are read.
+"""Files that are written completely or not at all, with a seal (checksum) that is verified before they are read.
 
-Four checks protect the contents, each against faults at another place:
+Four checks protect the contents, each against faults of a different origin:
 
     fletcher32   HDF5's checksum of each chunk of numbers. For readers other than brownpipe (h5py, xarray, h5dump): they
                  fail at a damaged chunk. Brownpipe verifies the seal first, which covers all of these chunks.

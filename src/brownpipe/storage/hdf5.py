@@ -1,4 +1,4 @@
-"""HDF5 files as mappings from paths to nodes: encoded to bytes in memory, decoded, and summed up in one digest."""
+"""HDF5 files as mappings from paths to nodes: encoding to bytes in memory, decoding, and a digest of all nodes."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ class Node(NamedTuple):
     value: np.ndarray | str | None
     attributes: dict
     dims: tuple[str, ...] = ()  # names of its scales, datasets in the same group; a scale is its own dimension
-    chunk_axes: tuple[int, ...] | None = None  # axes in the order in which a chunk spans them; None: the last one first
+    chunk_axes: tuple[int, ...] | None = None  # order in which axes are filled by a chunk; None: the last axis first
 
 
 class Link(NamedTuple):
@@ -106,7 +106,7 @@ def _chunks(shape: tuple[int, ...], itemsize: int, axes: Iterable[int]) -> tuple
 
 
 def _is_scale(path: str, node: Node) -> bool:
-    """Return whether a dataset is the scale of the dimension that is named like it."""
+    """Return whether a dataset is a scale: its only dimension has its own name."""
     return node.dims == (path.rpartition("/")[2],)
 
 

@@ -18,7 +18,7 @@ from brownpipe.storage.trajectories import Trajectories, read_header, read_traje
 if TYPE_CHECKING:
     import xarray
 
-HEALTH = {  # observable: as the report calls its largest absolute value
+HEALTH = {  # observable: name of its largest absolute value in the report
     "energy_drift": "worst energy drift",
     "worst_overlap": "worst overlap (sigma)",
     "momentum_residual": "worst momentum residual",

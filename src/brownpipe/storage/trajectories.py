@@ -61,7 +61,7 @@ MEANING = {  # dataset: units, long_name
     "missed_collisions": ("1", "collisions missed because the pair met and separated within one time step"),
     "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
     "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
-    "failed": ("1", "1 if overlap or energy drift exceeds its bound or a number is not finite: exclude from averages"),
+    "failed": ("1", "1 if the run failed its health check (energy, momentum, overlap): exclude from averages"),
     "scene": ("1", "the scene as canonical JSON"),
     "settings": ("1", "settings of the engine as JSON"),
 }
@@ -105,8 +105,8 @@ def write_trajectories(path: str | Path, scene: Scene, engine: Engine, ensemble:
 def read_trajectories(path: str | Path) -> Trajectories:
     """Return the contents of a trajectory file after verifying seal and digest.
 
-    Raises StorageError naming the file, its seeds and the command that makes them again; WrongFileError if there is no
-    file or another kind.
+    Raises StorageError, which names the file, its seeds and the command that makes them again; WrongFileError if the
+    file does not exist or is no trajectory file.
     """
     with _naming(path):
         return _trajectories(_contents(path))
@@ -237,7 +237,7 @@ def _events(group: str, events: Events) -> Tree:
 
 
 def _parameters(trajectories: Trajectories) -> Tree:
-    """Return what made the runs, and what makes them again."""
+    """Return the group /parameters: scene, engine, versions, and the command that makes the runs again."""
     scene, engine, ensemble = trajectories[:3]
     attributes = {
         "format": FORMAT,
