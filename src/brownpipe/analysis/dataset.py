@@ -1,4 +1,4 @@
-"""Trajectory files of a study in, one labelled dataset out: every estimator for every scene, particle count, engine."""
+"""One labelled dataset from the trajectory files of a study: all estimates for each scene, particle count, engine."""
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -97,7 +97,7 @@ def _refuse_unsampled(cases: Sequence[Case], times: Sequence[float]) -> None:
 
 
 def _results(case: Case, group: Group) -> Part:
-    """Every variable of one group."""
+    """Return the values of all variables for one group."""
     averages, health, failed = NO_RUNS, [], []
     for runs in blocks_of(group):
         bad = np.asarray(runs.observables["failed"], bool)

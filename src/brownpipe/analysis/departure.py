@@ -20,7 +20,7 @@ def departure_time(
     size: (width, height) of a periodic box, in which the nearest images are compared.
 
     A position that is NaN counts as departed. Trajectories of hard disks diverge exponentially, so this time grows only
-    as the logarithm of 1/error: it tells for how long single collisions are right, and nothing about averages. It is
+    as the logarithm of 1/error: it tells for how long single collisions are right, but nothing about averages. It is
     resolved to one sample interval.
     """
     apart = np.asarray(position, float) - np.asarray(reference, float)

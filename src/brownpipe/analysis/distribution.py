@@ -63,7 +63,7 @@ def rings_of(case: Case, runs: RunBlock) -> tuple[np.ndarray, ...]:
     """Return the edges (K + 1,) of the rings at each of the D times: `options.edges`, else chosen from these runs.
 
     The runs are the first block of a case. The width is then a power of two, so that rings of two times or scenes
-    either coincide or have different middles. RINGS/2 to RINGS rings reach to REACH rms displacements.
+    either coincide or have different centres. RINGS/2 to RINGS rings extend to REACH rms displacements.
     """
     at = chosen_times(case)
     if case.options.edges is not None:
@@ -200,8 +200,8 @@ def kurtosis(averages: Averages) -> resampling.Estimate:
     """Return <r^4> / (2 <r^2>^2) of the displacements at each time, (D,): 1 for a normal distribution in the plane.
 
     The bootstrap-t is applied to its inverse cube, studentized by the delta method with the moments of each replicate.
-    Of the powers tried this has the best coverage for a normal distribution: 95, 91, 93, 94 % of 600 ensembles of 20,
-    50, 100, 400 runs; the kurtosis itself has 90, 88, 91, 94 %, plain percentiles 83 to 92 %.
+    Of the powers tried this one has the best coverage for a normal distribution: 95, 91, 93 and 94 % of 600 ensembles
+    of 20, 50, 100 and 400 runs; the kurtosis itself has 90, 88, 91 and 94 %, plain percentiles 83 to 92 %.
     """
     names, squared = ("r2", "r4", "r6"), ("r2", "r4")
     cube, variance = _inverse_cube(*map(averages.mean, names), *map(averages.variance, squared))
@@ -257,7 +257,7 @@ ESTIMATOR = Estimator(
             "degrees_of_freedom": Variable(MODEL, "1", "number of pooled bins minus one for the total and one for D"),
             "p_value": Variable(MODEL, "1", "p-value of the chi-square, D estimated from the same runs"),
             "p_value_joint": Variable(
-                MODEL, "1", "p-value of rings and kurtosis together; for the reflecting square of the rings alone"
+                MODEL, "1", "p-value of rings and kurtosis together; for the reflecting square that of the rings"
             ),
             "power_5_percent": Variable(
                 MODEL, "1", "power: probability that the test of the rings rejects a D wrong by 5 %"

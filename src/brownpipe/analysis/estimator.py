@@ -28,14 +28,14 @@ class Options(NamedTuple):
 
 
 class Case(NamedTuple):
-    """What all runs of a group have in common."""
+    """One scene, particle count and engine, and the settings of its analysis."""
 
     scene: Scene
     engine: str  # label
     times: np.ndarray  # (T,) [time]
     options: Options
-    average: str = "runs"  # over what `square_displacement` and the like are averaged in each run
-    edges: tuple[np.ndarray, ...] = ()  # (K + 1,) of the rings at each of the displacement times
+    average: str = "runs"  # what displacements and autocorrelations are averaged over (observables.AVERAGES)
+    edges: tuple[np.ndarray, ...] = ()  # (K + 1,) edges of the rings at each of the displacement times
 
     @property
     def key(self) -> tuple[str, int, str]:
@@ -43,7 +43,7 @@ class Case(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """What an estimator takes from n runs."""
+    """The columns of numbers that an estimator takes from n runs."""
 
     means: Mapping = NONE  # name -> (n, ...): to be averaged over runs, with error and interval
     products: Mapping = NONE  # name -> (n, ...): averaged without error, for functions of several means

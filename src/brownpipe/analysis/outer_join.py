@@ -25,12 +25,12 @@ def joined(
     attributes: dict,
     ascending: Collection[str],
 ) -> "xarray.Dataset":
-    """Return the outer join of `parts`; where a part has no value, a variable's `absent` stands.
+    """Return the outer join of `parts`; where a part has no value, a variable has its value `absent`.
 
     `coordinates` has the attributes of every coordinate; a dimension that is not in it gets none. Labels along the
     dimensions `ascending` are sorted, other labels come in order of appearance; numbers ascend. Numbers that differ by
-    SAME_TIME are one. `xarray.concat` and `unstack` give the same values, but sort all labels and hold every array
-    twice.
+    less than SAME_TIME count as equal. `xarray.concat` and `unstack` give the same values, but sort all labels and hold
+    every array twice.
     """
     import xarray
 

@@ -17,7 +17,7 @@ from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
 from brownpipe.storage import Outline, read_outline, read_trajectories
 
-LOADED = 2  # files kept in memory: batches of consecutive seeds are then read once each
+LOADED = 2  # files kept in memory; enough to read each batch of consecutive seeds only once
 
 
 class TrajectoryFile(NamedTuple):
@@ -114,7 +114,7 @@ def _refuse_duplicates(files: Sequence[TrajectoryFile], seeds: np.ndarray) -> No
 
 
 def _refuse_namesakes(groups: Sequence[Group]) -> None:
-    """One name, one physics: scenes of the same name may differ in their particle counts alone."""
+    """Refuse scenes of one name that differ in anything but their particle counts."""
     known = {}
     for scene in (group.outline.scene for group in groups):
         uncounted = replace(scene, species=tuple(replace(species, count=0) for species in scene.species))

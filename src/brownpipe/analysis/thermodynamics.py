@@ -1,4 +1,4 @@
-"""Thermodynamics from collisions: rates, temperature, compressibility factor, pressure; Enskog's theory beside them.
+"""Thermodynamics from collisions: rates, temperature, compressibility factor, pressure; and Enskog's theory of them.
 
 Every run has its own kinetic temperature kT, from its energy: its rates are proportional to sqrt(kT), its virial to kT.
 n runs. See docs/theory.md, section 3.
@@ -51,8 +51,8 @@ def compressibility(scene: Scene, virial: np.ndarray, kt: np.ndarray, duration: 
     """Return Z = 1 + W/(2 N kT T) (n,), W the sum of abs(momentum transfer) * contact distance in a time T.
 
     W is the `virial` (n,) of pair collisions, T the duration. In a periodic box Z = P/(n kT). Between walls it is not:
-    their forces act on centres at a distance R from the sides w and h and contribute to the virial. By the virial
-    theorem, for equal disks and the same pressure P on all walls,
+    the forces of the walls, which act on centres at a distance R from the sides w and h, contribute to the virial, too.
+    By the virial theorem, for equal disks and the same pressure P on all walls,
 
         2 N kT + W/T = P [h (w - 2R) + w (h - 2R)],  so that  Z = Z_wall (1 - R/w - R/h),
 
@@ -70,8 +70,8 @@ def wall_compressibility(scene: Scene, pressure: np.ndarray, kt: np.ndarray) -> 
 def compressibility_from_rate(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
     """Return Z = 1 + 2 phi chi (n,) of equal disks from their collision rate (n,).
 
-    The rate is 2 n s chi sqrt(pi kT/m), so Z = 1 + rate s sqrt(pi m/kT)/4, with s the diameter. That rate is a
-    canonical mean; at the constant energy of a run disks are faster by 1/`mean_root`.
+    With the diameter s the canonical mean of the rate is 2 n s chi sqrt(pi kT/m), so Z = 1 + rate s sqrt(pi m/kT)/4. At
+    the constant energy of a run the mean relative speed is larger by 1/`mean_root`.
     """
     return 1.0 + mean_root(scene) * rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
 
@@ -182,7 +182,7 @@ ESTIMATOR = Estimator(
         "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
         "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
         "enskog_contact_value": Variable(
-            EACH, "1", "contact value of the tracer and its most numerous partners, in theory"
+            EACH, "1", "theoretical contact value of the tracer and the most numerous species of its bath"
         ),
         "enskog_compressibility": Variable(
             EACH, "1", "compressibility factor of a periodic box, from Enskog's contact values"

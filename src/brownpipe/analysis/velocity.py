@@ -16,7 +16,7 @@ from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, SPEED2, Variable
 from brownpipe.scene import Scene
 
 CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
-EARLY = 0.25  # decay of the velocity autocorrelation at the last of the samples for its initial slope
+EARLY = 0.25  # decay of the velocity autocorrelation at the last of the samples that give its initial slope
 COARSE = 0.2  # decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
 REACH = 1.0  # latest of these samples, in units of the relaxation time of Enskog's theory
 DENSITIES = {"velocity_density": "velocity_counts", "speed_density": "speed_counts"}
@@ -41,7 +41,7 @@ def early(times: np.ndarray, rate: float) -> list[int]:
 def twice_as_late(times: np.ndarray, samples: list[int], rate: float) -> list[int]:
     """Return the indices [0, i', j'] of the samples at twice the times of `samples` [0, i, j].
 
-    [0, i] where these are beyond REACH.
+    [0, i] if these are later than REACH.
     """
     later = np.searchsorted(times, 2 * times[samples] * (1 - SAME_TIME))
     if later[2] < len(times) and later[1] < later[2] and rate * times[later[2]] <= REACH:
@@ -71,9 +71,9 @@ def density(counts: np.ndarray, width: float) -> np.ndarray:
 def initial_slope(case: Case, averages: Averages) -> Estimate:
     """Return the slope at 0 of the tracer's autocorrelation; its error includes the discretisation error.
 
-    The latter is taken to be the difference of the slope from that of samples twice as late, several times the actual
-    error of the parabola; it is added to the standard error in quadrature, and to both ends of the interval. NaN if the
-    decay at the first sample exceeds COARSE.
+    The latter is taken to be the difference from the slope obtained with samples twice as late, which is several times
+    the actual error of the parabola. It is added to the standard error in quadrature, and to both ends of the interval.
+    NaN if the decay at the first sample exceeds COARSE.
     """
     mean = averages.mean("velocity_autocorrelation")
     if "vacf_initial_slope" not in averages or mean[0] - mean[1] > COARSE * mean[0]:
