@@ -1,7 +1,7 @@
-"""The cost-accuracy trade-off: how far every engine and setting is from the exact one, and what a run of it costs.
+"""The cost-accuracy trade-off: the bias of every engine and setting relative to exact runs, and the cost of a run.
 
-`runs` takes trajectory files, `compare` finds the biases of one setting with the estimators in `bias`, `timing`
-measures CPU times, `front` finds the Pareto front, `dataset` puts all of it together; `variables` says what is in it.
+`runs` reads trajectory files, `compare` finds the biases of one setting with the estimators in `bias`, `timing`
+measures CPU times, `front` finds the Pareto front, and `dataset` joins all results; `variables` describes them.
 """
 
 from brownpipe.tradeoff.compare import compare, spread_of

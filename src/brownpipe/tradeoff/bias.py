@@ -112,7 +112,7 @@ def total_variation(
     """Return the total variation distance of displacements (S_a,) and (S_e,): half the sum of abs(p_a - p_e).
 
     p are the shares of the runs in rings, which hold equal shares of the exact runs; differences inside a ring are not
-    seen. Noise alone gives a positive distance. Its size is that of the distances between resampled shares and the
+    detected. Noise alone gives a positive distance. Its size is that of the distances between resampled shares and the
     measured ones: the square of their mean is subtracted from the square of the distance, and their 95 % quantile q is
     the half-width of the interval, as the true distance is within q of the measured one (triangle inequality). The
     coverage is above 95 %.

@@ -1,4 +1,4 @@
-"""One engine and setting against the exact runs of a scene: all biases, with their uncertainties."""
+"""All biases of one engine and setting, relative to the exact runs of a scene, with their uncertainties."""
 
 import json
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Bias, Pairs
 from brownpipe.tradeoff.runs import EngineRuns
 
-CURVE = 20  # times of the curve of the MSD's bias, at equal steps of the logarithm
+CURVE = 20  # number of times, equally spaced in log t, at which the bias of the MSD is given
 TARGETS = {"msd": 0, "d": 1}  # columns of `_per_run`
 
 
@@ -54,7 +54,7 @@ def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> flo
 
 
 def curve_times(times: np.ndarray) -> np.ndarray:
-    """Return the times (CURVE,) of the curve of the MSD's bias, of sample times (T,); NaN beyond the last."""
+    """Return the times (CURVE,), out of sample times (T,), at which the bias of the MSD is given; padded with NaN."""
     return _padded(times[_curve(times)])
 
 
@@ -113,7 +113,7 @@ def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict
 
 
 def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, np.ndarray]:
-    """g(r) near contact; {} without pair counts, or with those of another box, whose distances are others."""
+    """g(r) near contact; {} without pair counts, or if the two sets of runs have different bins."""
     if runs.pair_counts is None or exact.pair_counts is None:
         return {}
     if runs.pair_counts.shape[1:] != exact.pair_counts.shape[1:]:

@@ -1,4 +1,4 @@
-"""All engines and settings of a study against its exact runs, as one dataset."""
+"""All engines and settings of a study compared with its exact runs, as one dataset."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -35,9 +35,9 @@ def measure(
     window: tuple[float, float] | None = None,
     seconds_per_run: Callable[[Engine, Scene], float] | None = None,
 ) -> "xarray.Dataset":
-    """Return all engines of the trajectory files `paths` against the exact runs of the same scenes.
+    """Compare all engines of the trajectory files `paths` with the exact runs of the same scenes.
 
-    instead_of: scenes that may stand in for another, {scene: [others]}; exact runs of these are settings of that scene.
+    instead_of: cheaper scenes that may replace another, {scene: [others]}; their exact runs are settings of that scene.
     window: (start, end) in which D is fitted [time], by default from a tenth of each scene's duration to its end.
     seconds_per_run: CPU seconds of a run of an engine in a scene; by default measured, in turn with the exact engine
         (`timing.ratio_to`).
@@ -140,8 +140,8 @@ def _cost(runs: EngineRuns, exact: EngineRuns, unit: float, seconds_per_run: Cal
 def _add_front(settings: dict[str, dict], unit: float) -> None:
     """Add to each setting of a scene the CPU times [s] between which it is on the Pareto front of the MSD; else NaN.
 
-    `pays`: unresolved biases at their 95 % upper bound, the cost at its median. `may_pay`: biases as found, the cost at
-    the lower end of its range.
+    `pays`: unresolved biases at their 95 % upper bound, the cost at its median. `may_pay`: biases at their estimates,
+    the cost at the lower end of its range.
     """
     for name, kind, ratio in (("pays", "careful", "cost_ratio"), ("may_pay", "square", "cost_ratio_low")):
         candidates = []

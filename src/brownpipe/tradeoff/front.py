@@ -69,11 +69,11 @@ def pareto_front(settings: Sequence[Setting]) -> list[Interval]:
 
 
 def settings_of(dataset: "xarray.Dataset", scene: str, target: str = "msd", careful: bool = False) -> list[Setting]:
-    """Return the settings of a scene of the dataset, the exact one first, with their errors of a target.
+    """Return the settings of a scene of the dataset, the exact one first, with their bias and scatter of a target.
 
     target: `msd`, `d` or `displacement`.
-    careful: take an unresolved bias at its 95 % upper bound, so that no setting counts as better than is known; else
-        take all biases as found, with the scatter subtracted.
+    careful: take an unresolved bias at its 95 % upper bound, so that no setting appears better than the data show;
+        otherwise take all biases at their estimates, with the scatter subtracted.
     """
     of_scene = dataset.sel(scene=scene)
     settings = []

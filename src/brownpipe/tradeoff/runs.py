@@ -1,4 +1,4 @@
-"""The runs that the trade-off compares: all those of one scene, number of disks and engine that did not fail."""
+"""The runs that the trade-off compares: all runs of one scene, number of disks and engine that did not fail."""
 
 from collections.abc import Iterable
 from pathlib import Path

@@ -10,11 +10,11 @@ import numpy as np
 from brownpipe.engines import Engine
 from brownpipe.scene import Scene
 
-REPEATS, FEWER = 5, 3  # measurements, whose median counts; FEWER where a run takes longer than LONG
-LEAST, LONG = 0.2, 2.0  # CPU seconds: of a measurement at least, and of a long run
+REPEATS, FEWER = 5, 3  # measurements, of which the median is taken; FEWER if a run takes longer than LONG
+LEAST, LONG = 0.2, 2.0  # CPU seconds: the shortest measurement; a long run
 MOST_RUNS = 10_000  # in a measurement
-LONGER = 4.0  # a measurement takes at least so many times the fixed part of a call, to stand out of its noise
-FIRST_SEED = 2**41  # of no study
+LONGER = 4.0  # shortest measurement in units of the fixed part of a call, so that the noise of that part is small
+FIRST_SEED = 2**41  # of the timed runs; no study uses these seeds
 
 
 class Ratio(NamedTuple):
@@ -31,7 +31,7 @@ def seconds_per_run(engine: Engine, scene: Scene, repeats: int = REPEATS) -> flo
     The median of `repeats` measurements with runs of different seeds, all in this process and after a first call that
     does not count, as it may have to compile. The fixed part of a call (such as measuring a friction rate) is left out:
     a measurement is the difference of a call with many runs and one with a single run. Other work on the machine still
-    shows: it takes cache and memory bandwidth away.
+    affects it, by its use of cache and memory bandwidth.
     """
     measurement, estimate = _ready(engine, scene)
     return float(np.median([measurement() for _ in range(_repeats(repeats, estimate))]))

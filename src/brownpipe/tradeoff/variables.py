@@ -11,9 +11,9 @@ ATTRIBUTES = {
     "Conventions": "CF-1.11",
     "title": "Cost-accuracy trade-off of engines",
     "comment": (
-        "CPU times, and with them the Pareto front, are measured anew whenever this is made and differ from one "
-        "machine and one time to another: these variables do not come out the same to the byte. Everything else does. "
-        "Biases are relative to exact runs of the same scene; where an interval holds 0, the bias is not resolved."
+        "CPU times, and therefore the Pareto front, are measured anew whenever this dataset is made; they differ "
+        "between machines and from one measurement to the next. All other variables are reproducible to the bit. "
+        "Biases are relative to exact runs of the same scene; where an interval contains 0, the bias is not resolved."
     ),
 }
 SCENE, SETTING = ("scene",), ("scene", "setting")
@@ -47,8 +47,8 @@ MSD, D = "MSD at the end", "D in the window"
 DISTRIBUTION = "total variation distance of the distribution of displacements at the end, in ten rings"
 
 COORDINATES = {
-    "scene": {"long_name": "scene, as exact runs have it"},
-    "setting": {"long_name": "engine with its settings; `exact in X`: exact runs of scene X instead"},
+    "scene": {"long_name": "scene whose exact runs are the reference"},
+    "setting": {"long_name": "engine with its settings; `exact in X`: exact runs of scene X in place of this scene"},
 }
 _TABLE = {
     "digest": Variable(SCENE, "1", "digest of the scene's physics", object, ""),
@@ -68,8 +68,8 @@ _TABLE = {
     "study_seconds": Variable(SETTING, "s", "CPU time of all runs"),
     "pays_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, unresolved biases at their 95 % upper bounds"),
     "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"),
-    "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, biases as found and the least cost ratio"),
-    "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, biases as found and the least cost ratio"),
+    "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"),
+    "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"),
     **_with_interval("msd_bias", SETTING, f"relative bias of the {MSD}"),
     **_error_terms("msd", f"the {MSD}"),
     **_with_interval("d_bias", SETTING, f"relative bias of {D}"),
@@ -84,7 +84,7 @@ _TABLE = {
     "worst_energy_drift": Variable(SETTING, "1", "largest relative change of the energy in a run"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
     "departure_time": Variable(
-        SETTING, "time", "median time at which the tracer is 0.001 of its radius from that of the exact run; inf: never"
+        SETTING, "time", "median time at which the tracer is 0.001 of its radius off the exact path; inf: never"
     ),
 }
 VARIABLES = kept_always(_TABLE)
