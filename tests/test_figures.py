@@ -151,7 +151,7 @@ def test_names_of_figures_are_there_before_anything_heavy():
 @pytest.mark.parametrize("name", OF_OBSERVABLES)
 def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path):
     without = dataset.drop_vars([var for var in dataset.data_vars if var.startswith(OF_OBSERVABLES[name])])
-    with pytest.raises(FigureError, match=f"^{name}: there is nothing to show in this figure: the observable"):
+    with pytest.raises(FigureError, match=f"^{name}: cannot be drawn from this dataset: the observable"):
         render(without, tmp_path, [name])
 
 
@@ -199,7 +199,7 @@ def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatc
 def test_figures_asked_for(dataset, tmp_path, no_pictures):
     names = {path.stem for path in render(dataset, tmp_path, ["health", "msd"])}
     assert names == {"health", "msd", "summary"}
-    with pytest.raises(FigureError, match="particle_counts: there is nothing to show"):
+    with pytest.raises(FigureError, match="particle_counts: cannot be drawn"):
         render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "particle_counts"])
     assert not (tmp_path / "other").exists()
 

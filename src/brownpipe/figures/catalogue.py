@@ -1,13 +1,13 @@
 """The list of figures. To add one, write its module `figures/NAME.py` and add a line here.
 
 The module has `draw(cases)`, which returns a matplotlib figure; `table(cases)`, its numbers; `VARIABLES`, the variables
-of the dataset that a case must have to be shown; and `LACKING`, why a dataset may have none of them. Studies, the
+of the dataset that a case must have to be shown; and `LACKING`, the message for a dataset without them. Studies, the
 command line and the workflow take the names from here, so that this module imports nothing heavy.
 """
 
 from typing import NamedTuple
 
-# What a study must have for a figure, in the words of a refusal
+# What a study must have for a figure, as refusals name it
 FOLLOWED = "a disk to follow"
 SEVERAL_COUNTS = "two particle counts or more"
 TRACKED = "record: tracer"

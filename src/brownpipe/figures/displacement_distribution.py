@@ -38,14 +38,14 @@ LOOKS = {"msd": (FIT, "-", "o"), "slope": (MODEL, DASHED, "s"), "square": (INK, 
 SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "reflecting square, D"}
 LINE = 58  # characters of a line below a column
 HEIGHT = 6.4  # of a row [inch]
-LEAST_VARIANCE = 1e-4  # of a count: keeps runs in a ring where none are expected within the drawing
-OVERFLOW = 2.6  # distance of the runs beyond the last ring from its edge, in widths of a ring
+LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where no runs are expected
+OVERFLOW = 2.6  # half the width of the strip that counts the runs beyond the last ring, in ring widths
 VARIABLES = ("displacement_counts",)
 LACKING = "no run with a tracer was kept"
 
 
 def draw(cases: list[Dataset]) -> Figure:
-    """Draw observed and expected counts per ring above, and residuals below, with those of the runs beyond the rings.
+    """Draw observed and expected counts per ring above, their residuals below, and the runs beyond the last ring.
 
     There is one column per case or, for a distribution at several times, one row per case and one column per time.
     Rows longer than MOST_COLUMNS are continued in a new row.

@@ -19,7 +19,7 @@ MEASURES = {
     "energy_drift": ("relative energy drift", 1e-13),
     "worst_overlap": ("deepest overlap (contact distances)", 1e-12),
     "momentum_residual": ("residual of the momentum balance", 1e-12),
-}  # axis label and the bound that round-off should stay below; a run fails only at state.HEALTH_BOUND
+}  # axis label, and the bound below which round-off is expected; a run fails only at state.HEALTH_BOUND
 SMALLEST = 1e-17  # left end of the axis, where smaller values and zeros are drawn
 QUANTILES = (0.05, 0.5, 0.95)
 VARIABLES = ()

@@ -21,7 +21,7 @@ HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
 MOST_DOTS = 60  # samples shown as dots
 LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
-FORGOTTEN = 0.5  # of the ballistic MSD: below it the initial velocity is forgotten, and a slope measures diffusion
+FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
 HEIGHTS = (4.4, 3.2)  # of the two panels of a column [inch]
 VARIABLES = ("msd",)
 LACKING = "no run with a tracer was kept"
@@ -46,7 +46,7 @@ def draw(cases: list[Dataset]) -> Figure:
 
 
 def _linear(axes: Axes, case: Dataset, top: float) -> None:
-    """Draw MSD(t) with its band, the fitted line down to where it misses the origin, diffusion and ballistic flight."""
+    """Draw MSD(t) with its band, the fitted line extended to the axes, diffusion and ballistic flight."""
     t = case.time.values
     end = t[-1]
     smooth = np.linspace(0, end, 201)

@@ -23,8 +23,8 @@ CONTACTS = {
     "contact_value": ("at contact, by extrapolation", FIT, "o", -1),
     "contact_value_rate": ("at contact, from the collision rate", MODEL, "s", 1),
 }  # label, colour, marker, on which side of the contact distance it is drawn
-LARGEST_ERROR = 0.02  # relative, of a bin that is drawn: neighbouring bins are pooled until theirs is smaller,
-WIDEST = 0.25  # but up to this width, in contact distances
+LARGEST_ERROR = 0.02  # relative error of g(r) above which neighbouring bins are pooled
+WIDEST = 0.25  # width of a pooled bin, in contact distances
 VARIABLES = (NAME,)
 LACKING = "the observable pair_distribution was not measured, or no two disks come near"
 

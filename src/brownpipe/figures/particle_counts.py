@@ -21,7 +21,7 @@ APART = 0.065  # least distance of two labels beside a panel, as a fraction of t
 SIDE = 0.025  # distance of the markers of two windows, as a fraction of the range of particle counts
 DIGIT = 0.024  # width of a digit below the horizontal axis, as a fraction of the axis
 VARIABLES = ("msd",)
-LACKING = "there are not two particle counts or more"
+LACKING = "it has fewer than two particle counts"
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -79,7 +79,7 @@ def _extent(cases: list[Dataset]) -> tuple[float, float]:
 
 
 def _name_counts(axes: Axes, counts: list[int]) -> None:
-    """Put a tick at every count, and a label where it does not touch the last one."""
+    """Put a tick at every count, and a label unless it would touch the label before."""
     low, high = axes.get_xlim()
     labels, free = [], -np.inf
     for count in counts:

@@ -1,4 +1,4 @@
-"""A picture of one whole run: every disk to scale, the tracer in colour with its path up to then."""
+"""A picture of one whole run at one time: every disk to scale, the tracer in colour with its path so far."""
 
 from __future__ import annotations
 

@@ -33,12 +33,12 @@ DASH_DOT = (0, (4, 1.5, 1, 1.5))
 # Colour, line and marker of the first, second, ... species, fit window or scene
 SERIES = ((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D"))
 PANEL = (4.8, 5.4)  # width and height of the panel of a case [inch]
-MOST_COLUMNS = 4  # of panels side by side; further ones begin a new row
+MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis
 BETWEEN = 0.09  # padding on each side of a panel [inch]
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 FILL = 0.22  # opacity of a band
-LIKELY = 2.0  # residuals of up to so many standard errors lie in the grey band
+LIKELY = 2.0  # half-height of the grey band of likely residuals, in standard errors
 LAYOUT_DIGITS = 9  # of positions, in units of the figure
 SAVE = {"png": {"dpi": 160, "metadata": {"Software": None}}, "svg": {"metadata": {"Date": None, "Creator": None}}}
 

@@ -26,8 +26,8 @@ def summary(dataset: Dataset) -> str:
     """Return the results as a text table with one line per scene, particle count and engine.
 
     The columns are the number of runs, the MSD at the end and D = slope/4 over the first fit window with their standard
-    errors over runs, and the verdict on eq. (18) with either D. All tests of the table are one family, of which each is
-    rejected at the family-wise level (Holm). Lines below explain the columns and name failed and missing seeds.
+    errors over runs, and the verdict on eq. (18) with either D. All tests of the table are one family: a model
+    is rejected at the family-wise level (Holm). Lines below explain the columns and name failed and missing seeds.
     """
     cases = cases_of(dataset)
     durations = sorted({case.duration.item() for case in cases})

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from xarray import Dataset
 
-EACH = ("scene", "particles", "engine")  # what labels a case
+EACH = ("scene", "particles", "engine")  # the labels of a case
 PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 
 

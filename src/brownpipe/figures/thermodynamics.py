@@ -29,7 +29,7 @@ PANELS = {
     RATE: ("collisions per disk and unit time", "collision rate of all disks"),
     TRACER: ("collisions per unit time", "collision rate of the tracer"),
 }
-MARGIN = 0.12  # beyond the data, as a fraction of their range; where they have none, 0.1 of the value
+MARGIN = 0.12  # beyond the data, as a fraction of their range; at least 0.1 of the value, except for Z
 MARKER = 0.022  # least distance of two markers, as a fraction of the horizontal axis
 LOOKS = [(SERIES[k % 4][0], SERIES[(k + k // 4) % 4][2]) for k in range(16)]  # of scenes: colour and marker
 VARIABLES = (RATE,)

@@ -67,7 +67,7 @@ def draw(dataset: Dataset, scene: str) -> Figure:
 
 
 def _remark(unlabelled: Sequence[str]) -> list[str]:
-    """Lines that explain the figure, and name the settings without a curve that ends inside it."""
+    """Lines that explain the figure, and name the settings whose curves do not end inside it."""
     key = "Bold: Pareto front, with unresolved biases at their 95 % upper bound. Dotted: error below that bound."
     missing = f"Error above 100 % or fewer than {FEWEST_RUNS} runs: {'; '.join(unlabelled)}." if unlabelled else ""
     return textwrap.wrap(key, REMARK_LINE) + textwrap.wrap(missing, REMARK_LINE)
@@ -93,7 +93,7 @@ def _line(axes: Axes, times: np.ndarray, setting, bound: float, colour: str) -> 
 
 
 def _bold(axes: Axes, times: np.ndarray, interval, settings: Sequence, colour: str) -> None:
-    """Draw the interval of CPU time in which a setting is the front."""
+    """Draw, in bold, the interval of CPU time in which a setting is on the Pareto front."""
     best = next(setting for setting in settings if setting.label == interval.label)
     start, end = np.clip([interval.start, interval.end], times[0], times[-1])
     inside = np.array([start, *times[(times > start) & (times < end)], end])

@@ -1,6 +1,6 @@
-"""Figure `velocity_autocorrelation`: that of the tracer and of the bath, from its initial slope to the 1/t tail.
+"""Figure `velocity_autocorrelation`: tracer and bath, from the initial slope to the 1/t tail.
 
-The initial slope follows from the collision rate, -gamma <v^2> (docs/theory.md); the tail is that of hydrodynamics in
+The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md); the tail is that of hydrodynamics in
 two dimensions.
 """
 
@@ -23,7 +23,7 @@ TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
 LOOKS = {TRACER: ("tracer", DATA, "-"), BATH: ("bath", FIT, DASHED)}  # label, colour, line
 LABEL = "$\\langle v(0) v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
-TAIL = 10  # by this factor at most the logarithmic axis extends below a curve to show its band
+TAIL = 10  # the logarithmic axis extends at most by this factor below a curve to show its band
 VARIABLES = (TRACER,)
 LACKING = "the observable velocity_autocorrelation was not measured"
 
@@ -55,7 +55,7 @@ def _extent(curves: list[dict[str, Dataset]]) -> tuple[float, float]:
 
 
 def _tail_extent(curves: list[dict[str, Dataset]]) -> tuple[float, float]:
-    """The same for the logarithmic axis, where bands may come close to 0."""
+    """Limits of the logarithmic axis that all cases share; bands that come close to 0 are cut off (TAIL)."""
     low, high = [0.5], [1.2]
     for of_case in curves:
         for name, curve in of_case.items():

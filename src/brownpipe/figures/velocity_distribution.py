@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-FEWEST_COUNTS = 5  # expected in a bin whose residual is shown
-LOWEST_DENSITY = 1e-6  # expected in the outermost bins that are shown
+FEWEST_COUNTS = 5  # expected counts of a bin whose residual is shown
+LOWEST_DENSITY = 1e-6  # expected density of the outermost bins shown
 LABELS = ("probability density", "(observed - expected)\n/ standard error")
 HEIGHTS = (3.6, 1.4)  # of a density and its residuals [inch]
 VARIABLES = ("velocity_density",)
@@ -76,7 +76,7 @@ def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
         observed = of_species[name].values
         error = of_species[f"{name}_standard_error"].values
         main.plot(case[dim], observed, marker, color=colour, markersize=3, markerfacecolor="none", label=species)
-        # A bin of relative error e holds 1/e^2 independent counts; the scatter is that of the expected number of them.
+        # A bin of relative error e has 1/e^2 independent counts; residuals are in standard errors of those expected.
         enough = (error > 0) & (expected * observed >= FEWEST_COUNTS * error**2)
         scatter = (error * np.sqrt(expected / np.where(enough, observed, 1)))[enough]
         low.plot(case[dim][enough], (observed - expected)[enough] / scatter, marker, color=colour, markersize=2.5)
