@@ -1,7 +1,7 @@
 """`brownpipe check`: what a scene or study will simulate, and its expected cost, before anything is run.
 
-The report has one line per property, which begins with a word of at most nine letters. Collisions and CPU times are
-those of `engines.forecast`; nothing is simulated or timed here.
+The report has one line per property, which begins with a word of at most nine letters. Collisions and CPU times come
+from `engines.forecast`; nothing is simulated or timed here.
 """
 
 from collections.abc import Sequence

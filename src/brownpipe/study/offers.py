@@ -1,4 +1,4 @@
-"""What each engine can offer: the number of runs that meets a tolerance or fits a budget, with its error and cost."""
+"""The number of runs of each engine that meets a tolerance or fits a budget, with its error and cost: an offer."""
 
 import os
 from typing import NamedTuple

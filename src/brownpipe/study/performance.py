@@ -33,7 +33,7 @@ class EnginePerformance(NamedTuple):
 
     @property
     def bias_square(self) -> float:
-        """The square of the bias that an error estimate assumes: at least that of its standard error."""
+        """The squared bias that enters the total error: at least the square of its standard error."""
         return max(self.bias**2, self.bias_error**2)
 
 

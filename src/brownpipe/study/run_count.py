@@ -1,4 +1,4 @@
-"""The number of runs that a tolerance needs: it depends on scene, tolerance and target alone, on any machine."""
+"""The number of runs that a tolerance needs: the same on every machine, for a given study."""
 
 import math
 import os
@@ -48,7 +48,7 @@ def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run
         needed = {case_title(case): runs_needed(case, study) for case in study.cases}
         plan = request | {"needed": needed, "runs": max(needed.values())}
         if not dry_run:
-            write_yaml(path, plan, "How many runs the tolerance of this study needs; made by its workflow, once.")
+            write_yaml(path, plan, "The number of runs that the tolerance of this study needs, determined once.")
     return _with_runs(study, plan["runs"])
 
 

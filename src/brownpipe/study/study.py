@@ -54,7 +54,7 @@ class Study:
     rings: int | None
     record: str = "tracer"  # or "none": no trajectories, only the observables measured in the runs
     observables: tuple[str, ...] = ()  # measured in each run
-    average: str = "runs"  # over what displacements and autocorrelations are averaged within a run
+    average: str = "runs"  # what displacements and autocorrelations are averaged over, of observables.AVERAGES
     tolerance: float | None = None  # relative error that determines the number of seeds
     target: str | None = None  # the quantity with this error, one of study_file.TARGETS
     instead_of: tuple[tuple[str, tuple[str, ...]], ...] = ()  # (scene, scenes that may be run in its place)

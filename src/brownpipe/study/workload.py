@@ -44,5 +44,5 @@ def describe_workload(study: Study) -> str:
 
 
 def recording_of(study: Study) -> tuple[set[str], tuple[str, ...], str]:
-    """Return what each run records, measures and averages over: the last arguments of `Engine.forecast`."""
+    """Return the last arguments of `Engine.forecast`: what each run records, what it measures, and the average."""
     return {study.record}, study.observables, study.average

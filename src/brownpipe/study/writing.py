@@ -1,4 +1,4 @@
-"""YAML files that brownpipe writes: the plan of a study, and studies made of others."""
+"""YAML files that brownpipe writes: the plan of a study, and studies derived from others."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,8 @@ from brownpipe.scene import reading
 from brownpipe.storage import write_file
 from brownpipe.study.study_file import MOST_STUDY_BYTES
 
-OF_THE_OTHER = ("tolerance", "target", "observable", "instead_of")  # keys that do not apply to the study that is made
+# Keys of the original study that do not apply to the derived one.
+OF_THE_OTHER = ("tolerance", "target", "observable", "instead_of")
 
 
 def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int, batch: int) -> dict:
