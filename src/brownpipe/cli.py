@@ -63,8 +63,8 @@ def simulate(arguments: Namespace) -> int:
 
     The tracer is always recorded, except with `--record none`. Runs that fail their health check are named, marked in
     the file and left out of every average; if all of them fail, the exit status is 1.
-    `--observables` measures quantities of all disks during each run and writes only the results: square_displacement,
-    velocity_autocorrelation, species_energy, velocity_distribution, pair_distribution.
+    `--observables` measures quantities in each run, while all disks are in memory, and writes only the results:
+    square_displacement, velocity_autocorrelation, species_energy, velocity_distribution, pair_distribution.
     `--checkpoint-every` stores the state of the batch in FILE.h5.checkpoint: after this many seconds, when the next
     block of simulated time (some 128 collisions of each disk) is complete. If the command is killed, the same command
     resumes there and writes the same file, byte for byte.
@@ -253,7 +253,10 @@ def _engine(arguments: Namespace) -> "Engine":
 
 
 def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
-    """Return (Checkpoints,) for `exact.simulate`: written to a file, continued from it if it is there; () unasked."""
+    """Return (Checkpoints,) for `exact.simulate`, stored in the file `path` and resumed from it if it exists.
+
+    Without --checkpoint-every return ().
+    """
     if arguments.checkpoint_every is None:
         return ()
     from brownpipe.engines.exact.checkpoint import Checkpoints

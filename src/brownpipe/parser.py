@@ -1,7 +1,7 @@
 """The arguments of the command line: every verb with its options, and how their values are read.
 
-A verb is a function of `cli`. Its arguments are added by the function of the same name here, which takes `add_argument`
-of the verb's parser; ARGUMENTS lists them. Values that only a study or a scene can judge are read by the verb itself.
+A verb is a function of `cli`. Its arguments are added by the function listed for it in ARGUMENTS, which takes
+`add_argument` of the verb's parser. Values that are valid only for some scenes or studies are checked by the verb.
 """
 
 import argparse
@@ -17,7 +17,7 @@ SCENE = "config/scenes/harrison2020.yaml"  # of the examples
 def build_parser(verbs: Iterable[Callable], argv: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser of a command line. A verb is a function: its name is the word, its docstring the help.
 
-    Only the verb that `argv` begins with gets its arguments, as those of `simulate` need the list of engines.
+    Only the verb that `argv` begins with gets its arguments: those of `simulate` take time, as they import all engines.
     """
     parser = _Parser("brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones.")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
@@ -146,12 +146,12 @@ ARGUMENTS = {  # verb: (function that adds its arguments, an example of them)
 }
 
 
-# -- their values ---------------------------------------------------------------------------------------------------
+# -- values of arguments --------------------------------------------------------------------------------------------
 # Each function raises ArgumentTypeError, which argparse shows with the name of the option.
 
 
 def _observables(text: str) -> str:
-    """Return names of observables, with commas; those of earlier versions become today's."""
+    """Return names of observables, separated by commas; names of earlier versions are replaced by the current ones."""
     from brownpipe.observables import RENAMED
     from brownpipe.scene.reading import Entry, current_name
 

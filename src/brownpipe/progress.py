@@ -13,7 +13,7 @@ INTERVAL = 0.2  # s between two updates of the counter
 
 @contextmanager
 def shown(say: Callable[[str], object]) -> Iterator[None]:
-    """Pass messages about compilation to `say` and, on a terminal, count the finished runs in its last line."""
+    """Pass messages about compilation to `say`; on a terminal, show the number of finished runs in its last line."""
     listeners = [(kernels.on_compile, say)]
     if sys.stderr.isatty():
         listeners.append((batch.on_entry, _counter()))

@@ -1,4 +1,4 @@
-"""What results are made with: the source files and package versions that decide them. Imports nothing heavy.
+"""Which source files and package versions determine a result. Imports nothing heavy.
 
 The source files of a result are found by their imports: a module and every module of brownpipe that it imports,
 directly or not, at the head of a file or inside a function.
@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 PACKAGE = Path(__file__).parent
 NAME = PACKAGE.name
-CATALOGUE = f"{NAME}.engines"  # imports all engines, of which only the one that runs decides the results
+CATALOGUE = f"{NAME}.engines"  # imports all engines, but only the one that runs determines the results
 IMPORT = re.compile(rf"^[ \t]*(?:from ({NAME}[\w.]*) import (\([^)]*\)|[^\n#]*)|import ({NAME}[\w.]*))", re.MULTILINE)
 
 
 class Step(NamedTuple):
-    """What decides the output of a step of the pipeline, besides its input and options."""
+    """What determines the output of a step of the pipeline, besides its input and options."""
 
-    modules: tuple[str, ...]  # of brownpipe, with all modules that they import; `room.*` is every module of a room
+    modules: tuple[str, ...]  # of brownpipe, with all modules that they import; `figures.*`: every module of a package
     packages: tuple[str, ...]  # whose versions count
 
 
@@ -81,7 +81,7 @@ def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
 
 
 def _members(folder: Path, name: str) -> list[str]:
-    """Every module directly in a room for the name `room.*`, otherwise the name itself."""
+    """Return the modules of a package for a name such as `figures.*`, otherwise the name itself."""
     room, every, _ = name.partition(".*")
     return [f"{room}.{file.stem}" for file in (folder / room).glob("[!_]*.py")] if every else [name]
 
@@ -105,7 +105,7 @@ def _file(folder: Path, module: str) -> Path | None:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of brownpipe and of the packages that decide its numbers and its files."""
+    """Return the versions of brownpipe and of the packages that determine its numbers and its files."""
     return {f"{name}_version": _version(name) for name in ("brownpipe", "numpy", "numba", "h5py")}
 
 
