@@ -24,7 +24,7 @@ FEWEST_RUNS = 10  # for an interval; with fewer its coverage is unknown for a sk
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
 _AT_ONCE = 512  # columns in a chunk
-_OTHER = 2**62  # first seed of a second, independent set of weights; larger than the seeds of runs
+_OTHER = 2**62  # first seed of a second, independent set of weights, far beyond the first set
 _NORMAL_975 = 1.959963984540054
 
 # Inverse transform: a weight is the number of these bounds, P(w <= k) to 2^-17, that 16 random bits reach or exceed.
