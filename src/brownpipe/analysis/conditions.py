@@ -1,6 +1,7 @@
 """Properties of the scene: box, disks, initial state of the tracer. No run is needed."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.variables import EACH, SPEED2, Variable
@@ -31,10 +32,10 @@ def initial_square_speed(scene: Scene) -> float:
 def start(scene: Scene) -> np.ndarray:
     """Return the position (2,) [length] of the tracer at t = 0; NaN if it is random."""
     moved = scene.equilibrate > 0 and scene.tracer_while_equilibrating == "free"
-    first = next(iter(scene.disks or scene.species), None)
-    if first is None or first.position is None or moved:
+    position = next((disk.position for disk in scene.disks or scene.species), None)
+    if position is None or moved:
         return np.full(2, np.nan)
-    return np.array(first.position, float)
+    return np.array(position, float)
 
 
 def accessible(scene: Scene, radius: float) -> tuple[float, float]:
@@ -57,7 +58,7 @@ def accessible_half_width(scene: Scene) -> float:
     return half_width if half_width > 0 else np.nan
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, object]:
+def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     scene, (x, y) = case.scene, start(case.scene)
     return {
         "box_width": scene.box.width,

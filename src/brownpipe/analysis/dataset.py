@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe.analysis import conditions, displacement, distribution, pairs, thermodynamics, velocity
 from brownpipe.analysis.displacement import labels
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs, with_estimates
-from brownpipe.analysis.outer_join import Part, joined
+from brownpipe.analysis.outer_join import Axes, Part, joined
 from brownpipe.analysis.runs import Group, RunBlock, blocks_of, groups_of, select
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
 from brownpipe.errors import AnalysisError
@@ -98,24 +99,24 @@ def _refuse_unsampled(cases: Sequence[Case], times: Sequence[float]) -> None:
 
 def _results(case: Case, group: Group) -> Part:
     """Return the values of all variables for one group."""
-    averages, health, failed = NO_RUNS, [], []
+    averages, health, masks = NO_RUNS, [], []
     for runs in blocks_of(group):
         bad = np.asarray(runs.observables["failed"], bool)
-        failed.append(bad)
+        masks.append(bad)
         health.append(np.stack([runs.observables.get(name, np.full(len(bad), np.nan)) for name in HEALTH]))
         if not bad.all():
             good = select(runs, ~bad) if bad.any() else runs
             case = case if case.edges else case._replace(edges=rings_of(case, good))
             averages = add_runs(averages, good.seeds, _columns(case, good))
     averages = with_estimates(averages)
-    failed = np.concatenate(failed)
-    values = {
+    failed = np.concatenate(masks)
+    values: dict[str, ArrayLike] = {
         "runs": np.count_nonzero(~failed),
         "failed_runs": np.count_nonzero(failed),
         "run_status": np.where(failed, FAILED, KEPT),
         **dict(zip(HEALTH, np.concatenate(health, axis=1), strict=True)),
     }
-    axes = {name: (name, [label]) for name, label in zip(EACH, case.key, strict=True)}
+    axes: Axes = {name: (name, [label]) for name, label in zip(EACH, case.key, strict=True)}
     axes |= {"time": ("time", case.times), "seed": ("seed", group.seeds)}
     for estimator in ESTIMATORS:
         estimates = estimator.estimate(case, averages)
@@ -127,7 +128,9 @@ def _results(case: Case, group: Group) -> Part:
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
     """The columns of all estimators."""
-    means, products, counts = {}, {}, {}
+    means: dict[str, np.ndarray] = {}
+    products: dict[str, np.ndarray] = {}
+    counts: dict[str, np.ndarray] = {}
     for estimator in ESTIMATORS:
         columns = estimator.columns(case, runs)
         means |= columns.means

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe.analysis import resampling
 from brownpipe.analysis.conditions import initial_square_speed
@@ -133,13 +134,13 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns(means | {"v2": v2}, {"r2_v2": squared * v2[:, None]})
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, object]:
+def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "msd" not in averages:
         return {}
     msd, lines, times = averages.estimate("msd"), averages.estimate("lines"), case.times
     slope, intercept = (resampling.Estimate(*(values[k] for values in lines)) for k in range(2))
     over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
-    values = {
+    values: dict[str, ArrayLike] = {
         **with_interval("msd", msd),
         **with_interval("msd_over_4t", scaled(msd, over_4t)),
         **with_interval("slope", slope),

@@ -6,6 +6,7 @@ docs/theory.md, sections 2 and 5.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe import theory
 from brownpipe.analysis import goodness, resampling
@@ -94,7 +95,7 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns({"r2": r2, "r4": r2**2}, {"r6": r2**3}, {"rings": np.array(counts), "shared": np.array(shared)})
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, object]:
+def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "r2" not in averages:
         return {}
     edges, counts = case.edges, averages.counts["rings"]

@@ -4,10 +4,10 @@ To add one: a module with an `ESTIMATOR`, entered in `dataset.ESTIMATORS`. Its `
 its `estimate` the averages over all runs with their errors; nothing else of a run stays in memory.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Never
 
 import numpy as np
 
@@ -16,13 +16,14 @@ from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.variables import Variable
 from brownpipe.scene import Scene
 
-NONE = MappingProxyType({})
+Arrays = Mapping[str, np.ndarray]
+NONE: Mapping[str, Never] = MappingProxyType({})  # empty, and so a mapping to values of any type
 
 
 class Options(NamedTuple):
     """Settings of the analysis."""
 
-    windows: tuple[tuple[float, float], ...]  # (start, end) of the straight-line fits [time]
+    windows: Sequence[tuple[float, float]]  # (start, end) of the straight-line fits [time]
     edges: np.ndarray | None  # (K + 1,) of the rings of the displacement distribution [length]; None: from the data
     displacement_times: tuple[float, ...]  # of that distribution [time]; empty for the end of each run
 
@@ -45,9 +46,9 @@ class Case(NamedTuple):
 class Columns(NamedTuple):
     """The columns of numbers that an estimator takes from n runs."""
 
-    means: Mapping = NONE  # name -> (n, ...): to be averaged over runs, with error and interval
-    products: Mapping = NONE  # name -> (n, ...): averaged without error, for functions of several means
-    counts: Mapping = NONE  # name -> (...): to be added up
+    means: Arrays = NONE  # name -> (n, ...): to be averaged over runs, with error and interval
+    products: Arrays = NONE  # name -> (n, ...): averaged without error, for functions of several means
+    counts: Arrays = NONE  # name -> (...): to be added up
 
 
 class Estimator(NamedTuple):
@@ -57,7 +58,7 @@ class Estimator(NamedTuple):
     estimate: Callable  # (Case, Averages) -> values by name of variable; {} if the columns are not there
     variables: dict[str, Variable]
     axes: Callable = lambda case, averages: {}  # (Case, Averages) -> name of a coordinate: (its dimension, values)
-    coordinates: Mapping = NONE  # name of such a coordinate -> attributes
+    coordinates: Mapping[str, dict] = NONE  # name of such a coordinate -> attributes
 
 
 class Averages(NamedTuple):
@@ -68,7 +69,7 @@ class Averages(NamedTuple):
     counts: dict  # name -> sum over runs
     estimates: Estimate | None = None  # of all columns
 
-    def __contains__(self, name: str) -> bool:
+    def __contains__(self, name: object) -> bool:
         return name in self.places
 
     @property
@@ -109,7 +110,7 @@ NO_RUNS = Averages(None, {}, {})
 
 def add_runs(averages: Averages, seeds: np.ndarray, columns: Columns) -> Averages:
     """Return the averages with the runs `seeds` (n,), n > 0, of the next block added."""
-    arrays = {name: np.asarray(values, float) for name, values in (columns.means | columns.products).items()}
+    arrays = {name: np.asarray(values, float) for name, values in {**columns.means, **columns.products}.items()}
     flat = [values.reshape(len(seeds), -1) for values in arrays.values()]
     ends = np.cumsum([0, *(values.shape[1] for values in flat)]).tolist()
     sums = resampling.add_block(averages.sums, seeds, np.concatenate(flat, axis=1), ends[len(columns.means)])

@@ -4,18 +4,21 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe.analysis.variables import SAME_TIME, Variable
 
 if TYPE_CHECKING:
     import xarray
 
+Axes = dict[str, tuple[str, Sequence | np.ndarray]]  # coordinate -> (dimension, values)
+
 
 class Part(NamedTuple):
     """The results of one case."""
 
-    values: dict[str, object]  # variable -> array whose size is that of its dimensions
-    axes: dict[str, tuple[str, Sequence]]  # coordinate -> (dimension, values); every dimension is a coordinate
+    values: dict[str, ArrayLike]  # variable -> array whose size is that of its dimensions
+    axes: Axes  # every dimension is a coordinate
 
 
 def joined(
@@ -40,7 +43,7 @@ def joined(
     for name, variable in variables.items():
         holders = [part for part in parts if name in part.values]
         if holders or variable.always:
-            full = np.full([size[dim] for dim in variable.dims], variable.absent, variable.dtype)
+            full: np.ndarray = np.full([size[dim] for dim in variable.dims], variable.absent, variable.dtype)
             for part in holders:
                 places = [_positions(part.axes[dim][1], axes[dim][1]) for dim in variable.dims]
                 full[np.ix_(*places)] = np.reshape(part.values[name], [len(rows) for rows in places])
@@ -50,10 +53,10 @@ def joined(
     return xarray.Dataset(data, along, attributes)
 
 
-def _joined_axes(axes: Sequence[dict], ascending: Collection[str]) -> dict[str, tuple[str, Sequence]]:
+def _joined_axes(axes: Sequence[Axes], ascending: Collection[str]) -> Axes:
     """Every coordinate over the union of the parts' axes: name -> (dimension, values)."""
     dimensions = {name: dim for own in axes for name, (dim, _) in own.items()}
-    along = {
+    along: Axes = {
         name: (dim, _union([own[name][1] for own in axes if name in own], name in ascending))
         for name, dim in dimensions.items()
         if name == dim
@@ -67,7 +70,7 @@ def _joined_axes(axes: Sequence[dict], ascending: Collection[str]) -> dict[str, 
     return along
 
 
-def _union(parts: Sequence[Sequence], ascending: bool) -> Sequence:
+def _union(parts: Sequence[Sequence | np.ndarray], ascending: bool) -> Sequence | np.ndarray:
     """All labels, or all numbers ascending, each once."""
     if isinstance(parts[0][0], str):
         labels = dict.fromkeys(label for part in parts for label in part)
@@ -76,7 +79,7 @@ def _union(parts: Sequence[Sequence], ascending: bool) -> Sequence:
     return axis if axis.dtype.kind in "iu" else axis[np.append(True, np.diff(axis) > SAME_TIME * np.abs(axis[1:]))]
 
 
-def _positions(values: Sequence, axis: Sequence) -> np.ndarray:
+def _positions(values: Sequence | np.ndarray, axis: Sequence | np.ndarray) -> np.ndarray:
     """Indices of a part's values in the union."""
     if isinstance(axis, list):
         return np.array([axis.index(label) for label in values])

@@ -4,6 +4,7 @@ P pairs of species, R bins of distance, n runs. See docs/theory.md, section 3.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe import observables, theory
 from brownpipe.analysis.conditions import accessible
@@ -71,7 +72,7 @@ def contact_weights(edges: np.ndarray, contact: float, decay: float) -> np.ndarr
         return np.full(weights.shape, np.nan)
     low, high = edges[:-1][inside] / contact, edges[1:][inside] / contact
     area = high**2 - low**2
-    basis = []  # orthonormal columns, and the value of each at contact
+    basis: list[tuple[np.ndarray, float]] = []  # orthonormal columns, and the value of each at contact
     for degree in range(ORDER + 2):
         column, at_contact = _bin_averages(low, high, degree, decay), float(degree == 0)
         for other, value in basis:  # Gram-Schmidt, sums in a fixed order: the same bits on every processor
@@ -221,8 +222,8 @@ def _at_contact(averages: Averages) -> Estimate:
     return widened(estimate, truncation(following))
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, object]:
-    values = {}
+def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    values: dict[str, ArrayLike] = {}
     if "pair_distribution" in averages:
         values |= with_interval("pair_distribution", _of_ideal(averages, "pair_distribution"))
         values |= with_interval("contact_value", _at_contact(averages))

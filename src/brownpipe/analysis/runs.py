@@ -15,6 +15,7 @@ from brownpipe.analysis.resampling import BLOCK
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
+from brownpipe.scene import Scene
 from brownpipe.storage import Outline, read_outline, read_trajectories
 
 LOADED = 2  # files kept in memory; enough to read each batch of consecutive seeds only once
@@ -115,7 +116,7 @@ def _refuse_duplicates(files: Sequence[TrajectoryFile], seeds: np.ndarray) -> No
 
 def _refuse_namesakes(groups: Sequence[Group]) -> None:
     """Refuse scenes of one name that differ in anything but their particle counts."""
-    known = {}
+    known: dict[str, Scene] = {}
     for scene in (group.outline.scene for group in groups):
         uncounted = replace(scene, species=tuple(replace(species, count=0) for species in scene.species))
         if known.setdefault(scene.name, uncounted) != uncounted:

@@ -5,6 +5,7 @@ n runs. See docs/theory.md, section 3.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_error, with_interval
@@ -158,8 +159,8 @@ MEASURED = {
 }  # fmt: skip
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, object]:
-    values = {}
+def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    values: dict[str, ArrayLike] = {}
     for name in (name for name in COLLISIONS if name in averages):
         values |= with_error(name, averages.estimate(name))
     for name in (name for name in MEASURED if name in averages):

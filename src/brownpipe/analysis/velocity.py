@@ -5,6 +5,7 @@ See docs/theory.md, section 4.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe import observables, theory
 from brownpipe.analysis.displacement import with_velocity
@@ -131,9 +132,9 @@ def _width(case, counts):
     return values[1] - values[0]
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, object]:
+def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     names = (*CORRELATIONS, "green_kubo", "species_energy", *DENSITIES)
-    values = {}
+    values: dict[str, ArrayLike] = {}
     for name in (name for name in names if name in averages):
         values |= with_interval(name, averages.estimate(name))
     if "velocity_autocorrelation" in averages and len(case.times) > 2:
