@@ -142,8 +142,10 @@ def contact_deviation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs |
     shells = _shells(np.asarray(exact).sum(axis=0))
     if not shells:
         return None
-    pooled = [np.stack([runs[:, p, k:m].sum(axis=1) for p, k, m in shells], axis=1) for runs in (approximate, exact)]
-    biases = relative_bias(*pooled, pairs)
+    pooled, reference = (
+        np.stack([runs[:, p, k:m].sum(axis=1) for p, k, m in shells], axis=1) for runs in (approximate, exact)
+    )
+    biases = relative_bias(pooled, reference, pairs)
     size = np.abs(biases.value)
     significance = np.divide(size, biases.standard_error, out=np.zeros_like(size), where=biases.standard_error > 0.0)
     value, error, low, high = (part[int(np.nanargmax(significance))] for part in biases)

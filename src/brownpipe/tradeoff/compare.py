@@ -18,7 +18,7 @@ TARGETS = {"msd": 0, "d": 1}  # columns of `_per_run`
 
 def compare(
     runs: EngineRuns, exact: EngineRuns, window: tuple[float, float], seconds: float, paired: bool = True
-) -> dict[str, object]:
+) -> dict[str, str | float | np.ndarray]:
     """Return every variable of one setting: name -> value. `seconds` is the CPU time of a run; `window` that of D.
 
     `paired`: runs of equal seeds start from the same state. Raises AnalysisError for fewer than two runs.
@@ -67,12 +67,14 @@ def _padded(values: np.ndarray) -> np.ndarray:
     return np.append(values, np.full(CURVE - len(values), np.nan))
 
 
-def _biases(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]) -> dict[str, object]:
+def _biases(
+    runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]
+) -> dict[str, float | np.ndarray]:
     """MSD at the end, D in the window and the curve of the MSD, all in one resampling."""
     curve = _curve(exact.times)
     samples, references = _per_run(runs, curve, window), _per_run(exact, curve, window)
     biases = bias.none_of(references) if runs is exact else bias.relative_bias(samples, references, pairs)
-    values = {}
+    values: dict[str, float | np.ndarray] = {}
     for name, column in TARGETS.items():
         of_target = Bias(*(part[column] for part in biases))
         values |= _with_interval(f"{name}_bias", of_target)
@@ -82,7 +84,7 @@ def _biases(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tu
     return values | _with_interval("msd_curve_bias", Bias(*(_padded(part[len(TARGETS) :]) for part in biases)))
 
 
-def _per_run(runs: EngineRuns, curve: Sequence[int], window: tuple[float, float]) -> np.ndarray:
+def _per_run(runs: EngineRuns, curve: Sequence[int] | np.ndarray, window: tuple[float, float]) -> np.ndarray:
     """(S, 2 + times of the curve): r^2 at the end, slope of r^2 over the window, r^2 along the curve."""
     slope = per_run_lines(runs.squared, runs.times, [window])[:, 0]
     return np.concatenate([runs.squared[:, -1:], slope, runs.squared[:, curve]], axis=1)

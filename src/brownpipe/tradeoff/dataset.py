@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from brownpipe.analysis.outer_join import Part, joined
+from brownpipe.analysis.outer_join import Axes, Part, joined
 from brownpipe.analysis.variables import SAME_TIME
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
@@ -57,8 +58,8 @@ def measure(
         settings = _settings(exact, comparisons, _window(exact, window), seconds_per_run)
         of_scene = _scene(exact, _window(exact, window))
         for label, values in settings.items():
-            axes = {"scene": labels[exact.key[:2]], "setting": label}
-            axes = {name: (name, [value]) for name, value in axes.items()} | {"sample": ("sample", range(CURVE))}
+            axes: Axes = {"scene": ("scene", [labels[exact.key[:2]]]), "setting": ("setting", [label])}
+            axes["sample"] = ("sample", range(CURVE))
             parts.append(Part(of_scene | values, axes))
     return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES, ascending=COORDINATES)
 
@@ -79,7 +80,7 @@ def _window(exact: EngineRuns, window: tuple[float, float] | None) -> tuple[floa
     return window or (exact.times[-1] / 10, exact.times[-1])
 
 
-def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, object]:
+def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, ArrayLike]:
     """The variables of a scene."""
     return {
         "digest": exact.scene.digest,

@@ -57,7 +57,7 @@ def pareto_front(settings: Sequence[Setting]) -> list[Interval]:
     settings = [setting for setting in settings if np.isfinite(setting.bias_square)]
     starts = {FEWEST_RUNS * setting.seconds for setting in settings}
     changes = sorted(starts | {time for pair in combinations(settings, 2) if (time := _crossing(*pair)) > min(starts)})
-    front = []
+    front: list[Interval] = []
     for start, end in zip(changes, [*changes[1:], np.inf], strict=True):
         middle = np.sqrt(start * end) if end < np.inf else 2 * start
         errors = [float(total_error(setting, middle)) for setting in settings]

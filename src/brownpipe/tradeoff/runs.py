@@ -60,17 +60,17 @@ def runs_of(scene: Scene, engine: Engine, ensemble: Ensemble) -> EngineRuns:
 def _joined(scene: Scene, engine: Engine, times: np.ndarray, blocks: Iterable[RunBlock]) -> EngineRuns:
     """Blocks of ascending seeds as one record."""
     size, failed = (scene.box.width, scene.box.height), 0
-    seeds, moved, outcomes, counts = [], [], [], []
+    seeds, tracks, outcomes, counts = [], [], [], []
     for runs in blocks:
         good = np.flatnonzero(_outcome(runs, "failed") == 0)
         failed += len(runs.seeds) - len(good)
         runs = select(runs, good)
         seeds.append(runs.seeds)
         track = displacement(runs.tracer.position, runs.tracer.image, size)
-        moved.append(np.ascontiguousarray(track.transpose(1, 0, 2)))
+        tracks.append(np.ascontiguousarray(track.transpose(1, 0, 2)))
         outcomes.append([_outcome(runs, name) for name in OUTCOMES])
         counts.append(runs.observables.get("pair_counts"))
-    moved = np.concatenate(moved)
+    moved = np.concatenate(tracks)
     return EngineRuns(
         scene,
         engine,
