@@ -1,6 +1,7 @@
 """Bias, scatter and cost of each engine in each case of a study, from stored trade-offs or else from pilot runs."""
 
 import json
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -81,7 +82,7 @@ def _from_dataset(of_scene: "xarray.Dataset", target: str) -> list[EnginePerform
         setting = of_scene.sel(setting=label)
         engine = recorded(json.loads(setting.engine.item()), str(label)) if setting.runs > 0 else None
         if engine is not None and engine.label == label:  # otherwise exact runs of a scene in place of this one
-            values = {name: setting[name].item() for name in setting.data_vars if setting[name].ndim == 0}
+            values = {str(name): setting[name].item() for name in setting.data_vars if setting[name].ndim == 0}
             performances.append(_performance(engine, values, target))
     return sorted(performances, key=lambda performance: performance.engine != REFERENCE)
 
@@ -105,7 +106,7 @@ def _case(scene: Scene, source: str, performances: list[EnginePerformance]) -> C
     return CasePerformance(scene, source, {performance.engine: performance for performance in performances})
 
 
-def _performance(engine: Engine, values: dict[str, float], target: str) -> EnginePerformance:
+def _performance(engine: Engine, values: Mapping[str, str | float | np.ndarray], target: str) -> EnginePerformance:
     """Return the performance that the variables of a trade-off (`tradeoff.compare`) give."""
     name = PREFIX[target]
     error = f"{name}_bias_noise" if target == "displacement_distribution" else f"{name}_bias_standard_error"

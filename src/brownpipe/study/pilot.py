@@ -24,7 +24,7 @@ def pilot_seconds(scene: Scene) -> float:
     return pilot_runs(scene) * forecast.of_run(scene).seconds
 
 
-def run_pilot(scene: Scene, engine: Engine) -> "tradeoff.Runs":
+def run_pilot(scene: Scene, engine: Engine) -> tradeoff.EngineRuns:
     """Run the pilot of a scene by an engine; all engines have the same seeds."""
     seeds = range(FIRST_SEED, FIRST_SEED + pilot_runs(scene))
     return tradeoff.runs_of(scene, engine, engine.simulate(scene, seeds, frozenset({"tracer"})))

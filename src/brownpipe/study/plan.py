@@ -23,7 +23,7 @@ RESOLVED = 2.0  # standard errors
 def tolerance_of(text: str) -> float:
     """Return the tolerance of a command line, 2% or 0.02. Raises RequestError."""
     try:
-        value = float(text)
+        value: float | str = float(text)
     except ValueError:
         value = text
     return read_tolerance(Entry(value, "", ("--tolerance",)))

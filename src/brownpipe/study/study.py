@@ -90,7 +90,7 @@ class Study:
     def case_table(self) -> dict[str, dict[str, dict[str, str]]]:
         """Scene file, relative to the working directory, and digest of the physics: [scene][particle count]."""
         files = {path.stem: os.path.relpath(path) for path in self.scenes}
-        table = {name: {} for name in files}
+        table: dict[str, dict[str, dict[str, str]]] = {name: {} for name in files}
         for case in self.cases:
             table[case.name][str(case.particles)] = {"file": files[case.name], "digest": case.digest}
         return table

@@ -263,7 +263,7 @@ def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float
 
 def _displacement_times(entry: Entry, cases: tuple[Scene, ...]) -> tuple[float, ...]:
     """Return the times of the displacement distribution; each is a sample time of at least one scene."""
-    times = []
+    times: list[float] = []
     for item in reading.items(entry):
         time = reading.number(item, above=0)
         if not any(np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in cases):

@@ -14,7 +14,8 @@ OF_THE_OTHER = ("tolerance", "target", "observable", "instead_of")
 
 def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int, batch: int) -> dict:
     """Return the contents of a study file at `path`: the scenes of another study with so many runs of one engine."""
-    mapping = dict(reading.read_yaml(study_file, MOST_STUDY_BYTES))
+    mapping = reading.read_yaml(study_file, MOST_STUDY_BYTES)
+    assert isinstance(mapping, dict)  # as `study_file` has been read as a study before
     scenes = mapping["scenes"] if isinstance(mapping["scenes"], list) else [mapping["scenes"]]
     folder = Path(path).resolve().parent
     mapping["scenes"] = [os.path.relpath(Path(study_file).resolve().parent / scene, folder) for scene in scenes]
