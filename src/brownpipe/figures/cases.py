@@ -5,14 +5,14 @@ A case is one scene with one particle count and one engine: the dataset without 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, SupportsFloat
 
 import numpy as np
 
 from brownpipe.errors import FigureError
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from xarray import DataArray, Dataset
 
 NOTE_PARTICLES = 150  # of the 2020 note
 
@@ -51,7 +51,7 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
 
 def by_scene(cases: list[Dataset]) -> dict[str, list[Dataset]]:
     """Group the cases by the name of their scene; scenes and cases keep their order."""
-    groups = {}
+    groups: dict[str, list[Dataset]] = {}
     for case in cases:
         groups.setdefault(case.scene.item(), []).append(case)
     return groups
@@ -59,7 +59,7 @@ def by_scene(cases: list[Dataset]) -> dict[str, list[Dataset]]:
 
 def by_series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
     """Group the cases that differ in particle count alone, under the name of their scene and engine."""
-    groups = {}
+    groups: dict[str, list[Dataset]] = {}
     for case in cases:
         groups.setdefault(case.scene.item() + _engine_suffix(case), []).append(case)
     return groups
@@ -72,7 +72,7 @@ def over_time(case: Dataset, name: str = "msd") -> Dataset:
 
 def defined(case: Dataset, name: str, dim: str) -> Dataset:
     """Return the case restricted along `dim` to the points where `name` has a value."""
-    values = np.isfinite(case[name])
+    values: DataArray = np.isfinite(case[name])  # type: ignore[assignment]  # an array in NumPy's stubs
     return case.isel({dim: values.any([other for other in values.dims if other != dim]).values})
 
 
@@ -102,7 +102,7 @@ def _engine_suffix(case: Dataset) -> str:
     return "" if case.engine == "exact" else f", {case.engine.item()}"
 
 
-def plus_minus(value: float, error: float) -> str:
+def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
     """Return `0.974 ± 0.022`: the value rounded to the two leading digits of its standard error.
 
     Without a positive error return the value alone, and `-` if it is not finite.

@@ -170,7 +170,7 @@ def _standardised(case: Dataset, model: Dataset) -> np.ndarray:
 def _models(case: Dataset) -> list[tuple[Dataset, tuple]]:
     """The first defined model of each source of D, and its LOOKS; the reflecting square only where its walls matter."""
     models = [case.isel(model=k) for k in range(case.sizes["model"])]
-    first = {}
+    first: dict[str, Dataset] = {}
     for model in models:
         if np.isfinite(model.model_diffusion_coefficient):
             first.setdefault(_source(model), model)

@@ -87,7 +87,7 @@ def _diffusing(case: Dataset) -> Iterator[tuple[float, str]]:
     D, which then follows from the last MSD below that half. There is no D if no line could be fitted, if it does not
     rise, or if the tracer still moves ballistically where the window begins.
     """
-    stopped = np.flatnonzero(case.msd > float(case.accessible_half_width) ** 2 / 3) if _walled(case) else ()
+    stopped = np.flatnonzero(_walled(case) and case.msd > float(case.accessible_half_width) ** 2 / 3)
     if len(stopped) and stopped[0] > 1 and _diffuses(case, case.time.values[stopped[0] - 1]):
         t = case.time.values[stopped[0] - 1]
         msd = float(case.msd[stopped[0] - 1])
@@ -95,15 +95,15 @@ def _diffusing(case: Dataset) -> Iterator[tuple[float, str]]:
         yield diffusion, f"diffusion between walls: D from MSD({t:.3g}) = {diffusion:.3g}"
         return
     for fit in [fit for fit in fits_of(case) if _diffuses(case, float(fit.window_start))][-1:]:
-        diffusion = plus_minus(fit.diffusion_coefficient, fit.diffusion_coefficient_standard_error)
+        value = plus_minus(fit.diffusion_coefficient, fit.diffusion_coefficient_standard_error)
         model = "diffusion between walls" if _walled(case) else "free diffusion, $4Dt$"
         if fit.diffusion_coefficient > 0:
-            yield float(fit.diffusion_coefficient), f"{model}: D over {fit.window.item()} = {diffusion}"
+            yield float(fit.diffusion_coefficient), f"{model}: D over {fit.window.item()} = {value}"
 
 
 def _diffuses(case: Dataset, time: float) -> bool:
     """Return whether the MSD at this time is far below that of ballistic flight."""
-    ballistic = theory.ballistic_msd(time, float(case.initial_square_speed))
+    ballistic = float(theory.ballistic_msd(time, float(case.initial_square_speed)))
     return float(np.interp(time, case.time.values, case.msd.values)) < FORGOTTEN * ballistic
 
 
@@ -158,5 +158,5 @@ def table(cases: list[Dataset]) -> Table:
             diffusing = _diffusion(case, columns[0], diffusion)
         lines = [_fitted(case.isel(window=k), columns[0]) for k in range(case.sizes["window"])]
         rows += [(*label, *values) for values in zip(*columns, ballistic, diffusing, *lines, strict=True)]
-    lines = (f"fit over {window}" for window in cases[0].window.values)
-    return Table((*header, "ballistic", "diffusion", *lines), rows)
+    fits = (f"fit over {window}" for window in cases[0].window.values)
+    return Table((*header, "ballistic", "diffusion", *fits), rows)

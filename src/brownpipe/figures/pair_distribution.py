@@ -66,8 +66,8 @@ def _panel(axes: Axes, case: Dataset) -> None:
         label, colour, marker, side = CONTACTS[name]
         value = plus_minus(case[name], case[f"{name}_standard_error"])
         at = contact + side * 0.01 * (r[-1] - contact)
-        looks = {"fmt": marker, "color": colour, "markersize": 5}
-        axes.errorbar(at, case[name], bars([case], name), label=f"{label}: {value}", **looks)
+        reach = bars([case], name)
+        axes.errorbar(at, case[name], reach, fmt=marker, color=colour, markersize=5, label=f"{label}: {value}")
     axes.set_xlim(contact - 0.04 * (r[-1] - contact), r[-1])
 
 
@@ -110,9 +110,9 @@ def _pooled(case: Dataset, number: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     first = np.arange(0, r.size, number)
     total = np.add.reduceat(r, first)
     reach = [np.abs(case[f"{NAME}_{end}"].values - g) for end in ("low", "high")]
-    errors = [np.sqrt(np.add.reduceat((r * error) ** 2, first)) / total for error in reach]
+    down, up = (np.sqrt(np.add.reduceat((r * error) ** 2, first)) / total for error in reach)
     edges = np.append(r[first], r[-1] + _width(case)) - _width(case) / 2
-    return edges, np.add.reduceat(r * g, first) / total, *errors
+    return edges, np.add.reduceat(r * g, first) / total, down, up
 
 
 def table(cases: list[Dataset]) -> Table:

@@ -65,8 +65,10 @@ def _diffusion(axes: Axes, cases: list[Dataset]) -> None:
         fits = [fit for case in cases for fit in fits_of(case) if fit.window == window]
         n = [fit.particles.item() + (k - (len(windows) - 1) / 2) * step for fit in fits]
         d = [float(fit.diffusion_coefficient) for fit in fits]
-        looks = {"fmt": marker, "color": colour, "markersize": 5, "markerfacecolor": "white", "elinewidth": 1.3}
-        axes.errorbar(n, d, bars(fits, "diffusion_coefficient"), label=f"window {window}", **looks)
+        reach, label = bars(fits, "diffusion_coefficient"), f"window {window}"
+        axes.errorbar(
+            n, d, reach, fmt=marker, color=colour, markersize=5, markerfacecolor="white", elinewidth=1.3, label=label
+        )
 
 
 def _extent(cases: list[Dataset]) -> tuple[float, float]:

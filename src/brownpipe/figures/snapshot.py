@@ -78,7 +78,7 @@ def snapshot(run: WholeRun) -> bytes:
 def scenery_of(run: WholeRun) -> Scenery:
     """Return the figure of a run with box, disks and path, to be set to a sample within the context `style.drawing`."""
     shades = _shades(run.scene)
-    axes = _box(run.scene, f"{run.scene.name}, N = {run.scene.particles}, seed {run.seed}", shades)
+    figure, axes = _box(run.scene, f"{run.scene.name}, N = {run.scene.particles}, seed {run.seed}", shades)
     disks = _disks(axes)
     (path,) = axes.plot([], [], color=DATA, linewidth=1.2)
     (centre,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
@@ -97,7 +97,7 @@ def scenery_of(run: WholeRun) -> Scenery:
         centre.set_data(*run.position[k, :1].T)
         time.set_text(_time_text(run.times, k))
 
-    return Scenery(axes.figure, (disks, path, centre, time), show)
+    return Scenery(figure, (disks, path, centre, time), show)
 
 
 # --- the background
@@ -111,8 +111,8 @@ def _shades(scene: Scene) -> np.ndarray:
     return np.append(0, 1 + rank[species.ravel()] % (len(FACES) - 1))
 
 
-def _box(scene: Scene, title: str, shades: np.ndarray) -> Axes:
-    """The axes of the empty box, with solid sides for hard walls and dashed ones for a periodic box."""
+def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
+    """The figure and the axes of the empty box, with solid sides for hard walls and dashed ones for a periodic box."""
     from matplotlib.figure import Figure
 
     scale = LONGER_SIDE / max(scene.box.width, scene.box.height)
@@ -131,7 +131,7 @@ def _box(scene: Scene, title: str, shades: np.ndarray) -> Axes:
     figure.text(SIDE / size[0], 1 - 0.12 / size[1], title, fontsize=11, fontweight="bold", va="top")
     _legend(figure, entries, SIDE / size[0], 1 - (0.12 + 0.2) / size[1])
     _scale_bar(axes, scene.box, height)
-    return axes
+    return figure, axes
 
 
 def _legend_entries(scene: Scene, shades: np.ndarray) -> list[tuple[int, str]]:
@@ -154,9 +154,11 @@ def _legend(figure: Figure, entries: list[tuple[int, str]], x: float, y: float) 
     """Draw the legend with its upper left corner at (x, y), fractions of the figure."""
     from matplotlib.lines import Line2D
 
-    disk = {"linestyle": "", "marker": "o", "markersize": 8}
     colours = [(FACES[shade], DATA if shade == 0 else RIM) for shade, _ in entries]
-    marks = [Line2D([], [], markerfacecolor=face, markeredgecolor=rim, **disk) for face, rim in colours]
+    marks = [
+        Line2D([], [], linestyle="", marker="o", markersize=8, markerfacecolor=face, markeredgecolor=rim)
+        for face, rim in colours
+    ]
     texts = [text for _, text in entries]
     figure.legend(marks, texts, loc="upper left", bbox_to_anchor=(x, y), borderpad=0, borderaxespad=0, handlelength=1)
 
@@ -166,11 +168,13 @@ def _scale_bar(axes: Axes, box: Box, height: float) -> None:
     most = box.width / 4
     length = 10.0 ** np.floor(np.log10(most))
     length *= max(step for step in (1, 2, 5) if step * length <= most)
-    at = {"transform": axes.get_xaxis_transform(), "clip_on": False}
-    axes.plot([box.x[0], box.x[0] + length], [-0.2 / height] * 2, color=INK, linewidth=3, solid_capstyle="butt", **at)
+    ends = [box.x[0], box.x[0] + length]
+    y = -0.2 / height
+    at = axes.get_xaxis_transform()
+    axes.plot(ends, [y, y], color=INK, linewidth=3, solid_capstyle="butt", transform=at, clip_on=False)
     sides = "periodic" if box.periodic else "hard walls"
     text = f"  {length:g} (reduced units); {sides}"
-    axes.text(box.x[0] + length, -0.2 / height, text, va="center_baseline", fontsize=8.8, **at)
+    axes.text(ends[1], y, text, va="center_baseline", fontsize=8.8, transform=at, clip_on=False)
 
 
 # --- disks and path
@@ -181,7 +185,8 @@ def _disks(axes: Axes) -> EllipseCollection:
     from matplotlib.collections import EllipseCollection
 
     disks = EllipseCollection([], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5)
-    return axes.add_collection(disks)
+    axes.add_collection(disks)
+    return disks
 
 
 def _with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.typing import RcKeyType
     from xarray import Dataset
 
 # Colours by meaning: measured data, fits, models, reference lines, text and theory
@@ -40,9 +41,12 @@ TITLE = 45  # characters of a title that fit above a panel; longer ones are set 
 FILL = 0.22  # opacity of a band
 LIKELY = 2.0  # half-height of the grey band of likely residuals, in standard errors
 LAYOUT_DIGITS = 9  # of positions, in units of the figure
-SAVE = {"png": {"dpi": 160, "metadata": {"Software": None}}, "svg": {"metadata": {"Date": None, "Creator": None}}}
+SAVE: dict[str, dict] = {
+    "png": {"dpi": 160, "metadata": {"Software": None}},
+    "svg": {"metadata": {"Date": None, "Creator": None}},
+}
 
-_STYLE = {
+_STYLE: dict[RcKeyType, object] = {
     "font.family": "DejaVu Sans",
     "font.size": 10,
     "mathtext.fontset": "dejavusans",
@@ -100,10 +104,9 @@ def image_bytes(figure: Figure, suffix: str) -> bytes:
 def _figure(width: float, height: float) -> Figure:
     """Return an empty figure [inch], laid out with padding between the tick labels of neighbouring panels."""
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure((width, height), layout="constrained")
-    figure.get_layout_engine().set(w_pad=BETWEEN)
-    return figure
+    return Figure((width, height), layout=ConstrainedLayoutEngine(w_pad=BETWEEN))
 
 
 def tall_and_low(
@@ -140,7 +143,7 @@ def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
         low, high = low / 2, high * 2
     axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
     axis, places = getattr(axes, f"{name}axis"), log_ticks(low, high)
-    axis.set_major_locator(FixedLocator(places))
+    axis.set_major_locator(FixedLocator(places.tolist()))
     axis.set_major_formatter(FixedFormatter(_log_labels(places)))
     axis.set_minor_locator(LogLocator(subs=range(1, 10), numticks=99))
     axis.set_minor_formatter(NullFormatter())
@@ -157,7 +160,7 @@ def log_ticks(low: float, high: float) -> np.ndarray:
         places = places[(places >= low * (1 - 1e-9)) & (places <= high * (1 + 1e-9))]
         if len(places) > 1:
             return places[:: -(-len(places) // MOST_TICKS)]
-    places = MaxNLocator(4).tick_values(low, high)
+    places = np.asarray(MaxNLocator(4).tick_values(low, high))
     return places[(places >= low) & (places <= high)]
 
 
@@ -173,7 +176,7 @@ def _log_labels(places: np.ndarray) -> list[str]:
     return labels
 
 
-def apart(places: Sequence[float], least: float, low: float, high: float) -> np.ndarray:
+def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:
     """Return places moved as little as possible (least squares) until they lie `least` apart in [low, high].
 
     Their order stays. If the interval is too short for that, they divide it evenly.
@@ -188,7 +191,8 @@ def apart(places: Sequence[float], least: float, low: float, high: float) -> np.
             (a, m), (b, n) = blocks[-2:]
             blocks[-2:] = [((m * a + n * b) / (m + n), m + n)]
     moved = np.empty(count)
-    moved[order] = np.clip(np.repeat(*zip(*blocks, strict=True)), low, high - steps[-1]) + steps
+    means, numbers = zip(*blocks, strict=True)
+    moved[order] = np.clip(np.repeat(means, numbers), low, high - steps[-1]) + steps
     return moved
 
 
@@ -235,7 +239,7 @@ def columns(
     return figure, stacks[:, :count]
 
 
-def heads(panels: Sequence[Axes], titles: Iterable[str]) -> None:
+def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
     from matplotlib.transforms import ScaledTranslation
 
@@ -244,8 +248,9 @@ def heads(panels: Sequence[Axes], titles: Iterable[str]) -> None:
         axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / len(title)))
         if axes.get_legend_handles_labels()[1]:
             above = axes.transAxes + ScaledTranslation(0, (pad - 5) / 72, axes.figure.dpi_scale_trans)
-            place = {"loc": "upper left", "bbox_to_anchor": (-0.02, 1.0), "bbox_transform": above, "borderaxespad": 0}
-            axes.legend(**place, labelspacing=0.35).set_in_layout(False)
+            axes.legend(
+                loc="upper left", bbox_to_anchor=(-0.02, 1.0), bbox_transform=above, borderaxespad=0, labelspacing=0.35
+            ).set_in_layout(False)
 
 
 def residual_panel(axes: Axes) -> None:

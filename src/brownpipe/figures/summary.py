@@ -35,7 +35,7 @@ def summary(dataset: Dataset) -> str:
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
     rows = [("scene", "N", "engine", "runs", end, "D", *TESTS), *map(_row, cases, p, rejected)]
-    tests = np.count_nonzero(np.isfinite(p))
+    tests = int(np.count_nonzero(np.isfinite(p)))
     hidden = set() if tests else set(TESTS)
     if len({row[2] for row in rows}) == 2:  # the header and one engine
         hidden.add("engine")
@@ -93,7 +93,7 @@ def summary_table(dataset: Dataset) -> Table:
     """Return every number of the summary, and those of the other fit windows: one row per case and window."""
     label = ("scene", "particles", "engine", "runs", "failed_runs", "missing_seeds")
     end_of_run = ("msd", "msd_standard_error")
-    fits = ("window_start", "window_end", "slope", "slope_standard_error", "naive_slope_error")
+    fits: tuple[str, ...] = ("window_start", "window_end", "slope", "slope_standard_error", "naive_slope_error")
     fits += ("diffusion_coefficient", "diffusion_coefficient_standard_error")
     tests = [
         (test, k, model)

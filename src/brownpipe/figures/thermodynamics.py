@@ -56,7 +56,7 @@ def draw(cases: list[Dataset]) -> Figure:
             _deviations(panel, series, name)
             panel.set_visible(bool(compared))
         if name == Z and any(has(case, "compressibility_rate") for case in compared):  # equal disks
-            _equations_of_state(main, *low, ends)
+            _equations_of_state(main, low[0], ends)
         main.set_xlim(*ends)
         main.locator_params(axis="x", nbins=5)
         below = low[0] if compared else main
@@ -110,8 +110,8 @@ def _deviations(axes: Axes, series: list[tuple], name: str) -> None:
         compared = [(case, x) for case, x in zip(cases, phi, strict=True) if np.isfinite(_expected(case, name))]
         reference = np.array([_expected(case, name) for case, _ in compared])
         value = np.array([float(case[_at_temperature(case, name)]) for case, _ in compared])
-        reach = [bars([case], _at_temperature(case, name))[:, 0] for case, _ in compared]
-        reach = np.reshape(reach, (-1, 2)).T
+        ends = [bars([case], _at_temperature(case, name))[:, 0] for case, _ in compared]
+        reach = np.reshape(ends, (-1, 2)).T
         axes.errorbar([x for _, x in compared], 100 * (value / reference - 1), 100 * reach / reference, **looks)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.margins(y=0.15)
@@ -127,7 +127,7 @@ def _expected(case: Dataset, name: str) -> float:
     """Luding's Z for equal disks (NaN above its densities), otherwise Enskog's value, NaN if the dataset has none."""
     if name == Z and has(case, "compressibility_rate"):
         phi = float(case.packing_fraction)
-        return theory.compressibility(phi, theory.contact_value(phi)) if phi <= DENSEST else np.nan
+        return float(theory.compressibility(phi, theory.contact_value(phi))) if phi <= DENSEST else np.nan
     return float(case[f"enskog_{name}"]) if has(case, f"enskog_{name}") else np.nan
 
 

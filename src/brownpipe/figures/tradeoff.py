@@ -245,7 +245,7 @@ def _scenes(dataset: Dataset) -> list[str]:
 
 def render(dataset: Dataset, folder: str | Path) -> list[Path]:
     """Write tradeoff_SCENE.png and .svg for every scene, tradeoff.csv and tradeoff.txt; return the paths."""
-    files = {}
+    files: dict[str, bytes] = {}
     with drawing():
         for scene in _scenes(dataset):
             figure = draw(dataset, scene)
