@@ -7,11 +7,13 @@ import numpy as np
 ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
 LARGEST_BOUND = 10**18  # disks; returned for every larger bound, as no scene has so many
 
+Sides = tuple[tuple[float, float], tuple[float, float]]  # (x_low, x_high), (y_low, y_high) [length]
 
-def overlap(position: np.ndarray, radius: np.ndarray, box=None) -> tuple[int, int, float] | None:
+
+def overlap(position: np.ndarray, radius: np.ndarray, box: Sides | None = None) -> tuple[int, int, float] | None:
     """Return two overlapping disks and the (negative) gap between their edges, None if no two overlap.
 
-    position: (N, 2), radius: (N,) [length]. box: ((x_low, x_high), (y_low, y_high)) if periodic, else None. Overlaps
+    position: (N, 2), radius: (N,) [length]. box: its sides if periodic, else None. Overlaps
     within round-off do not count.
 
     Sweep and prune along the longer side: with the disks sorted by their left edges, the disks whose left edge lies
@@ -44,7 +46,7 @@ def overlap(position: np.ndarray, radius: np.ndarray, box=None) -> tuple[int, in
     return None
 
 
-def _with_images(position: np.ndarray, radius: np.ndarray, box) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _with_images(position: np.ndarray, radius: np.ndarray, box: Sides) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return positions (M, 2), radii and indices (M,) of all disks and of those images that reach into the box."""
     low, high = np.array(box, dtype=float).T
     shifts = [np.array([i, j]) * (high - low) for i in (0, -1, 1) for j in (0, -1, 1)]

@@ -11,7 +11,7 @@ import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import yaml
 
@@ -75,8 +75,11 @@ def _document(file: str, events: Iterator[yaml.Event]) -> object:
     return value
 
 
-def _value(file: str, events: Iterator[yaml.Event], event: yaml.Event, depth: int) -> object:
-    """Return the value that begins with `event`; a list or mapping takes its parts from the following `events`."""
+def _value(file: str, events: Iterator[yaml.Event], event: Any, depth: int) -> object:
+    """Return the value that begins with `event`; a list or mapping takes its parts from the following `events`.
+
+    `event` is an alias or the beginning of a scalar, list or mapping; not all of these classes have the same attributes.
+    """
     if event.anchor is not None:
         _refuse_line(file, event, "anchors (&name) and aliases (*name) are not allowed; write the value out")
     if event.tag is not None:
@@ -90,7 +93,7 @@ def _value(file: str, events: Iterator[yaml.Event], event: yaml.Event, depth: in
         while not isinstance(event := next(events), yaml.SequenceEndEvent):
             values.append(_value(file, events, event, depth + 1))
         return values
-    mapping = {}
+    mapping: dict[str, object] = {}
     while not isinstance(event := next(events), yaml.MappingEndEvent):
         key = _key(file, event, mapping)
         mapping[key] = _value(file, events, next(events), depth + 1)

@@ -144,7 +144,7 @@ def _as_mapping(scene: Scene) -> dict:
         common["samples"] = asdict(scene.samples)
     if scene.velocities is None:
         return common | {"disks": [asdict(disk) for disk in scene.disks]}
-    disks = {"tracer": None, "species": [], "placement": scene.placement}
+    disks: dict = {"tracer": None, "species": [], "placement": scene.placement}
     for species in scene.species:
         size = {"radius": species.radius, "mass": species.mass}
         if species.name == "tracer":

@@ -42,12 +42,14 @@ def parse_scene(mapping: object, where: str, particles: int | None = None) -> Sc
         raise RequestError(f"{where}: is a study, not a scene; run snakemake --configfile {where}")
     optional = dict.fromkeys(("particles", "velocities", "sample_interval", "samples", "equilibrate"))
     entries = reading.fields(Entry(mapping, where), ("box", "disks", "duration"), optional)
-    explicit = isinstance(entries["disks"].value, list | tuple)
+    disks = entries["disks"].value
+    listed = len(disks) if isinstance(disks, list | tuple) else None  # number of explicit disks
     if particles is not None:
         total = Entry(particles, where, ("particles asked for",))
-        if explicit and particles != len(entries["disks"].value):
-            must_be(total, f"{len(entries['disks'].value)}, the number of disks listed")
-        entries |= {} if explicit else {"particles": total}
+        if listed is None:
+            entries["particles"] = total
+        elif particles != listed:
+            must_be(total, f"{listed}, the number of disks listed")
     duration = reading.number(entries["duration"], above=0)
     common = {
         "name": reading.name(Entry(Path(where).stem, where, ("name of the file",))),
@@ -56,7 +58,7 @@ def parse_scene(mapping: object, where: str, particles: int | None = None) -> Sc
         "sample_interval": sample_times.read_interval(entries["sample_interval"], duration),
         "samples": sample_times.read_samples(entries["samples"], entries["sample_interval"], duration),
     }
-    return _explicit(entries, common) if explicit else _of_species(entries, common)
+    return _of_species(entries, common) if listed is None else _explicit(entries, common)
 
 
 def _box(entry: Entry) -> Box:

@@ -36,7 +36,7 @@ def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
 
 def _merged(ends: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Return ranges (first, last) in ascending order, joined where they touch or overlap."""
-    merged = []
+    merged: list[tuple[int, int]] = []
     for first, last in sorted(ends):
         if merged and first <= merged[-1][1] + 1:
             first, last = merged[-1][0], max(last, merged.pop()[1])
