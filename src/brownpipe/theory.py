@@ -7,10 +7,12 @@ docs/theory.md derives and explains the formulas; each docstring names its secti
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 Numbers = float | np.ndarray
+Broadcast = Any  # a float if all arguments are floats, otherwise an array: more than a type checker can tell
 
 # Below this D t / a^2 the walls of a square of half-width a change the MSD by less than round-off: the probability
 # erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
@@ -22,7 +24,7 @@ _NODES = 64  # of the quadrature over a quarter circle; error 1e-15 for the narr
 # --- diffusion
 
 
-def diffusive_msd(t: Numbers, diffusion: Numbers) -> Numbers:
+def diffusive_msd(t: Numbers, diffusion: Numbers) -> Broadcast:
     """Return the mean squared displacement [length^2] of free diffusion in the plane, 4 D t: eq. (12).
 
     docs/theory.md, section 2.
@@ -30,7 +32,7 @@ def diffusive_msd(t: Numbers, diffusion: Numbers) -> Numbers:
     return 4.0 * diffusion * np.asarray(t, float)
 
 
-def ring_probability(inner: Numbers, outer: Numbers, t: Numbers, diffusion: Numbers) -> Numbers:
+def ring_probability(inner: Numbers, outer: Numbers, t: Numbers, diffusion: Numbers) -> Broadcast:
     """Return the probability that free diffusion from the origin ends between two radii after time `t > 0`.
 
     Eq. (18) integrated over the ring, exact for any width: exp(-inner^2/4Dt) - exp(-outer^2/4Dt). `outer` may be inf.
@@ -41,7 +43,7 @@ def ring_probability(inner: Numbers, outer: Numbers, t: Numbers, diffusion: Numb
     return np.exp(-inner_exponent) * -np.expm1(inner_exponent - outer_exponent)
 
 
-def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -> Numbers:
+def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -> Broadcast:
     """Return the MSD [length^2] of diffusion that starts at the centre of a reflecting square.
 
     `half_width` is that of the accessible square, a = w - R for a disk of radius R between walls at +-w. The two
@@ -79,14 +81,14 @@ def reflecting_square_within(r: Numbers, t: float, diffusion: float, half_width:
     return np.where(r >= np.sqrt(2.0) * a, 1.0, np.minimum(_component_within(s, tau, a) + arc, 1.0))
 
 
-def _component_density(x, tau, a):
+def _component_density(x: np.ndarray, tau: float, a: float) -> np.ndarray:
     """Return the density [1/length] of one component at x after the time tau = D t/a^2."""
     k = np.arange(1, _SERIES_TERMS + 1)
     decay = np.exp(-(np.pi**2) * k**2 * tau)
     return (1.0 + 2.0 * (decay * np.cos(k * np.pi * x[..., None] / a)).sum(axis=-1)) / (2.0 * a)
 
 
-def _component_within(h, tau, a):
+def _component_within(h: np.ndarray, tau: float, a: float) -> np.ndarray:
     """Return the probability C(h) that one component is in [-h, h]."""
     k = np.arange(1, _SERIES_TERMS + 1)
     decay = np.exp(-(np.pi**2) * k**2 * tau) / (k * np.pi)
@@ -112,7 +114,7 @@ def reflecting_square_diffusion(msd: float, t: float, half_width: float) -> floa
 # --- from ballistic flight to diffusion
 
 
-def ballistic_msd(t: Numbers, mean_square_speed: Numbers) -> Numbers:
+def ballistic_msd(t: Numbers, mean_square_speed: Numbers) -> Broadcast:
     """Return the MSD [length^2] before the first collision, <v0^2> t^2; `mean_square_speed` counts both components.
 
     docs/theory.md, section 4.
@@ -123,7 +125,7 @@ def ballistic_msd(t: Numbers, mean_square_speed: Numbers) -> Numbers:
 # --- hard disks in equilibrium: Enskog
 
 
-def contact_value_henderson(packing_fraction: Numbers) -> Numbers:
+def contact_value_henderson(packing_fraction: Numbers) -> Broadcast:
     """Return Henderson's contact value g(sigma+) of equal disks; its Z is 2 % too high at a packing fraction of 0.65.
 
     D. Henderson, Mol. Phys. 30, 971 (1975); docs/theory.md, section 3.
@@ -131,7 +133,7 @@ def contact_value_henderson(packing_fraction: Numbers) -> Numbers:
     return (1.0 - 7.0 / 16.0 * packing_fraction) / np.square(1.0 - packing_fraction)
 
 
-def contact_value(packing_fraction: Numbers) -> Numbers:
+def contact_value(packing_fraction: Numbers) -> Broadcast:
     """Return Luding's contact value chi = g(sigma+), the pair correlation function at contact, of equal disks.
 
     Henderson's form less phi^3 / (128 (1 - phi)^4): within 0.1 % of simulations up to a packing fraction of 0.65, not
@@ -143,7 +145,7 @@ def contact_value(packing_fraction: Numbers) -> Numbers:
 
 def contact_value_mixture(
     diameter_i: Numbers, diameter_j: Numbers, number_densities: np.ndarray, diameters: np.ndarray
-) -> Numbers:
+) -> Broadcast:
     """Return the contact value g_ij of disks of two diameters in a mixture of K species.
 
     `number_densities` [1/length^2] and `diameters` [length] have shape (K,). About 1 % too high for a radius ratio of
@@ -157,7 +159,7 @@ def contact_value_mixture(
     return 1.0 / (1.0 - covered) + 9.0 / 8.0 * reduced * surface / (1.0 - covered) ** 2
 
 
-def compressibility(packing_fraction: Numbers, contact: Numbers) -> Numbers:
+def compressibility(packing_fraction: Numbers, contact: Numbers) -> Broadcast:
     """Return Z = P/(n kT) = 1 + 2 phi chi of equal disks, the virial theorem in the plane; docs/theory.md, section 3.
 
     `contact` is the contact value chi.
@@ -165,7 +167,7 @@ def compressibility(packing_fraction: Numbers, contact: Numbers) -> Numbers:
     return 1.0 + 2.0 * packing_fraction * contact
 
 
-def reduced_mass(mass_a: Numbers, mass_b: Numbers) -> Numbers:
+def reduced_mass(mass_a: Numbers, mass_b: Numbers) -> Broadcast:
     """Return mu = m_a m_b/(m_a + m_b) [mass], as light/(1 + light/heavy), which neither over- nor underflows."""
     light, heavy = np.minimum(mass_a, mass_b), np.maximum(mass_a, mass_b)
     return light / (1.0 + light / heavy)
@@ -173,7 +175,7 @@ def reduced_mass(mass_a: Numbers, mass_b: Numbers) -> Numbers:
 
 def collision_rate(
     number_density: Numbers, distance: Numbers, contact: Numbers, mass: Numbers, temperature: Numbers
-) -> Numbers:
+) -> Broadcast:
     """Return the collisions per time [1/time] of one disk with a species in equilibrium, n chi sigma sqrt(2 pi kT/mu).
 
     n is the species' `number_density` [1/length^2], sigma = R_a + R_b the contact `distance` [length], chi the
@@ -196,7 +198,7 @@ def mean_root_chi_square(degrees: float) -> float:
 
 def enskog_friction(
     number_density: Numbers, distance: Numbers, contact: Numbers, mass: Numbers, temperature: Numbers
-) -> Numbers:
+) -> Broadcast:
     """Return the friction coefficient zeta = 2 n chi sigma sqrt(2 pi mu kT) [mass/time] of a disk in a bath.
 
     Enskog's theory in the first Sonine order; arguments and source as for `collision_rate`. The friction rate
@@ -269,7 +271,7 @@ def pair_distance_density_between(r: Numbers, first: tuple[float, float], second
     return np.where(r > 0.0, 4.0 * r * (weight * wide * x * y).sum(axis=(-2, -1)), 0.0)
 
 
-def _difference_density(x, a, b):
+def _difference_density(x: np.ndarray, a: float, b: float) -> np.ndarray:
     """Return the density at x >= 0 of the difference of uniform numbers on concentric intervals of lengths a and b."""
     return np.clip((a + b) / 2 - x, 0.0, min(a, b)) / (a * b)
 
@@ -289,7 +291,7 @@ def pair_distance_probability(edges: np.ndarray, first: tuple[float, float], sec
 # --- an ideal gas around a disk in a box
 
 
-def disk_area_in_rectangle(r: Numbers, x: Numbers, y: Numbers, width: float, height: float) -> Numbers:
+def disk_area_in_rectangle(r: Numbers, x: Numbers, y: Numbers, width: float, height: float) -> Broadcast:
     """Return the area [length^2] that a disk of radius `r` >= 0 around (x, y) shares with a rectangle around (0, 0).
 
     The centre may be outside the rectangle. Of N uniform points in the rectangle, N/(width height) times the growth of
@@ -303,11 +305,11 @@ def disk_area_in_rectangle(r: Numbers, x: Numbers, y: Numbers, width: float, hei
     square, safe = r**2, np.where(r > 0.0, r, 1.0)
     excess = np.pi / 8 * square
 
-    def strip(wall):  # F less half the area of a quarter disk
-        u = np.minimum(abs(wall), r)
+    def strip(wall: Numbers) -> np.ndarray:  # F less half the area of a quarter disk
+        u = np.minimum(np.abs(wall), r)
         return (u * np.sqrt(square - u**2) + square * np.arcsin(u / safe)) / 2 - excess
 
-    def quadrant(a, b, half_a, half_b):
+    def quadrant(a: Numbers, b: Numbers, half_a: np.ndarray, half_b: np.ndarray) -> np.ndarray:
         return np.where(a**2 + b**2 <= square, a * b, np.sign(a) * np.sign(b) * (half_a + half_b))
 
     across, along = ([(d, strip(d)) for d in (s / 2 - at, s / 2 + at)] for s, at in ((width, x), (height, y)))
