@@ -2,8 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -16,7 +16,7 @@ SCALE_ATTRIBUTES = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}  # how 
 class Node(NamedTuple):
     """A dataset or, if `value` is None, a group."""
 
-    value: np.ndarray | str | None
+    value: Any  # array, number or text
     attributes: dict
     dims: tuple[str, ...] = ()  # names of its scales, datasets in the same group; a scale is its own dimension
     chunk_axes: tuple[int, ...] | None = None  # order in which axes are filled by a chunk; None: the last axis first
@@ -31,7 +31,7 @@ class Link(NamedTuple):
 Tree = dict[str, Node | Link]  # parents stand before their children
 
 
-def digest(nodes: Tree) -> str:
+def digest(nodes: Mapping[str, Node | Link]) -> str:
     """Return the SHA-256 of all paths, types, shapes, values and attributes.
 
     Unlike the bytes of a file it does not depend on the versions of HDF5 and zlib.
@@ -47,13 +47,14 @@ def digest(nodes: Tree) -> str:
     return total.hexdigest()
 
 
-def _add(total, name: str, value) -> None:
+def _add(total: "hashlib._Hash", name: str, value: Any) -> None:
     """Add a named value to a hash, with its length, so that no two trees give the same sequence of bytes."""
     array = np.asarray("group" if value is None else value)
+    data: bytes | memoryview
     if array.dtype.kind in "OSTU":
         kind, data = "text", json.dumps(array.tolist(), default=bytes.decode).encode()
     else:
-        kind, data = array.dtype.str, np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+        kind, data = array.dtype.str, np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
     total.update(json.dumps([name, kind, array.shape, len(data)]).encode())
     total.update(data)
 
@@ -61,7 +62,7 @@ def _add(total, name: str, value) -> None:
 # -- encoding -------------------------------------------------------------------------------------------------------
 
 
-def to_bytes(nodes: Tree, compress: bool = True) -> bytes:
+def to_bytes(nodes: Mapping[str, Node | Link], compress: bool = True) -> bytes:
     """Return the bytes of an HDF5 file with these nodes. Equal nodes give equal bytes: no time stamps are stored."""
     with h5py.File.in_memory(block_size=2**20) as file:
         for path, node in nodes.items():
@@ -124,7 +125,7 @@ def _attach_scales(file: h5py.File, path: str, node: Node | Link) -> None:
 
 def from_bytes(image: bytes) -> dict[str, Node]:
     """Return all nodes of an HDF5 file, given its bytes. Linked datasets appear at each of their paths."""
-    nodes = {}
+    nodes: dict[str, Node] = {}
     with h5py.File.in_memory(image) as file:
         _collect(file, "", nodes)
     return nodes
@@ -144,7 +145,7 @@ def _collect(group: h5py.Group, prefix: str, nodes: dict[str, Node]) -> None:
             _collect(item, f"{prefix}{name}/", nodes)
 
 
-def _value(item: h5py.Group | h5py.Dataset) -> np.ndarray | str | None:
+def _value(item: h5py.Group | h5py.Dataset) -> Any:
     if isinstance(item, h5py.Group):
         return None
     if h5py.check_string_dtype(item.dtype):

@@ -1,6 +1,6 @@
 """Contents and integrity of a trajectory file or dataset: `brownpipe inspect`."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,7 +55,7 @@ def _read(path: str | Path) -> "Trajectories | xarray.Dataset":
 
     The extension decides which kind is tried first, and so which command a message about a damaged file names.
     """
-    readers = [read_trajectories, read_dataset]
+    readers: list[Callable[[str | Path], Trajectories | xarray.Dataset]] = [read_trajectories, read_dataset]
     first, second = readers[::-1] if Path(path).suffix == ".nc" else readers
     try:
         return first(path)

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -93,9 +93,10 @@ def write_trajectories(path: str | Path, scene: Scene, engine: Engine, ensemble:
 
     Raises StorageError if the file cannot be written, or if HDF5 decodes other values from its bytes.
     """
-    nodes = _layout(Trajectories(scene, engine, ensemble))
+    parameters = _parameters(scene, engine, ensemble)
+    nodes = _layout(scene, ensemble) | parameters
     expected = digest(nodes)
-    nodes["parameters"].attributes.update(contents_digest=expected, seal=BLANK_SEAL)
+    parameters["parameters"].attributes.update(contents_digest=expected, seal=BLANK_SEAL)
     image = seal(to_bytes(nodes))
     if digest(from_bytes(image)) != expected:
         raise StorageError(f"{path}: not written: HDF5 gives back other numbers; check memory and the HDF5 library")
@@ -142,9 +143,8 @@ def read_header(path: str | Path) -> dict:
 # -- layout ---------------------------------------------------------------------------------------------------------
 
 
-def _layout(trajectories: Trajectories) -> Tree:
-    """Return all nodes of a trajectory file."""
-    scene, ensemble = trajectories.scene, trajectories.ensemble
+def _layout(scene: Scene, ensemble: Ensemble) -> Tree:
+    """Return all nodes of a trajectory file but its parameters."""
     nodes = _header()
     if ensemble.tracer is not None:
         nodes |= _particles("particles/tracer", scene, ensemble.times, ensemble.tracer, "seed", ensemble.seeds)
@@ -156,7 +156,7 @@ def _layout(trajectories: Trajectories) -> Tree:
     nodes |= _observables(scene, ensemble)
     for seed, events in ensemble.events.items():
         nodes |= _events(f"observables/events/seed_{seed:05d}", events)
-    return nodes | _parameters(trajectories)
+    return nodes
 
 
 def _header() -> Tree:
@@ -169,7 +169,7 @@ def _header() -> Tree:
     }
 
 
-def _dataset(name: str, value, dims: tuple[str, ...] = (), chunk_axes: tuple[int, ...] | None = None) -> Node:
+def _dataset(name: str, value: Any, dims: tuple[str, ...] = (), chunk_axes: tuple[int, ...] | None = None) -> Node:
     """Return a dataset with the units and the meaning that belong to its name."""
     units, long_name = MEANING.get(name, ("1", name.replace("_", " ")))
     return Node(value, {"units": units, "long_name": long_name}, dims, chunk_axes)
@@ -182,7 +182,7 @@ def _particles(group: str, scene: Scene, times: np.ndarray, track: Track, dim: s
     """
     nodes = {group: Node(None, {})} | _box(f"{group}/box", scene.box)
     nodes[f"{group}/id"] = _dataset(dim, ids, ("id",))
-    scales = {"time": _dataset("time", times, ("time",)), dim: _dataset(dim, ids, (dim,))}
+    scales: Tree = {"time": _dataset("time", times, ("time",)), dim: _dataset(dim, ids, (dim,))}
     scales |= {"component": Link(f"{group}/box/component"), "step": _dataset("step", np.arange(len(times)), ("time",))}
     links = {name: Link(f"{group}/position/{name}") for name in scales}
     chunk_axes = TIME_FIRST if dim == "seed" else None
@@ -214,7 +214,7 @@ def _components() -> Node:
 def _observables(scene: Scene, ensemble: Ensemble) -> Tree:
     """Return one number per run, and arrays, of every observable."""
     group = "observables/run"
-    nodes = {
+    nodes: Tree = {
         "observables": Node(None, {}),
         group: Node(None, {}),
         f"{group}/seed": _dataset("seed", ensemble.seeds, ("seed",)),
@@ -230,15 +230,14 @@ def _observables(scene: Scene, ensemble: Ensemble) -> Tree:
 
 def _events(group: str, events: Events) -> Tree:
     """Return the collisions of one run."""
-    nodes = {group: Node(None, {}), f"{group}/component": _components()}
+    nodes: Tree = {group: Node(None, {}), f"{group}/component": _components()}
     for name, value in events._asdict().items():
         nodes[f"{group}/{name}"] = _dataset(name, value, ("time", "component")[: value.ndim])
     return nodes
 
 
-def _parameters(trajectories: Trajectories) -> Tree:
+def _parameters(scene: Scene, engine: Engine, ensemble: Ensemble) -> dict[str, Node]:
     """Return the group /parameters: scene, engine, versions, and the command that makes the runs again."""
-    scene, engine, ensemble = trajectories[:3]
     attributes = {
         "format": FORMAT,
         "scene_name": scene.name,
