@@ -3,7 +3,7 @@
 A new engine is a package with a `Definition` and its entry in DEFINITIONS. Its simulation is imported when it runs.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from importlib import import_module
 from typing import NamedTuple
 
@@ -47,12 +47,12 @@ class Engine(NamedTuple):
         """Return in a few words how the engine models the scenes."""
         return self.definition.model(scenes, dict(self.settings))
 
-    def refuse_unfit(self, scene: Scene, record: Iterable[str] = TRACER) -> None:
+    def refuse_unfit(self, scene: Scene, record: Collection[str] = TRACER) -> None:
         """Raise RequestError if the engine cannot run the scene or cannot record `record` of it."""
         self.definition.refuse_unfit(scene, dict(self.settings), frozenset(record))
 
     def forecast(
-        self, scene: Scene, record: Iterable[str] = TRACER, observables: Iterable[str] = (), average: str = "runs"
+        self, scene: Scene, record: Collection[str] = TRACER, observables: Collection[str] = (), average: str = "runs"
     ) -> Cost:
         """Return the forecast for one run of a scene that the engine does not refuse."""
         return self.definition.forecast(scene, dict(self.settings), record, observables, average)
@@ -60,10 +60,10 @@ class Engine(NamedTuple):
     def simulate(
         self,
         scene: Scene,
-        seeds: Iterable[int],
-        record: Iterable[str],
+        seeds: Sequence[int],
+        record: Collection[str],
         *checkpoints,
-        observables: Iterable[str] = (),
+        observables: Collection[str] = (),
         average: str = "runs",
     ) -> Ensemble:
         """Run a scene once for every seed; `checkpoints` go to an engine that keeps checkpoints."""
@@ -97,7 +97,8 @@ def read_engine(entry: Entry) -> Engine:
     defaults = _defaults(definition)
     required = tuple(key for key in definition.settings if key not in defaults)
     entries = reading.fields(Entry(mapping, entry.file, entry.path), ("name", *required), defaults)
-    return Engine(name.value, tuple((key, setting.read(entries[key])) for key, setting in definition.settings.items()))
+    settings = tuple((key, setting.read(entries[key])) for key, setting in definition.settings.items())
+    return Engine(definition.name, settings)
 
 
 def recorded(mapping: dict, where: str = "") -> Engine:

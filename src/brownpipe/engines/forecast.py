@@ -9,7 +9,7 @@ collisions only. docs/theory.md, section 3.
 """
 
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -75,7 +75,10 @@ class Mixture(NamedTuple):
 
 
 def of_run(
-    scene: Scene, record: Iterable[str] = frozenset({"tracer"}), observables: Iterable[str] = (), average: str = "runs"
+    scene: Scene,
+    record: Collection[str] = frozenset({"tracer"}),
+    observables: Collection[str] = (),
+    average: str = "runs",
 ) -> Cost:
     """Return the forecast for one run of the exact engine that records `record` and measures `observables`.
 
@@ -136,8 +139,8 @@ def _counting_pairs(scene: Scene) -> float:
 def refuse_too_large(
     scene: Scene,
     runs: int,
-    record: Iterable[str] = frozenset({"tracer"}),
-    observables: Iterable[str] = (),
+    record: Collection[str] = frozenset({"tracer"}),
+    observables: Collection[str] = (),
     average: str = "runs",
 ) -> None:
     """Raise RequestError if the records of all runs and the working memory of one exceed this machine's memory."""

@@ -8,7 +8,7 @@ A new observable is a function in a module of this package, an entry of OBSERVAB
 dimensions in AXES. The command line, files, checkpoints, studies and forecasts of costs take it from there.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -109,35 +109,35 @@ OBSERVABLES = {
 RENAMED = {"displacement": "square_displacement", "kinetic_energy": "species_energy"}  # names of an earlier version
 
 
-def observe(scene: Scene, run, names: tuple[str, ...], average: str = "runs") -> dict[str, np.ndarray | int]:
+def observe(scene: Scene, run, names: Iterable[str], average: str = "runs") -> dict[str, np.ndarray | int]:
     """Return the arrays of the named observables of one run (tracks as in `engines.state.Track`)."""
-    arrays = {}
+    arrays: dict[str, np.ndarray | int] = {}
     for name in names:
         arrays |= OBSERVABLES[name].measure(scene, run, average)
     return arrays
 
 
-def needs_every_disk(scene: Scene, names: tuple[str, ...], average: str = "runs") -> bool:
+def needs_every_disk(scene: Scene, names: Collection[str], average: str = "runs") -> bool:
     """Return whether these observables need the tracks of all disks; otherwise the tracer's is enough."""
     if average == "disks" or set(names) - set(AVERAGED):
         return bool(names)
     return "velocity_autocorrelation" in names and len(bath_disks(scene)) > 0
 
 
-def of_tracer(names: tuple[str, ...], average: str = "runs") -> tuple[tuple[str, ...], str]:
+def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, ...], str]:
     """Return the observables of these, and the average, that an engine of the tracer alone can measure."""
     names = tuple(name for name in names if name in AVERAGED)
     return names, average if names else "runs"
 
 
-def arrays_of(scene: Scene, names: tuple[str, ...]) -> tuple[str, ...]:
+def arrays_of(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the arrays that these observables yield in a scene."""
     lacking = set() if len(bath_disks(scene)) else {"bath_velocity_autocorrelation"}
     lacking |= set() if pairs.lone_pairs(scene, species_table(scene)) else {"pair_expected"}
     return tuple(array for name in names for array in OBSERVABLES[name].arrays if array not in lacking)
 
 
-def observables_making(arrays: Iterable[str]) -> tuple[str, ...]:
+def observables_making(arrays: Collection[str]) -> tuple[str, ...]:
     """Return the names of the observables that yield these arrays."""
     return tuple(name for name, observable in OBSERVABLES.items() if observable.arrays[0] in arrays)
 
@@ -147,7 +147,7 @@ def axes(scene: Scene, array: str) -> dict[str, np.ndarray | list[str]]:
     return {dim: _axis(scene, dim) for dim in ARRAYS[array].dims}
 
 
-def numbers_in(scene: Scene, names: tuple[str, ...]) -> int:
+def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run, all arrays together."""
     shapes = [[len(values) for values in axes(scene, array).values()] for array in arrays_of(scene, names)]
     return int(sum(np.prod(shape) for shape in shapes))

@@ -59,7 +59,7 @@ def distribution(scene: Scene, run, _) -> dict[str, np.ndarray | int]:
         inside = column < number
         a, b = species.label[disks[inside]].T
         counts += np.bincount(row[a, b] * number + column[inside], minlength=len(counts))
-    arrays = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": len(position)}
+    arrays: dict[str, np.ndarray | int] = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": len(position)}
     lone = lone_pairs(scene, species)
     return arrays | ({"pair_expected": expected_pairs(scene, species, lone, position)} if lone else {})
 

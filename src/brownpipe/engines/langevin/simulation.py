@@ -12,7 +12,7 @@ the friction near them. The noise is one random stream for each (N, seed). With 
 gives another path, of the same distribution.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -33,10 +33,10 @@ MOST_BOXES = 2.0**30  # greatest distance of the free path from the box, in side
 
 def simulate(
     scene: Scene,
-    seeds: Iterable[int],
-    record: Iterable[str] = frozenset({"tracer"}),
+    seeds: Sequence[int],
+    record: Collection[str] = frozenset({"tracer"}),
     *,
-    observables: Iterable[str] = (),
+    observables: Collection[str] = (),
     average: str = "runs",
     friction: str = "enskog",
 ) -> Ensemble:
@@ -60,7 +60,7 @@ def simulate(
         follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4)))
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         path = _path(scene, mass, seed, weights)
-        report = {"friction_rate": gamma, "failed": np.uint8(not is_known(scene, path))}
+        report: dict[str, float | np.uint8] = {"friction_rate": gamma, "failed": np.uint8(not is_known(scene, path))}
         add_run(batch, column, RunResult(folded(scene, path), None, None, report))
     return batch.ensemble
 

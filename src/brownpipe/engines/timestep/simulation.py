@@ -6,7 +6,7 @@ there, up to a step after contact and displaced from it, and short encounters ar
 that given to the walls, are conserved as by the exact engine.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,10 +43,10 @@ class SteppingSetup(NamedTuple):
 
 def simulate(
     scene: Scene,
-    seeds: Iterable[int],
-    record: Iterable[str] = frozenset({"tracer"}),
+    seeds: Sequence[int],
+    record: Collection[str] = frozenset({"tracer"}),
     *,
-    observables: Iterable[str] = (),
+    observables: Collection[str] = (),
     average: str = "runs",
     time_step: float,
     precision: str = "double",
@@ -84,7 +84,7 @@ def prepared(
     return SteppingSetup(scene, frame, time_step, precision, collisions, w)
 
 
-def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Iterable[str] = frozenset()) -> RunResult:
+def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> RunResult:
     """Run from a state and sample at the given times (T,); full lists are replaced by lists of twice the capacity."""
     scene, frame, w = setup.scene, setup.frame, setup.workspace
     samples = recorder(scene, frame, setup.time_step, times, record)
