@@ -1,7 +1,7 @@
 """A batch of runs: the ensemble that an engine fills run by run; what of each run is recorded and measured."""
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from brownpipe.errors import RequestError, RunError
 from brownpipe.scene import Scene
 
 SMALLEST_SQUARE = float(np.finfo(float).smallest_normal)
-on_entry = []  # functions of (finished runs, all runs), called whenever a run is added to a batch
+on_entry: list[Callable[[int, int], object]] = []  # called with (finished runs, all runs) whenever a batch gets a run
 
 
 class RunResult(NamedTuple):
@@ -22,7 +22,7 @@ class RunResult(NamedTuple):
     tracer: Track  # M = 1
     whole: Track | None  # M = N, if recorded
     events: Events | None  # if recorded
-    observables: dict[str, float | int]  # reported by the engine itself, like counts of collisions
+    observables: Mapping[str, float | np.uint8]  # reported by the engine itself, like counts of collisions
 
 
 class Batch(NamedTuple):
@@ -49,13 +49,12 @@ def new_batch(
     """
     observables.refuse_unfit(scene, tuple(names), average)
     ordered = tuple(name for name in observables.OBSERVABLES if name in names)
-    seeds = np.asarray(seeds, dtype=np.int64)
     tracer = None
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
         image = np.empty(shape, np.int32) if scene.box.periodic else None
         tracer = Track(np.empty(shape), None, image)
-    ensemble = Ensemble(seeds, scene.times, tracer, {}, {}, {}, average)
+    ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average)
     return Batch(scene, ensemble, frozenset(record), ordered)
 
 
@@ -89,9 +88,9 @@ def errors_name_run(scene: Scene, seed: int) -> Iterator[None]:
         raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
 
 
-def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float | int]:
+def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float | np.uint8]:
     """Return the engine's report on a run and the observables measured from its trajectories."""
-    values = dict(result.observables)
+    values: dict[str, np.ndarray | float | np.uint8] = dict(result.observables)
     if batch.scene.particles and result.tracer.velocity is not None:
         x, y = result.tracer.velocity[0, 0].tolist()  # as Python's floats, whose squares overflow without a warning
         square = x * x + y * y

@@ -30,7 +30,7 @@ def install() -> None:
         return
     from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 
-    environments = {}  # Numba's data of functions without machine code yet, needed by print(), for instance
+    environments: dict[str, object] = {}  # Numba's data of functions without machine code yet, for print() etc.
 
     class Library(JITCodeLibrary):
         """Numba's library of a function: its code and that of the functions it calls."""
@@ -73,4 +73,5 @@ def install() -> None:
             environments[name] = environment
 
     usual = JITCPUCodegen.set_env
-    JITCPUCodegen._library_class, JITCPUCodegen.set_env = Library, set_env
+    JITCPUCodegen._library_class = Library
+    JITCPUCodegen.set_env = set_env  # type: ignore[method-assign]  # replaced on purpose

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -32,6 +32,7 @@ from brownpipe.engines import inlining
 from brownpipe.provenance import PACKAGE, sources
 
 inlining.install()
+config: Any = numba.config  # Numba sets its attributes from the environment, unseen by type checkers
 LOCK = "compiling"  # a file in each folder of machine code; its modification time is that of the last use
 UNUSED = 86_400.0  # seconds without use after which machine code of another source version is removed
 
@@ -39,7 +40,7 @@ UNUSED = 86_400.0  # seconds without use after which machine code of another sou
 # forceinline: of all kernels an entry point becomes one function, with the workspace in registers (3.4 times faster).
 # _nrt=False: no reference counts of array arguments (1.6 times faster); private to Numba, left out where it is unknown.
 # fastmath is never used: results would depend on the model of the CPU.
-OPTIONS = {"error_model": "numpy", "forceinline": True}
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
 if hasattr(CPUTargetOptions, "_nrt"):
     OPTIONS["_nrt"] = False
 
@@ -72,7 +73,7 @@ def _defer_blas() -> None:
             if arraymath := sys.modules.get("numba.np.arraymath"):
                 arraymath.ensure_blas = ensure_blas
 
-    CPUContext.load_additional_registries = load
+    CPUContext.load_additional_registries = load  # type: ignore[method-assign]  # replaced on purpose
 
 
 _defer_blas()
@@ -122,19 +123,19 @@ CACHE = _cache_folder("engines.kernels")  # the folder of the lock files
 
 def kernel(function: Callable) -> Callable:
     """Inline a function into the entry points that call it. Called from Python, it stays a Python function."""
-    return register_jitable(**OPTIONS, no_cfunc_wrapper=True)(function)
+    return register_jitable(**OPTIONS)(function)
 
 
 def entry_point(function: Callable) -> Callable:
     """Compile a function with all kernels that it calls at its first call from Python, once per machine."""
     inside, _, module = function.__module__.partition("brownpipe.")
     module = "engines.kernels" if inside else module  # for a function of another program Numba checks its file
-    saved, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _cache_folder(module)
+    saved, config.CACHE_DIR = config.CACHE_DIR, _cache_folder(module)
     try:
-        dispatcher = numba.njit(**OPTIONS, no_cfunc_wrapper=True, cache=True)(function)
+        dispatcher = numba.njit(**OPTIONS, cache=True)(function)
     finally:
-        numba.config.CACHE_DIR = saved
-    if not numba.config.DISABLE_JIT:
+        config.CACHE_DIR = saved
+    if not config.DISABLE_JIT:
         _save_one_by_one(dispatcher)
     return dispatcher
 
@@ -143,7 +144,7 @@ def prefetch(array: np.ndarray, index: int) -> None:
     """Load the cache line of array[index] into the processor's cache without waiting; changes only the speed."""
 
 
-if not numba.config.DISABLE_JIT:
+if not config.DISABLE_JIT:
 
     @intrinsic
     def prefetch(typing, array, index):
@@ -162,7 +163,7 @@ if not numba.config.DISABLE_JIT:
         return types.void(array, types.intp), code
 
 
-on_compile = []  # functions of one line of text, called when this process compiles or waits for another that does
+on_compile: list[Callable[[str], object]] = []  # called with a line of text when this process compiles or waits
 
 
 def _tell(line: str) -> None:

@@ -122,7 +122,7 @@ def _fill(c, reference, value, pointer, failed, taken):
             c.builder.store(c.builder.or_(c.builder.load(failed), native.is_error), failed)
 
 
-if not numba.config.DISABLE_JIT:
+if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it from the environment
 
     @intrinsic
     def local_copy(typing, record):

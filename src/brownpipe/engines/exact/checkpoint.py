@@ -1,12 +1,14 @@
 """Checkpoints of a batch of runs: the finished runs, and the unfinished one at the end of a block, as named arrays."""
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from brownpipe.engines.exact.run import SAMPLES, RunState, never
 from brownpipe.engines.state import Ensemble, Events, Track
+
+Record = TypeVar("Record", bound=NamedTuple)
 
 
 class Checkpoints(NamedTuple):
@@ -103,6 +105,6 @@ def _named(group: str, record: NamedTuple) -> dict[str, np.ndarray]:
     return {f"{group}.{name}": np.asarray(value) for name, value in record._asdict().items() if value is not None}
 
 
-def _record(kind: type, arrays: dict[str, np.ndarray], group: str):
+def _record(kind: type[Record], arrays: dict[str, np.ndarray], group: str) -> Record:
     """Return the record that `_named` took apart."""
-    return kind(*(arrays.get(f"{group}.{name}") for name in kind._fields))
+    return kind._make(arrays.get(f"{group}.{name}") for name in kind._fields)

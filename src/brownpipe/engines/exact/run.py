@@ -50,7 +50,7 @@ class RunState(NamedTuple):
     motion: np.ndarray  # (N, 4) float64, positions and velocities now
     image: np.ndarray | None = None  # (2 N,) int32, periodic boxes only
     clock: np.ndarray | None = None  # int64, as in the workspace, like the next two; None at the beginning
-    count: np.ndarray | None = None  # int64
+    count: np.ndarray | None = None  # type: ignore[assignment]  # int64; hides tuple.count
     tally: np.ndarray | None = None  # float64
     samples: dict[str, np.ndarray] | None = None  # the rows of a Recorder that are filled, by the names in SAMPLES
     events: Events | None = None  # the log so far, in the scene's units and order

@@ -135,7 +135,7 @@ class Workspace(NamedTuple):
     candidate: np.ndarray  # (m,) uint32, scratch: disks that disk i may touch
     quadratic: np.ndarray  # (3 m,) float64, scratch: (b, c, d) of `collisions.encounter` for each candidate
     progress: np.ndarray  # (PROGRESS,) int64
-    count: np.ndarray  # (COUNTS,) int64
+    count: np.ndarray  # type: ignore[assignment]  # (COUNTS,) int64; hides tuple.count
     tally: np.ndarray  # (TALLY,) float64
 
 

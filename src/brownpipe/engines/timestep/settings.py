@@ -8,7 +8,7 @@ from brownpipe.engines.units import thermal_speed
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-PRECISIONS = {"double": np.float64, "single": np.float32}
+PRECISIONS: dict[str, type[np.floating]] = {"double": np.float64, "single": np.float32}
 COLLISIONS = ("at_contact", "late")
 MOST_STEPS = 1e10  # in a run
 FINEST = 64  # shortest path of a disk in a step, in units of the round-off of the largest coordinate

@@ -85,7 +85,7 @@ class Workspace(NamedTuple):
     contact_key: np.ndarray  # (2 C,) int64, the numbers i, k of both disks in one: i N + k
     contact_pair: np.ndarray  # (2 C,) uint32
     counters: np.ndarray  # (COUNTERS,) int64
-    count: np.ndarray  # (COUNTS,) int64
+    count: np.ndarray  # type: ignore[assignment]  # (COUNTS,) int64; hides tuple.count
     tally: np.ndarray  # (TALLY,) float64
 
 
