@@ -8,13 +8,16 @@ import signal
 import sys
 import time
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from brownpipe.errors import FAILED, BrownpipeError
 from brownpipe.parser import build_parser
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from brownpipe.engines import Engine
     from brownpipe.engines.state import Ensemble
     from brownpipe.scene import Scene
@@ -27,7 +30,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run one verb; return the exit status."""
     try:
         signal.signal(signal.SIGTERM, _terminate)
-        sys.stdout.reconfigure(errors="backslashreplace")  # any path can be printed, whatever the encoding
+        sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
         argv = sys.argv[1:] if argv is None else argv
         arguments = build_parser(VERBS, argv).parse_args(argv)
         arguments.argv = argv
@@ -45,7 +48,7 @@ def main(argv: list[str] | None = None) -> int:
         return _say(str(error), FAILED)
 
 
-def _terminate(*_) -> NoReturn:
+def _terminate(*_: object) -> NoReturn:
     sys.exit(_say("terminated", 128 + signal.SIGTERM))
 
 
@@ -252,7 +255,9 @@ def _engine(arguments: Namespace) -> "Engine":
     return engine
 
 
-def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
+def _checkpoints(
+    arguments: Namespace, path: str, scene: "Scene", seeds: Sequence[int], record: frozenset[str]
+) -> tuple:
     """Return (Checkpoints,) for `exact.simulate`, stored in the file `path` and resumed from it if it exists.
 
     Without --checkpoint-every return ().
@@ -272,7 +277,7 @@ def _checkpoints(arguments, path: str, scene, seeds, record) -> tuple:
     def due() -> bool:
         return time.monotonic() - last_written >= arguments.checkpoint_every
 
-    def store(arrays) -> None:
+    def store(arrays: dict[str, np.ndarray]) -> None:
         nonlocal last_written
         write_checkpoint(path, made_by, arrays)
         last_written = time.monotonic()
@@ -295,7 +300,7 @@ def _target(arguments: Namespace) -> str | None:
     return next((read_target(Entry(value, "", (option,))) for option, value in options.items()), None)
 
 
-def _measures(arguments: Namespace, scene: "Scene") -> dict[str, object]:
+def _measures(arguments: Namespace, scene: "Scene") -> dict[str, Any]:
     """Return the observables to measure in each run and what they average over, as keywords of `simulate`."""
     from brownpipe.errors import RequestError
     from brownpipe.observables import problem

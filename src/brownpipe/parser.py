@@ -42,7 +42,7 @@ class _Parser(argparse.ArgumentParser):
 class _Version(argparse.Action):
     """Look up the version only if it is to be shown."""
 
-    def __call__(self, parser, *_) -> NoReturn:
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         from importlib.metadata import version
 
         print("brownpipe", version("brownpipe"))
@@ -156,7 +156,7 @@ def _observables(text: str) -> str:
     from brownpipe.scene.reading import Entry, current_name
 
     names = (current_name(Entry(name, "", ("--observables",)), RENAMED) for name in text.split(","))
-    return ",".join(name.value for name in names)
+    return ",".join(str(name.value) for name in names)
 
 
 def _window(text: str) -> tuple[float, float]:

@@ -14,7 +14,7 @@ INTERVAL = 0.2  # s between two updates of the counter
 @contextmanager
 def shown(say: Callable[[str], object]) -> Iterator[None]:
     """Pass messages about compilation to `say`; on a terminal, show the number of finished runs in its last line."""
-    listeners = [(kernels.on_compile, say)]
+    listeners: list[tuple[list, Callable]] = [(kernels.on_compile, say)]
     if sys.stderr.isatty():
         listeners.append((batch.on_entry, _counter()))
     for events, listener in listeners:

@@ -35,13 +35,25 @@ class RunningJob(NamedTuple):
     started: float  # time.monotonic() [s]
 
 
+class Message(logging.LogRecord):
+    """A message of Snakemake, which adds attributes to the record: each event has some of these."""
+
+    stats: dict[str, int]  # RUN_INFO: planned jobs by rule
+    jobid: int  # JOB_INFO
+    job_id: int  # JOB_FINISHED
+    rule_name: str  # JOB_INFO, JOB_ERROR, like the next
+    log: list[str] | None
+    wildcards: dict[str, str] | None  # JOB_INFO
+    shellcmd: str | None  # JOB_ERROR
+
+
 class LogHandler(LogHandlerBase):
     """Handler of Snakemake's log messages that writes to the screen."""
 
     writes_to_stream = True
     writes_to_file = has_filter = has_formatter = needs_rulegraph = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         settings = self.common_settings
         self.verbatim = settings.dryrun or settings.verbose or settings.debug_dag
         self.stream = sys.stdout if settings.stdout else sys.stderr
@@ -59,7 +71,7 @@ class LogHandler(LogHandlerBase):
         self.closed = threading.Event()
         self.interrupted = False
 
-    def emit(self, record: logging.LogRecord) -> None:
+    def emit(self, record: Message) -> None:  # type: ignore[override]  # Snakemake's records only
         """Evaluate a message of Snakemake; show it if it concerns the user."""
         event = getattr(record, "event", None)
         if self.verbatim:
@@ -162,7 +174,7 @@ class LogHandler(LogHandlerBase):
         super().close()
 
 
-def job_of(record: logging.LogRecord) -> RunningJob:
+def job_of(record: Message) -> RunningJob:
     """Return the job that a message of Snakemake announces."""
     seeds = record.wildcards or {}
     runs = int(seeds["last"]) - int(seeds["first"]) + 1 if "last" in seeds else 0
@@ -189,7 +201,7 @@ def progress(
     return "; ".join([*parts, *(f"{rule}: {seconds:.0f} s after the start" for rule in sorted(rules - {"simulate"}))])
 
 
-def failure(record: logging.LogRecord) -> str:
+def failure(record: Message) -> str:
     """Return an explanation of a failed job: the rule, its command, and its log."""
     lines = [f"brownpipe: the rule {record.rule_name} failed: {record.shellcmd}"]
     for log in map(str, record.log or ()):

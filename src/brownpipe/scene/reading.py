@@ -78,7 +78,7 @@ def _document(file: str, events: Iterator[yaml.Event]) -> object:
 def _value(file: str, events: Iterator[yaml.Event], event: Any, depth: int) -> object:
     """Return the value that begins with `event`; a list or mapping takes its parts from the following `events`.
 
-    `event` is an alias or the beginning of a scalar, list or mapping; not all of these classes have the same attributes.
+    `event` is an alias or the beginning of a scalar, list or mapping; these classes differ in their attributes.
     """
     if event.anchor is not None:
         _refuse_line(file, event, "anchors (&name) and aliases (*name) are not allowed; write the value out")
