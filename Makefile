@@ -33,6 +33,7 @@ lint: ready_dev
 	ruff check .
 	ruff format --check .
 	snakefmt --check Snakefile workflow
+	mypy
 	python -m pytest tests/test_workflow.py -k "lint or connects"
 
 ready: has_python
