@@ -372,12 +372,12 @@ def with_broken(engine, index, value):
         w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
         begin(w, first)
         w.disk[index] = value
-        return recording.observables(scene, one.frame, w, first[:, 2:])["failed"]
+        return recording.report_of(scene, one.frame, w, first[:, 2:])["failed"]
     one = timestep.prepared(scene, timestep.largest_step(scene) / 64)
     w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
     timestep.begin(w, first)
     (w.x, w.y, w.vx, w.vy)[index][0] = value
-    return timestep.observables(scene, one.frame, w, first[:, 2:])["failed"]
+    return timestep.report_of(scene, one.frame, w, first[:, 2:])["failed"]
 
 
 @pytest.mark.parametrize("engine", ["exact", "timestep"])
@@ -397,12 +397,12 @@ def test_a_run_that_starts_nowhere_fails(engine, value):
         one = prepare_scene(scene)
         first = motion_of(state, one.frame)
         begin(one.workspace, first)
-        found = recording.observables(scene, one.frame, one.workspace, first[:, 2:])
+        found = recording.report_of(scene, one.frame, one.workspace, first[:, 2:])
     else:
         one = timestep.prepared(scene, timestep.largest_step(scene) / 64)
         first = motion_of(state, one.frame)
         timestep.begin(one.workspace, first)
-        found = timestep.observables(scene, one.frame, one.workspace, first[:, 2:])
+        found = timestep.report_of(scene, one.frame, one.workspace, first[:, 2:])
     assert found["failed"] == 1
 
 
@@ -418,10 +418,10 @@ def test_images_that_no_int32_can_count_fail_the_run():
         begin(one.workspace, first)
         one.workspace.count[CROSSINGS] = 2**32
         one.workspace.progress[BLOCK] = int(share * longest / one.workspace.calendar.block)
-        assert recording.observables(scene, one.frame, one.workspace, first[:, 2:])["failed"] == failed
+        assert recording.report_of(scene, one.frame, one.workspace, first[:, 2:])["failed"] == failed
         timestep.begin(step.workspace, first)
         step.workspace.counters[STEP] = int(share * longest / step.workspace.step)
-        assert timestep.observables(scene, step.frame, step.workspace, first[:, 2:])["failed"] == failed
+        assert timestep.report_of(scene, step.frame, step.workspace, first[:, 2:])["failed"] == failed
 
 
 def test_a_duration_that_the_clock_cannot_count_is_refused():

@@ -16,9 +16,10 @@ import numpy as np
 from brownpipe.engines.collisions import delay, encounter, exchange, meets, wall_time
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.audit import audit_place, take_sample
+from brownpipe.engines.exact.audit import audit_place
 from brownpipe.engines.exact.disks import apply_impulse, contact_distance, mass_of, move, radius_of, relative_motion
 from brownpipe.engines.exact.prefetch import prefetch_upcoming
+from brownpipe.engines.exact.sampling import take_sample
 from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import local_copy
 
@@ -262,7 +263,7 @@ def happen(w, r, i, now):
 
 
 @kernel
-def run(w, r, until, most):
+def run_until(w, r, until, most):
     """Execute up to `most` events until a time within the block; return why it stopped and how many events are left."""
     progress = w.progress
     for left in range(most, 0, -1):
@@ -332,7 +333,7 @@ def advance(w: ws.Workspace, r: ws.Recorder, most: int) -> int:
             return ws.CELL_FULL
         in_this_block = r.block[progress[ws.SAMPLE]] == progress[ws.BLOCK]
         until = r.time[progress[ws.SAMPLE]] if in_this_block else w.calendar.block
-        outcome, most = run(w, r, until, most)
+        outcome, most = run_until(w, r, until, most)
         if outcome != ws.DONE:
             return outcome
         if in_this_block:

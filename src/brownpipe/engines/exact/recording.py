@@ -62,7 +62,7 @@ def joined(logs: list[Events]) -> Events | None:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
-def observables(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) -> dict[str, float | int]:
+def report_of(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) -> dict[str, float | int]:
     """Return the report of a run that began with velocities `first` (N, 2), in the engine's units and order.
 
     A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers

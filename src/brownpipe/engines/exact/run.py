@@ -14,7 +14,7 @@ from brownpipe.engines.batch import RunResult
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare
-from brownpipe.engines.exact.recording import joined, logged, new_recorder, observables
+from brownpipe.engines.exact.recording import joined, logged, new_recorder, report_of
 from brownpipe.engines.insertion import warm_up
 from brownpipe.engines.kernels import one_compiler
 from brownpipe.engines.recording import tracer_track, whole_track
@@ -108,7 +108,7 @@ def evolve(
         if (yield from _to_last_sample(frame, w, recorder, start, logs, due)):
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
-    report = observables(scene, frame, w, start.first[:, 2:])
+    report = report_of(scene, frame, w, start.first[:, 2:])
     return RunResult(tracer_track(scene, frame, recorder), whole_track(scene, frame, recorder), joined(logs), report)
 
 

@@ -1,4 +1,4 @@
-"""Memory for the samples of a run, and the scalar observables that the time-stepping engine reports."""
+"""Memory for the samples of a run, and the report of a run of the time-stepping engine."""
 
 import math
 
@@ -36,7 +36,7 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
-def observables(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> dict[str, float | int]:
+def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> dict[str, float | int]:
     """Return the report of a run that began with velocities `first` (N, 2), in the engine's units and order."""
     last = np.empty((len(w.disk), 2))
     last[w.disk, 0], last[w.disk, 1] = w.vx, w.vy

@@ -18,7 +18,7 @@ from brownpipe.engines.recording import tracer_track, whole_track
 from brownpipe.engines.state import Ensemble, State
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.layout import begin, prepare
-from brownpipe.engines.timestep.recording import observables, recorder
+from brownpipe.engines.timestep.recording import recorder, report_of
 from brownpipe.engines.timestep.settings import largest_step, refuse_bad_step, smallest_step
 from brownpipe.engines.timestep.steps import advance
 from brownpipe.engines.units import Frame, frame_of, motion_of
@@ -94,7 +94,7 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
     while (outcome := advance(w, samples, steps)) != ws.DONE:
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
-    report = observables(scene, frame, w, first_velocity)
+    report = report_of(scene, frame, w, first_velocity)
     return RunResult(tracer_track(scene, frame, samples), whole_track(scene, frame, samples), None, report)
 
 
