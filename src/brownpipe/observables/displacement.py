@@ -10,9 +10,10 @@ from brownpipe.scene import Scene
 def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
     """Return the squared displacement and half its rate of change, (T,) each, of one run (tracks of `engines.state`).
 
-    Their means over runs are <r^2(t)>, eq. (12), and <v(t).(r(t) - r(0))> = (1/2) d<r^2>/dt, which needs no difference
-    quotient. `average`: of the tracer from t = 0 (`runs`), of the tracer from every sample as time origin (`origins`;
-    Frenkel and Smit, Understanding Molecular Simulation, section 4.4.2), or of all disks equal to it (`disks`).
+    Their means over runs are the MSD <r^2(t)>, for which eq. (12) is a model, and <v(t).(r(t) - r(0))>, which is
+    (1/2) d<r^2>/dt without a difference quotient. `average`: of the tracer from t = 0 (`runs`), of the tracer from
+    every sample as time origin (`origins`; Frenkel and Smit, Understanding Molecular Simulation, section 4.4.2), or of
+    all disks equal to it (`disks`).
     """
     track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
 
