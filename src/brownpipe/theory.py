@@ -3,7 +3,7 @@
 Unless stated otherwise, a function takes scalars or arrays that broadcast against each other and returns an array of
 the broadcast shape. Quantities are in the scene's units of length, time and mass; `temperature` is kT, an energy.
 "Eq." is an equation of D. W. Harrison, "Brownian motion simulation" (2020), the note that brownpipe follows.
-docs/theory.md derives and explains the formulas; each docstring names its section.
+docs/theory.md states the formulas, their limits and their sources; each docstring names its section.
 """
 
 import math

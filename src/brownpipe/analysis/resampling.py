@@ -147,7 +147,7 @@ def estimate(sums: Sums) -> Estimate:
     """Return the Estimate, arrays (Q,), of the columns whose squares were summed, with its bootstrap-t interval.
 
     r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard error, which makes
-    the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 50 runs
+    the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 10 runs
     (B. Efron, Can. J. Stat. 9, 139 (1981)).
     """
     parts = [_estimate(sums, chunk) for chunk in _chunks(len(sums.second))]
