@@ -1,6 +1,7 @@
-"""The command line: one function per verb. Only this module and `progress` write to the screen.
+"""The command line: one function per verb. Imports that take time are in the verbs that need them.
 
-Imports that take time are in the verbs that need them.
+Only this module and `progress` write to the screen, with two exceptions: `parser` shows help, version and mistakes in
+options, and `scene.reading.current_name` says on stderr that a name has been replaced by a newer one.
 """
 
 import os

@@ -66,7 +66,13 @@ STATUS = {"flag_values": np.array([KEPT, FAILED, MISSING], np.int8), "flag_meani
 
 VARIABLES = {  # numbers and health of the runs; every estimator has a table of its own
     "runs": Variable(EACH, "1", "number of runs averaged", np.int64, 0),
-    "failed_runs": Variable(EACH, "1", "number of runs left out because they failed their health check", np.int64, 0),
+    "failed_runs": Variable(
+        EACH,
+        "1",
+        "number of runs left out: overlap, energy drift or momentum residual beyond its bound, or a number not finite",
+        np.int64,
+        0,
+    ),
     "missing_seeds": Variable(EACH, "1", "number of seeds of the dataset that this case lacks", np.int64, 0),
     "energy_drift": Variable(SEED, "1", "relative change of the energy over the run"),
     "worst_overlap": Variable(SEED, "1", "deepest overlap, in contact distances"),

@@ -61,7 +61,11 @@ MEANING = {  # dataset: units, long_name
     "missed_collisions": ("1", "collisions missed because the pair met and separated within one time step"),
     "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
     "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
-    "failed": ("1", "1 if the run failed its health check (energy, momentum, overlap): exclude from averages"),
+    "failed": (
+        "1",
+        "1 if overlap, energy drift or momentum residual exceeds its bound or a number is not finite: exclude from "
+        "averages",
+    ),
     "scene": ("1", "the scene as canonical JSON"),
     "settings": ("1", "settings of the engine as JSON"),
 }
