@@ -134,7 +134,7 @@ def _legend(model: Dataset) -> str:
     diffusion = float(model.model_diffusion_coefficient)
     beyond = float(model.expected_overflow)
     test = f"$\\chi^2$/dof = {float(model.chi_square):.1f}/{int(model.degrees_of_freedom)}"
-    return f"{SOURCES[_source(model)]} = {diffusion:.3g}: {test}, {beyond:.0f} expected beyond"
+    return f"{SOURCES[_source(model)]} = {diffusion:.3g}: {test}; {beyond:.0f} beyond"
 
 
 def _source(model: Dataset) -> str:
