@@ -16,8 +16,9 @@ from brownpipe.engines.batch import RunResult
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.state import Track
 from brownpipe.errors import WRONG_REQUEST, RequestError
-from brownpipe.observables import ARRAYS, OBSERVABLES, RENAMED, observe
-from brownpipe.scene import parse_scene
+from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, RENAMED, Observable, RunArray, observe
+from brownpipe.scene import parse_scene, read_scene
+from brownpipe.study import read_study
 
 W, P = "reflecting", "periodic"
 SQUARE, TRACER_ALONE = ("square_displacement",), ("square_displacement", "velocity_autocorrelation")
@@ -388,6 +389,65 @@ def test_what_needs_every_disk():
         assert observables.needs_every_disk(scene, names, average) == expected
         found = simulate(scene, [0, 1], {"none"}, observables=names, average=average)
         assert observables.arrays_of(scene, names) == tuple(name for name in ARRAYS if name in found.observables)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_tracer_is_enough_exactly_where_the_record_says_so(name):
+    """Without the other disks' tracks: the same arrays, or an array is missing or cannot be measured."""
+    for scene in (make(), make(kinds=[{"name": "same", "count": 4, **TRACER}])):
+        whole = made_up(scene)
+        expected = observe(scene, whole, (name,))
+        try:
+            found = observe(scene, whole._replace(whole=None), (name,))
+        except AttributeError:  # it reads from None
+            found = {}
+        enough = found.keys() == expected.keys()
+        assert observables.needs_every_disk(scene, (name,)) != enough
+        assert all(np.array_equal(found[array], expected[array]) for array in found)
+        assert bool(observables.of_tracer((name,))[0]) == (OBSERVABLES[name].arrays[0] in found)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_record_of_an_observable_is_complete(name):
+    observable = OBSERVABLES[name]
+    assert set(observable.arrays) <= set(ARRAYS)
+    assert {dim for array in observable.arrays for dim in ARRAYS[array].dims} <= set(AXES)
+    lone = make(kinds=())
+    assert ARRAYS[observable.arrays[0]].is_there(lone) or observable.unfit(lone)
+    assert observable.seconds_per_run > 0 and observable.seconds_per_disk_sample > 0
+    over_origins = np.array([observable.seconds_per_lag, observable.seconds_per_product])
+    assert (over_origins > 0).all() if observable.of_single_disks else np.isnan(over_origins).all()
+
+
+def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, capsys):
+    """Forecast, study, averages and files of an observable that was not there when they were written."""
+
+    def speed(scene, run, average):
+        return {"tracer_speed": np.hypot(*run.tracer.velocity[:, 0].T)}
+
+    costs = {"seconds_per_run": 3e-3, "seconds_per_disk_sample": 1e-9}
+    over_origins = {"seconds_per_lag": 5e-3, "seconds_per_product": 1e-9}
+    record = Observable(speed, ("tracer_speed",), of_single_disks=True, **costs, **over_origins)
+    monkeypatch.setitem(OBSERVABLES, "speed", record)
+    monkeypatch.setitem(ARRAYS, "tracer_speed", RunArray(("time",), "length/time", "speed of the tracer"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
+    (tmp_path / "few.yaml").write_text("scenes: [some.yaml]\nseeds: 2\nobservables: [speed]\naverage: origins\n")
+    assert read_study("few.yaml").simulate_options == "--observables speed --average origins"
+    assert main(["check", "some.yaml"]) == DONE
+    assert ", speed 3 ms" in capsys.readouterr().out
+    assert main(["simulate", "some.yaml", "--observables", "speed", "--record", "none", "--output", "x.h5"]) == DONE
+    seen = storage.read_trajectories("x.h5").ensemble
+    assert seen.observables["tracer_speed"].shape == (1, len(seen.times))
+    assert seen.observables["tracer_speed"][0, 0] ** 2 == pytest.approx(seen.observables["initial_square_speed"][0])
+    assert "speed of the tracer (seed 1, time 21)" in storage.report("x.h5")
+    scene = read_scene("some.yaml")
+    assert not observables.needs_every_disk(scene, ("speed",))
+    alone, by_origins = (
+        forecast.of_run(scene, observables=names, average=average).seconds - forecast.of_run(scene).seconds
+        for names, average in ((("speed",), "runs"), (("speed",), "origins"))
+    )
+    assert (alone, by_origins) == (pytest.approx(3e-3, rel=1e-3), pytest.approx(3e-3 + 21 * 5e-3, rel=1e-3))
 
 
 @pytest.mark.parametrize("boundary", [W, P])

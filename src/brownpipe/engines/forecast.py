@@ -1,7 +1,8 @@
 """Forecast of the cost of a run: Enskog's collision rates, and from them CPU time, memory and file size.
 
 CPU time is a sum of terms in proportion to the numbers of collisions, of cell crossings, of samples, and of disks that
-an observable measures in a sample. `benchmarks/bench_cost.py` compares the forecast with the CPU time taken.
+an observable measures in a sample; the costs of an observable are in its record (`observables.Observable`).
+`benchmarks/bench_cost.py` compares the forecast with the CPU time taken.
 
 The forecast is rough on purpose. Collision counts hold in equilibrium, within some percent up to a packing fraction of
 0.65. In a scene that gives disks of all masses the same standard deviation of the velocity, they hold for the first
@@ -18,7 +19,7 @@ from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.friction import DENSEST
 from brownpipe.errors import RequestError
-from brownpipe.observables import pairs
+from brownpipe.observables import Observable
 from brownpipe.observables.species import bath_disks, equal_disks
 from brownpipe.scene import Scene
 
@@ -37,21 +38,6 @@ COMPRESSED = 0.95  # size of compressed random coordinates, relative to the byte
 BYTES_PER_NUMBER = 8
 BYTES_PER_SAMPLE = 120  # of one disk in a run that is measured: recorded, sorted by disk, and intermediate arrays
 COPIES = 4  # of what is recorded, while it is written and verified
-# CPU seconds of an observable: per run, and per disk and sample.
-SECONDS_TO_MEASURE = {
-    "square_displacement": (1e-5, 3.6e-8),
-    "velocity_autocorrelation": (3e-5, 7e-9),
-    "species_energy": (2e-5, 1.7e-8),
-    "velocity_distribution": (5e-5, 2.8e-8),
-    "pair_distribution": (1e-4, 6e-7),
-}
-# Further CPU seconds of pair_distribution: per sample, per pair of disks closer than the largest distance counted, and
-# per bin of distance around a lone disk between walls.
-SECONDS_PER_SNAPSHOT = 4e-5
-SECONDS_PER_PAIR = 9e-8
-SECONDS_PER_RING = 6e-8
-# CPU seconds of averages over time origins: per lag, and per disk and time origin at that lag.
-SECONDS_PER_LAG = {"square_displacement": (9e-6, 2.2e-8), "velocity_autocorrelation": (6e-6, 1e-9)}
 
 
 class Cost(NamedTuple):
@@ -102,38 +88,30 @@ def of_run(
     seconds += slower * SECONDS_PER_CROSSING * time * crossing_rate(scene, mixture)
     if every_disk or "all" in record:
         seconds += SECONDS_PER_DISK_SAMPLE * len(scene.times) * scene.particles
-    seconds += sum(_seconds_to_measure(scene, name, average, len(bath_disks(scene))) for name in observables)
+    bath = len(bath_disks(scene))
+    seconds += sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average, bath) for name in observables)
     return Cost(pair_collisions, wall_collisions, seconds, recorded, working)
 
 
 def seconds_to_measure_tracer(scene: Scene, observables: Iterable[str], average: str) -> float:
     """Return the CPU seconds to measure the tracer's part of `observables`, for an engine of the tracer alone."""
     names, average = measures.of_tracer(observables, average)
-    return sum(_seconds_to_measure(scene, name, average, 0) for name in names)
+    return sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average, 0) for name in names)
 
 
-def _seconds_to_measure(scene: Scene, name: str, average: str, bath: int) -> float:
+def _seconds_to_measure(scene: Scene, observable: Observable, average: str, bath: int) -> float:
     """Return the CPU seconds to measure an observable in a run with `bath` disks beside the tracer."""
-    samples = len(scene.times)
-    per_run, per_disk = SECONDS_TO_MEASURE[name]
-    if name in SECONDS_PER_LAG:
+    samples, per_disk_sample = len(scene.times), observable.seconds_per_disk_sample
+    if observable.of_single_disks:
         disks = len(equal_disks(scene)) if average == "disks" else 1
-        disks += bath if name == "velocity_autocorrelation" else 0
+        disks += bath if observable.is_also_of_bath else 0
         if average != "origins":
-            return per_run + per_disk * samples * disks
-        per_lag, per_product = SECONDS_PER_LAG[name]
-        return per_run + samples * (per_lag * (2 if disks > 1 else 1) + per_product * disks * samples / 2)
-    snapshots = samples if name == "species_energy" or measures.is_stationary(scene) else 1
-    seconds = per_run + per_disk * snapshots * scene.particles
-    return seconds + (snapshots * _counting_pairs(scene) if name == "pair_distribution" else 0.0)
-
-
-def _counting_pairs(scene: Scene) -> float:
-    """Return the CPU seconds to count pairs by distance in one sample, rings around lone disks included."""
-    bins, width = pairs.bins(scene)
-    near = min(1.0, np.pi * (bins * width) ** 2 / scene.box.area) * scene.particles**2 / 2
-    rings = bins * len(pairs.lone_pairs(scene, measures.species_table(scene)))
-    return SECONDS_PER_SNAPSHOT + SECONDS_PER_PAIR * near + SECONDS_PER_RING * rings
+            return observable.seconds_per_run + per_disk_sample * samples * disks
+        products = observable.seconds_per_product * disks * samples / 2
+        return observable.seconds_per_run + samples * (observable.seconds_per_lag * (2 if disks > 1 else 1) + products)
+    samples = 1 if observable.is_histogram and not measures.is_stationary(scene) else samples
+    seconds = observable.seconds_per_run + per_disk_sample * samples * scene.particles
+    return seconds + (0.0 if observable.seconds_per_sample is None else samples * observable.seconds_per_sample(scene))
 
 
 def refuse_too_large(

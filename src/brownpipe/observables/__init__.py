@@ -4,11 +4,13 @@ Each observable is a pure function of the tracks of one run that returns arrays.
 stacked and stored as /observables/run/NAME, shape (S, ...). ARRAYS describes each array, `axes` gives the coordinates
 along its dimensions: T sample times, K species (the tracer is a species of its own), P pairs of species.
 
-A new observable is a function in a module of this package, an entry of OBSERVABLES, its arrays in ARRAYS and their
-dimensions in AXES. The command line, files, checkpoints, studies and forecasts of costs take it from there.
+A new observable is a function in a module of this package, its record in OBSERVABLES, its arrays in ARRAYS and new
+dimensions in AXES and `_axis`. The command line, files, checkpoints, studies and forecasts take it from there; what a
+forecast needs, the CPU seconds that the observable takes, is in its record.
 """
 
-from collections.abc import Callable, Collection, Iterable
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,7 @@ from brownpipe.errors import RequestError
 from brownpipe.observables import displacement, pairs, time_origins, velocity
 from brownpipe.observables.species import bath_disks, equal_disks, species_table
 from brownpipe.observables.time_origins import is_stationary, why_not_stationary
+from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
 __all__ = [
@@ -37,9 +40,7 @@ __all__ = [
     "refuse_unfit",
 ]
 
-AVERAGES = ("runs", "origins", "disks")  # over runs alone; also over time origins, or over equal disks, of each run
-AVERAGED = ("square_displacement", "velocity_autocorrelation")  # observables to which these averages apply
-MOST_PAIR_COUNTS = 1_000_000  # bins of all pair-distance histograms of a run
+AVERAGES = ("runs", "origins", "disks")  # over runs alone, and within each run over time origins or equal disks
 
 
 class RunArray(NamedTuple):
@@ -48,13 +49,26 @@ class RunArray(NamedTuple):
     dims: tuple[str, ...]  # names in AXES; in files the dimension of the runs, `seed`, comes first
     units: str
     long_name: str
+    is_there: Callable[[Scene], bool] = lambda scene: True  # whether runs of the scene have it
 
 
 class Observable(NamedTuple):
-    """An observable, and the arrays that it returns."""
+    """An observable: how it is measured, its arrays, the scenes that it fits, the CPU time that it takes.
 
-    measure: Callable  # (scene, run, average) -> {array name: values}
-    arrays: tuple[str, ...]  # names in ARRAYS; the first is measured in every scene
+    Forecasts (`engines.forecast`) add up the CPU seconds; `benchmarks/bench_cost.py` compares them with those taken.
+    """
+
+    measure: Callable[[Scene, Run, str], Mapping[str, np.ndarray | int]]  # (scene, run, average) -> values by array
+    arrays: tuple[str, ...]  # names in ARRAYS; the first is there in every scene
+    of_single_disks: bool  # made from tracks of single disks: all AVERAGES apply, and the tracer's track is enough
+    seconds_per_run: float  # CPU seconds in every run, and
+    seconds_per_disk_sample: float  # for each disk in each sample
+    seconds_per_lag: float = math.nan  # averages over time origins (`of_single_disks`): for each lag, and
+    seconds_per_product: float = math.nan  # for each disk and time origin at that lag
+    seconds_per_sample: Callable[[Scene], float] | None = None  # besides, for each sample
+    is_also_of_bath: bool = False  # (`of_single_disks`) in a scene with a bath, made from its disks, too
+    is_histogram: bool = False  # of all samples of a stationary scene, otherwise of the last one
+    unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
 
 
 AXES = {  # dimension: units, meaning
@@ -83,7 +97,10 @@ ARRAYS = {
         "v(0).(r(t) - r(0)) of the tracer, the integral of v(0).v(s); averaged like square_displacement",
     ),
     "bath_velocity_autocorrelation": RunArray(
-        ("time",), "length^2/time^2", "v(0).v(t), mean over the disks of the most numerous species except the tracer's"
+        ("time",),
+        "length^2/time^2",
+        "v(0).v(t), mean over the disks of the most numerous species except the tracer's",
+        lambda scene: len(bath_disks(scene)) > 0,
     ),
     "species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk"),
     "velocity_counts": RunArray(("species", "velocity"), "1", "histogram of the velocity components"),
@@ -91,25 +108,62 @@ ARRAYS = {
     "pair_counts": RunArray(("species_pair", "distance"), "1", "histogram of the distances of pairs of disks"),
     "pair_snapshots": RunArray((), "1", "number of samples that pair_counts is summed over"),
     "pair_expected": RunArray(
-        ("species_pair", "distance"), "1", "pair_counts of an ideal gas around a lone disk at its positions; else NaN"
+        ("species_pair", "distance"),
+        "1",
+        "pair_counts of an ideal gas around a lone disk at its positions; else NaN",
+        lambda scene: bool(pairs.lone_pairs(scene, species_table(scene))),
     ),
 }
 OBSERVABLES = {
     "square_displacement": Observable(
-        displacement.square_displacement, ("square_displacement", "displacement_velocity")
+        displacement.square_displacement,
+        ("square_displacement", "displacement_velocity"),
+        of_single_disks=True,
+        seconds_per_run=1e-5,
+        seconds_per_disk_sample=3.6e-8,
+        seconds_per_lag=9e-6,
+        seconds_per_product=2.2e-8,
     ),
     "velocity_autocorrelation": Observable(
         velocity.autocorrelation,
         ("velocity_autocorrelation", "velocity_displacement", "bath_velocity_autocorrelation"),
+        of_single_disks=True,
+        seconds_per_run=3e-5,
+        seconds_per_disk_sample=7e-9,
+        seconds_per_lag=6e-6,
+        seconds_per_product=1e-9,
+        is_also_of_bath=True,
     ),
-    "species_energy": Observable(velocity.species_energy, ("species_energy",)),
-    "velocity_distribution": Observable(velocity.distribution, ("velocity_counts", "speed_counts")),
-    "pair_distribution": Observable(pairs.distribution, ("pair_counts", "pair_snapshots", "pair_expected")),
+    "species_energy": Observable(
+        velocity.species_energy,
+        ("species_energy",),
+        of_single_disks=False,
+        seconds_per_run=2e-5,
+        seconds_per_disk_sample=1.7e-8,
+    ),
+    "velocity_distribution": Observable(
+        velocity.distribution,
+        ("velocity_counts", "speed_counts"),
+        of_single_disks=False,
+        seconds_per_run=5e-5,
+        seconds_per_disk_sample=2.8e-8,
+        is_histogram=True,
+    ),
+    "pair_distribution": Observable(
+        pairs.distribution,
+        ("pair_counts", "pair_snapshots", "pair_expected"),
+        of_single_disks=False,
+        seconds_per_run=1e-4,
+        seconds_per_disk_sample=6e-7,
+        seconds_per_sample=pairs.seconds_per_sample,
+        is_histogram=True,
+        unfit=pairs.unfit,
+    ),
 }
 RENAMED = {"displacement": "square_displacement", "kinetic_energy": "species_energy"}  # names of an earlier version
 
 
-def observe(scene: Scene, run, names: Iterable[str], average: str = "runs") -> dict[str, np.ndarray | int]:
+def observe(scene: Scene, run: Run, names: Iterable[str], average: str = "runs") -> dict[str, np.ndarray | int]:
     """Return the arrays of the named observables of one run (tracks as in `engines.state.Track`)."""
     arrays: dict[str, np.ndarray | int] = {}
     for name in names:
@@ -117,24 +171,23 @@ def observe(scene: Scene, run, names: Iterable[str], average: str = "runs") -> d
     return arrays
 
 
-def needs_every_disk(scene: Scene, names: Collection[str], average: str = "runs") -> bool:
+def needs_every_disk(scene: Scene, names: Iterable[str], average: str = "runs") -> bool:
     """Return whether these observables need the tracks of all disks; otherwise the tracer's is enough."""
-    if average == "disks" or set(names) - set(AVERAGED):
-        return bool(names)
-    return "velocity_autocorrelation" in names and len(bath_disks(scene)) > 0
+    asked = [OBSERVABLES[name] for name in names]
+    if average == "disks" or not all(observable.of_single_disks for observable in asked):
+        return bool(asked)
+    return any(observable.is_also_of_bath for observable in asked) and len(bath_disks(scene)) > 0
 
 
 def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, ...], str]:
     """Return the observables of these, and the average, that an engine of the tracer alone can measure."""
-    names = tuple(name for name in names if name in AVERAGED)
+    names = tuple(name for name in names if OBSERVABLES[name].of_single_disks)
     return names, average if names else "runs"
 
 
 def arrays_of(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the arrays that these observables yield in a scene."""
-    lacking = set() if len(bath_disks(scene)) else {"bath_velocity_autocorrelation"}
-    lacking |= set() if pairs.lone_pairs(scene, species_table(scene)) else {"pair_expected"}
-    return tuple(array for name in names for array in OBSERVABLES[name].arrays if array not in lacking)
+    return tuple(array for name in names for array in OBSERVABLES[name].arrays if ARRAYS[array].is_there(scene))
 
 
 def observables_making(arrays: Collection[str]) -> tuple[str, ...]:
@@ -196,13 +249,8 @@ def _unfit(scene: Scene, names: tuple[str, ...]) -> str | None:
         return "must differ"
     if names and scene.particles == 0:
         return "there is no disk to measure"
-    if "pair_distribution" in names:
-        bins, _ = pairs.bins(scene)
-        if bins < 1:
-            return "pair_distribution needs two disks, and room for them to be apart"
-        if bins * len(pairs.species_pairs(species_table(scene))) > MOST_PAIR_COUNTS:
-            return f"pair_distribution would have more than {MOST_PAIR_COUNTS} bins for so many kinds or sizes of disks"
-    return None
+    reasons = ((name, OBSERVABLES[name].unfit(scene)) for name in names)
+    return next((f"{name} {why}" for name, why in reasons if why is not None), None)
 
 
 def _unfit_average(scene: Scene, names: tuple[str, ...], average: str) -> str | None:
@@ -211,8 +259,9 @@ def _unfit_average(scene: Scene, names: tuple[str, ...], average: str) -> str | 
         return f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
     if average == "runs":
         return None
-    if not set(AVERAGED) & set(names):
-        return f"{average} needs {' or '.join(AVERAGED)} among the observables"
+    of_single_disks, _ = of_tracer(OBSERVABLES)
+    if not set(of_single_disks) & set(names):
+        return f"{average} needs {' or '.join(of_single_disks)} among the observables"
     why = why_not_stationary(scene)
     if why is not None:
         return f"{average} needs runs that are stationary from t = 0, but {why}"

@@ -4,11 +4,12 @@ import numpy as np
 
 from brownpipe.observables.species import tracer_tracks
 from brownpipe.observables.time_origins import averaged
+from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
 
-def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
-    """Return the squared displacement and half its rate of change, (T,) each, of one run (tracks of `engines.state`).
+def square_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
+    """Return the squared displacement and half its rate of change, (T,) each, of one run.
 
     Their means over runs are the MSD <r^2(t)>, for which eq. (12) is a model, and <v(t).(r(t) - r(0))>, which is
     (1/2) d<r^2>/dt without a difference quotient. `average`: of the tracer from t = 0 (`runs`), of the tracer from
@@ -25,7 +26,7 @@ def square_displacement(scene: Scene, run, average: str) -> dict[str, np.ndarray
     return {"square_displacement": squared, "displacement_velocity": growth}
 
 
-def velocity_displacement(scene: Scene, run, average: str) -> np.ndarray:
+def velocity_displacement(scene: Scene, run: Run, average: str) -> np.ndarray:
     """Return v(0).(r(t) - r(0)) (T,) of one run: exactly the integral of v(0).v(s) over s from 0 to t."""
     track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
 

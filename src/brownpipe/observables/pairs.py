@@ -10,10 +10,15 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.observables.species import SpeciesTable, species_table
 from brownpipe.observables.time_origins import is_stationary
+from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
 BINS_PER_CONTACT = 40  # bins per smallest contact distance
 FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
+MOST_COUNTS = 1_000_000  # bins of all histograms of a run
+SECONDS_PER_SAMPLE = 4e-5  # CPU seconds, and
+SECONDS_PER_PAIR = 9e-8  # for a pair of disks closer than the end of the histogram,
+SECONDS_PER_RING = 6e-8  # for a bin of distance around a lone disk between walls
 SAMPLES_AT_ONCE = 16  # samples whose rings are intersected with the box in one call, three times as fast as one by one
 
 
@@ -40,7 +45,25 @@ def bins(scene: Scene) -> tuple[int, float]:
     return max(0, int(reach / width * (1 + 1e-12))), width
 
 
-def distribution(scene: Scene, run, _) -> dict[str, np.ndarray | int]:
+def unfit(scene: Scene) -> str | None:
+    """Return why the scene has no such histograms, None if it has."""
+    number, _ = bins(scene)
+    if number < 1:
+        return "needs two disks, and room for them to be apart"
+    if number * len(species_pairs(species_table(scene))) > MOST_COUNTS:
+        return f"would have more than {MOST_COUNTS} bins for so many kinds or sizes of disks"
+    return None
+
+
+def seconds_per_sample(scene: Scene) -> float:
+    """Return the CPU seconds to count pairs by distance in one sample, rings around lone disks included."""
+    number, width = bins(scene)
+    near = min(1.0, np.pi * (number * width) ** 2 / scene.box.area) * scene.particles**2 / 2
+    rings = number * len(lone_pairs(scene, species_table(scene)))
+    return SECONDS_PER_SAMPLE + SECONDS_PER_PAIR * near + SECONDS_PER_RING * rings
+
+
+def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray | int]:
     """Return the counts (P, R) of pairs by species and distance, and the number of samples they are summed over.
 
     All samples of a stationary run are counted, otherwise the last one. Between walls the counts that an ideal gas

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.observables.tracks import Run, Track
 from brownpipe.scene import Scene
 
 
@@ -15,6 +16,14 @@ class SpeciesTable(NamedTuple):
     radius: np.ndarray  # (K,) [length]
     mass: np.ndarray  # (K,)
     label: np.ndarray  # (N,) int64 the species of each disk
+
+
+class EqualDisks(NamedTuple):
+    """The tracks of the M disks with the radius and mass of the tracer; shapes as in `tracks.Track`."""
+
+    position: np.ndarray
+    velocity: np.ndarray
+    image: np.ndarray | None
 
 
 def species_table(scene: Scene) -> SpeciesTable:
@@ -41,12 +50,13 @@ def equal_disks(scene: Scene) -> np.ndarray:
     return np.flatnonzero((radius == radius[0]) & (mass == mass[0]))
 
 
-def tracer_tracks(scene: Scene, run, average: str):
-    """Return the `engines.state.Track` of the tracer, M = 1; for an average over `disks` of all disks equal to it."""
+def tracer_tracks(scene: Scene, run: Run, average: str) -> Track:
+    """Return the track of the tracer, M = 1; for an average over `disks` the tracks of all disks equal to it."""
     if average != "disks":
         return run.tracer
-    disks = equal_disks(scene)
-    return run.whole._make(None if values is None else values[:, disks] for values in run.whole)
+    whole, disks = run.whole, equal_disks(scene)
+    image = None if whole.image is None else whole.image[:, disks]
+    return EqualDisks(whole.position[:, disks], whole.velocity[:, disks], image)
 
 
 def bath_disks(scene: Scene) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 from brownpipe.observables.displacement import velocity_displacement
 from brownpipe.observables.species import bath_disks, species_table, tracer_tracks
 from brownpipe.observables.time_origins import is_stationary, lags
+from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
@@ -15,7 +16,7 @@ BINS = {"velocity": 120, "speed": 80}
 VALUES_AT_ONCE = 2**18  # velocity components that are scaled and counted at a time, so that temporary arrays stay small
 
 
-def autocorrelation(scene: Scene, run, average: str) -> dict[str, np.ndarray]:
+def autocorrelation(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
     """Return velocity autocorrelations v(0).v(t) (T,) of the tracer and of the bath, and the tracer's time integral.
 
     The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half its mean
@@ -41,14 +42,14 @@ def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray
     return np.array([product.mean() / disks for product in products])
 
 
-def species_energy(scene: Scene, run, _) -> dict[str, np.ndarray]:
+def species_energy(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     """Return the kinetic energy per disk (T, K) of each species: kT in equilibrium for any mass (equipartition)."""
     species, square = species_table(scene), np.sum(run.whole.velocity**2, axis=-1)
     energy = [mass / 2 * square[:, species.label == k].mean(axis=1) for k, mass in enumerate(species.mass)]
     return {"species_energy": np.stack(energy, axis=1)}
 
 
-def distribution(scene: Scene, run, _) -> dict[str, np.ndarray]:
+def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     """Return histograms of velocity components (K, 120) and of speeds (K, 80), in units of sqrt(kT/m).
 
     All samples of a stationary run are counted, otherwise the last one. kT is the scene's temperature or, if none is
