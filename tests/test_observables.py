@@ -420,7 +420,7 @@ def test_the_record_of_an_observable_is_complete(name):
 
 
 def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, capsys):
-    """Forecast, study, averages and files of an observable that was not there when they were written."""
+    """Command line, forecast, study, averages and files of an observable that was not there when they were written."""
 
     def speed(scene, run, average):
         return {"tracer_speed": np.hypot(*run.tracer.velocity[:, 0].T)}
@@ -436,6 +436,9 @@ def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, ca
     assert read_study("few.yaml").simulate_options == "--observables speed --average origins"
     assert main(["check", "some.yaml"]) == DONE
     assert ", speed 3 ms" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["simulate", "--help"])
+    assert "pair_distribution, speed" in " ".join(capsys.readouterr().out.split())
     assert main(["simulate", "some.yaml", "--observables", "speed", "--record", "none", "--output", "x.h5"]) == DONE
     seen = storage.read_trajectories("x.h5").ensemble
     assert seen.observables["tracer_speed"].shape == (1, len(seen.times))

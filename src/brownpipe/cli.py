@@ -67,8 +67,8 @@ def simulate(arguments: Namespace) -> int:
 
     The tracer is always recorded, except with `--record none`. Runs that fail their health check are named, marked in
     the file and left out of every average; if all of them fail, the exit status is 1.
-    `--observables` measures quantities in each run, while all disks are in memory, and writes only the results:
-    square_displacement, velocity_autocorrelation, species_energy, velocity_distribution, pair_distribution.
+    `--observables` measures quantities at the end of each run, while the tracks of all disks are in memory, so that
+    only the results need to be written.
     `--checkpoint-every` stores the state of the batch in FILE.h5.checkpoint: after this many seconds, when the next
     block of simulated time (some 128 collisions of each disk) is complete. If the command is killed, the same command
     resumes there and writes the same file, byte for byte.

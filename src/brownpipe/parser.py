@@ -58,12 +58,19 @@ def _simulate(add: Callable) -> None:
     add("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default: 0)")
     _add_engines(add)
     add("--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events")
-    measured = "what to measure in each run, like square_displacement,species_energy"
-    add("--observables", type=_observables, metavar="NAMES", help=measured)
+    _add_observables(add)
     over = "runs (default), or all time origins or equal disks of a run"
     add("--average", default="runs", metavar="OVER", help=over)
     add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
     add("--checkpoint-every", type=_positive, metavar="SECONDS", help="store checkpoints, to resume a killed run")
+
+
+def _add_observables(add: Callable) -> None:
+    """Add the option --observables, with the names of all of them in its help."""
+    from brownpipe.observables import OBSERVABLES
+
+    measured = f"what to measure in each run, with commas: some of {', '.join(OBSERVABLES)}"
+    add("--observables", type=_observables, metavar="NAMES", help=measured)
 
 
 def _add_engines(add: Callable) -> None:
