@@ -1,4 +1,4 @@
-"""Velocities, pairs, thermodynamics and the control variate: what becomes of the arrays measured in the runs."""
+"""Estimators of velocities, pairs, thermodynamics and the control variate: from arrays measured in runs to results."""
 
 from dataclasses import replace
 from types import SimpleNamespace
