@@ -5,7 +5,7 @@ stacked and stored as /observables/run/NAME, shape (S, ...). ARRAYS describes ea
 along its dimensions: T sample times, K species (the tracer is a species of its own), P pairs of species.
 
 A new observable is a function in a module of this package, its record in OBSERVABLES, its arrays in ARRAYS and new
-dimensions in AXES and `_axis`. The command line, files, checkpoints, studies and forecasts take it from there; what a
+dimensions in AXES. The command line, files, checkpoints, studies and forecasts take it from there; what a
 forecast needs, the CPU seconds that the observable takes, is in its record.
 """
 
@@ -43,6 +43,14 @@ __all__ = [
 AVERAGES = ("runs", "origins", "disks")  # over runs alone, and within each run over time origins or equal disks
 
 
+class Axis(NamedTuple):
+    """Description of a dimension of such arrays."""
+
+    units: str
+    long_name: str
+    coordinates: Callable[[Scene], np.ndarray | list[str]]  # along it in a scene: numbers, or names of species
+
+
 class RunArray(NamedTuple):
     """Description of an array that is measured in every run."""
 
@@ -71,13 +79,21 @@ class Observable(NamedTuple):
     unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
 
 
-AXES = {  # dimension: units, meaning
-    "time": ("time", "time since the start of the run, or since a time origin"),
-    "species": ("1", "species of the disk"),
-    "species_pair": ("1", "species of the two disks"),
-    "velocity": ("sqrt(kT/mass)", "velocity component, centre of its bin; the outermost bins include all beyond"),
-    "speed": ("sqrt(kT/mass)", "speed, centre of its bin; the last bin includes all beyond"),
-    "distance": ("length", "distance between the centres, centre of its bin"),
+AXES = {
+    "time": Axis("time", "time since the start of the run, or since a time origin", lambda scene: scene.times),
+    "species": Axis("1", "species of the disk", lambda scene: list(species_table(scene).name)),
+    "species_pair": Axis("1", "species of the two disks", pairs.pair_names),
+    "velocity": Axis(
+        "sqrt(kT/mass)",
+        "velocity component, centre of its bin; the outermost bins include all beyond",
+        lambda scene: velocity.bin_centres("velocity"),
+    ),
+    "speed": Axis(
+        "sqrt(kT/mass)",
+        "speed, centre of its bin; the last bin includes all beyond",
+        lambda scene: velocity.bin_centres("speed"),
+    ),
+    "distance": Axis("length", "distance between the centres, centre of its bin", pairs.bin_centres),
 }
 ARRAYS = {
     "square_displacement": RunArray(
@@ -197,29 +213,13 @@ def observables_making(arrays: Collection[str]) -> tuple[str, ...]:
 
 def axes(scene: Scene, array: str) -> dict[str, np.ndarray | list[str]]:
     """Return the coordinates along each dimension of an array: numbers, or names of species."""
-    return {dim: _axis(scene, dim) for dim in ARRAYS[array].dims}
+    return {dim: AXES[dim].coordinates(scene) for dim in ARRAYS[array].dims}
 
 
 def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run, all arrays together."""
     shapes = [[len(values) for values in axes(scene, array).values()] for array in arrays_of(scene, names)]
     return int(sum(np.prod(shape) for shape in shapes))
-
-
-def _axis(scene: Scene, dim: str) -> np.ndarray | list[str]:
-    """Return the coordinates along one dimension; for a histogram the centres of its bins."""
-    if dim == "time":
-        return scene.times
-    if dim in ("velocity", "speed"):
-        number = velocity.BINS[dim]
-        return (np.arange(number) + 0.5 - (number / 2 if dim == "velocity" else 0.0)) * velocity.BIN
-    if dim == "distance":
-        number, width = pairs.bins(scene)
-        return (np.arange(number) + 0.5) * width
-    species = species_table(scene)
-    if dim == "species":
-        return list(species.name)
-    return [f"{species.name[a]}:{species.name[b]}" for a, b in pairs.species_pairs(species)]
 
 
 # -- refusals -------------------------------------------------------------------------------------------------------

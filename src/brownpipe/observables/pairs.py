@@ -45,6 +45,18 @@ def bins(scene: Scene) -> tuple[int, float]:
     return max(0, int(reach / width * (1 + 1e-12))), width
 
 
+def bin_centres(scene: Scene) -> np.ndarray:
+    """Return the centres (R,) of the bins [length]."""
+    number, width = bins(scene)
+    return (np.arange(number) + 0.5) * width
+
+
+def pair_names(scene: Scene) -> list[str]:
+    """Return a name for each pair of species, "tracer:bath"."""
+    species = species_table(scene)
+    return [f"{species.name[a]}:{species.name[b]}" for a, b in species_pairs(species)]
+
+
 def unfit(scene: Scene) -> str | None:
     """Return why the scene has no such histograms, None if it has."""
     number, _ = bins(scene)

@@ -16,6 +16,12 @@ BINS = {"velocity": 120, "speed": 80}
 VALUES_AT_ONCE = 2**18  # velocity components that are scaled and counted at a time, so that temporary arrays stay small
 
 
+def bin_centres(axis: str) -> np.ndarray:
+    """Return the centres of the bins in units of sqrt(kT/m): of `velocity`, on both sides of 0, or of `speed`."""
+    number = BINS[axis]
+    return (np.arange(number) + 0.5 - (number / 2 if axis == "velocity" else 0.0)) * BIN
+
+
 def autocorrelation(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
     """Return velocity autocorrelations v(0).v(t) (T,) of the tracer and of the bath, and the tracer's time integral.
 

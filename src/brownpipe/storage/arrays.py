@@ -24,8 +24,8 @@ def layout(group: str, scene: Scene, ensemble: Ensemble) -> dict[str, Node]:
 def _scale(dim: str, values: np.ndarray | list[str], ensemble: Ensemble) -> Node:
     """Return the scale of a dimension; the times are those of the ensemble."""
     values = np.array(values, h5py.string_dtype()) if isinstance(values, list) else values
-    units, long_name = AXES[dim]
-    return Node(ensemble.times if dim == "time" else values, {"units": units, "long_name": long_name}, (dim,))
+    attributes = {"units": AXES[dim].units, "long_name": AXES[dim].long_name}
+    return Node(ensemble.times if dim == "time" else values, attributes, (dim,))
 
 
 def command_options(ensemble: Ensemble) -> str:
