@@ -278,7 +278,7 @@ def _checkpoints(
     def due() -> bool:
         return time.monotonic() - last_written >= arguments.checkpoint_every
 
-    def store(arrays: dict[str, np.ndarray]) -> None:
+    def store(arrays: "dict[str, np.ndarray]") -> None:
         nonlocal last_written
         write_checkpoint(path, made_by, arrays)
         last_written = time.monotonic()
