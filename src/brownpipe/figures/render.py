@@ -38,7 +38,7 @@ def render(
     shown = cases_shown(dataset, particles)
     for name in names or ():
         if not shown[name]:
-            raise FigureError(f"{name}: there is nothing to show in this figure: {module_of(name).LACKING}")
+            raise FigureError(f"{name}: cannot be drawn from this dataset: {module_of(name).LACKING}")
     files: dict[str, bytes] = {}
     with drawing():
         for name in names or [name for name, cases in shown.items() if cases]:
