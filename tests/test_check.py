@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe.engines import Engine, forecast
+from brownpipe.engines import DEFINITIONS, Engine, forecast
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import RequestError
 from brownpipe.observables import OBSERVABLES
@@ -37,6 +37,14 @@ def test_scene():
     )
     assert "--friction enskog: the tracer alone, gamma = 7.35; no 1/t tail" in said["langevin"]
     assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in said["caution"]
+
+
+def test_an_engine_without_settings_has_none_to_show(monkeypatch):
+    flight = DEFINITIONS["exact"]._replace(name="flight", model=lambda scenes, settings: "no collisions")
+    monkeypatch.setitem(DEFINITIONS, "flight", flight)
+    lines = describe(CONFIG / "scenes" / "harrison2020.yaml").splitlines()
+    (line,) = [line for line in lines if line.startswith("flight")]
+    assert line.startswith("flight    no collisions; some ")
 
 
 def test_too_few_disks_for_the_box_are_said():

@@ -30,5 +30,6 @@ class Definition(NamedTuple):
     refuse_unfit: Callable[[Scene, dict, frozenset[str]], None]  # (scene, settings, record): raises RequestError
     caution: Callable[[Scene], str | None]  # one line on the limits of its results in the scene, or None
     forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
-    candidates: Callable[[Scene], list[dict]]  # settings that `brownpipe plan` tries in the scene, a typical one first
+    # Settings that `brownpipe plan` tries in the scene; `check` shows the first. Never empty: [{}] without settings
+    candidates: Callable[[Scene], list[dict]]
     keeps_checkpoints: bool = False

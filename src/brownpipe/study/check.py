@@ -122,8 +122,9 @@ def _approximate_engines(scene: Scene) -> list[str]:
             lines.append(f"{name:<9} no: {str(error).partition(f'--engine {name} ')[2] or error}")
             continue
         options = engine.options.partition(" ")[2]
+        model = f"{options}: {engine.model([scene])}" if options else engine.model([scene])
         cost = f"some {in_time(engine.forecast(scene).seconds)} per run"
-        lines += [f"{name:<9} {options}: {engine.model([scene])}; {cost}", *_cautions(engine, [scene])]
+        lines += [f"{name:<9} {model}; {cost}", *_cautions(engine, [scene])]
     return lines
 
 
