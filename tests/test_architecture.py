@@ -119,17 +119,67 @@ def test_kernels_know_arrays_alone(module):
     assert all(name.startswith("engines/") or name == "provenance.py" for name in known), known
 
 
-def test_no_other_room_names_an_approximate_engine():
+CHOOSING = ("Engine", "configured", "requested", "get", "startswith", "endswith")  # functions of a name
+
+
+def deciding_strings(source):
+    """The strings by which a source chooses: compared with, looked up, keys of a dict, or the name of an engine made.
+
+    Other strings, such as labels of a figure, may happen to be equal to the name of an engine.
+    """
+    parts, words = [], set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Compare):
+            parts += [node.left, *node.comparators]
+        elif isinstance(node, ast.Dict):
+            parts += [key for key in node.keys if key is not None]  # None: the place of ** in a dict
+        elif isinstance(node, ast.Subscript):
+            parts.append(node.slice)
+        elif isinstance(node, ast.MatchValue):
+            parts.append(node.value)
+        elif isinstance(node, ast.Call):
+            function = getattr(node.func, "id", getattr(node.func, "attr", None))
+            parts += [*node.args, *(word.value for word in node.keywords)] if function in CHOOSING else []
+            words |= {word.arg for word in node.keywords} if function == "dict" else set()
+    leaves = [leaf for part in parts for leaf in ast.walk(part) if isinstance(leaf, ast.Constant)]
+    return words | {leaf.value for leaf in leaves if isinstance(leaf.value, str)}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "engine.name == 'drift'",
+        "'drift' != engine.name",
+        "name in ('exact', 'drift')",
+        "COST = {'drift': 1.0}",
+        "COST = dict(drift=1.0)",
+        "COST['drift']",
+        "COST.get('drift', 1.0)",
+        "label.startswith('drift')",
+        "engines.configured('drift')",
+        "Engine(name='drift')",
+        "match name:\n    case 'exact' | 'drift':\n        pass",
+    ],
+)
+def test_a_choice_by_name_is_found(source):
+    assert "drift" in deciding_strings(source)
+
+
+@pytest.mark.parametrize("source", ["axes.set_title('drift')", "LABELS = ('drift', 'heat')", "f(unit='drift')"])
+def test_a_label_is_no_choice(source):
+    assert "drift" not in deciding_strings(source)
+
+
+def test_no_other_room_chooses_by_the_name_of_an_approximate_engine():
     """What depends on an engine is in its package, so that a new one needs its package and a line in DEFINITIONS."""
     names = set(DEFINITIONS) - {"exact"}  # the reference that the others are compared with
-    chains = [
-        f"{module}: {node.value}"
+    choices = [
+        f"{module}: {name}"
         for module, file in MODULES.items()
-        if not module.startswith("brownpipe.engines.") and module != "brownpipe.figures.tradeoff"
-        for node in ast.walk(ast.parse(file.read_text()))
-        if isinstance(node, ast.Constant) and node.value in names
+        if not module.startswith("brownpipe.engines.")
+        for name in sorted(deciding_strings(file.read_text()) & names)
     ]
-    assert chains == []
+    assert choices == []
 
 
 def test_a_new_engine_needs_nothing_but_its_definition(monkeypatch):
@@ -159,7 +209,7 @@ def test_sources_of_an_engine_are_all_that_it_imports(engine):
     loaded = {Path(line) for line in shown.split()}
     known = set(provenance.sources(module))
     assert known <= loaded
-    by_list = {*provenance.sources("engines.exact", "engines.timestep", "engines.langevin"), *_inits(loaded)}
+    by_list = {*provenance.sources(*(f"engines.{name}" for name in DEFINITIONS)), *_inits(loaded)}
     assert loaded - known <= by_list
 
 
