@@ -1,8 +1,9 @@
 """Study files: strict reading, with every refusal in one line (config/README.md describes the keys).
 
 Each key has a function here that takes its `Entry` (value, file and key) and returns the value for the `Study`, or
-raises a RequestError that names file, key, value and what is allowed. A new key needs its default in DEFAULTS, such a
-function, a field of `Study`, and a row in config/README.md.
+raises a RequestError that names file, key, value and what is allowed. A new key needs its default in DEFAULTS (messages
+list the keys in this order), such a function, its argument in `read_study`, a field of `Study`, and a row in
+config/README.md.
 """
 
 import re
