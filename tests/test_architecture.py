@@ -1,6 +1,7 @@
 """The order of the rooms: what may import what, read from every import statement at every depth."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -195,6 +196,13 @@ def test_a_new_engine_needs_nothing_but_its_definition(monkeypatch):
     assert recorded({"name": "drift", "field": 2.5}) == engine
     with pytest.raises(RequestError, match="the exact engine has no such setting; must go with drift"):
         cli._engine(parser.parse_args([*words[:2], *words[4:]]))
+
+
+@pytest.mark.parametrize("engine", DEFINITIONS)
+def test_the_table_of_engines_has_its_settings(engine):
+    text = (provenance.PACKAGE.parents[1] / "config" / "README.md").read_text()
+    (row,) = re.findall(rf"^\| `{engine}` \| (.*?) \|", text, re.MULTILINE)
+    assert re.findall(r"`(\w+)`:", row) == list(DEFINITIONS[engine].settings)
 
 
 @pytest.mark.parametrize("engine", DEFINITIONS)

@@ -30,6 +30,7 @@ class Definition(NamedTuple):
     refuse_unfit: Callable[[Scene, dict, frozenset[str]], None]  # (scene, settings, record): raises RequestError
     caution: Callable[[Scene], str | None]  # one line on the limits of its results in the scene, or None
     forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
-    # Settings that `brownpipe plan` tries in the scene; `check` shows the first. Never empty: [{}] without settings
+    # Settings that `brownpipe plan` tries, of which `check` shows the first, for any scene, also one that is refused
+    # later. Never empty: [{}] for an engine without settings.
     candidates: Callable[[Scene], list[dict]]
     keeps_checkpoints: bool = False
