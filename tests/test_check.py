@@ -11,7 +11,7 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import RequestError
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene, read_scene
-from brownpipe.study import check
+from brownpipe.study import check, read_study
 from brownpipe.study.check import describe
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -97,7 +97,7 @@ def test_study():
     assert sum(line.startswith("harrison2020 ") for line in lines) == 4
     assert "19,200 runs in 8 jobs of up to 2,400 seeds" in lines[-2]
     assert "in results/harrison2020" in lines[-2]
-    assert lines[-1] == "figures   msd, displacement_distribution, diffusion, thermodynamics, particle_counts, health"
+    assert lines[-1] == f"figures   {', '.join(read_study(CONFIG / 'harrison2020.yaml').figures)}"
 
 
 def test_study_of_several_engines(tmp_path):

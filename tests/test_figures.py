@@ -19,7 +19,7 @@ from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine, state
 from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
-from brownpipe.figures.catalogue import FIGURES
+from brownpipe.figures.catalogue import FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import cases_shown, module_of, render
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tables import Table, to_csv
@@ -27,12 +27,11 @@ from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, with_measures
 
 NAMES = tuple(FIGURES)
-OF_TRAJECTORIES = ("msd", "displacement_distribution", "diffusion", "thermodynamics", "health")
+OF_TRAJECTORIES = [name for name in NAMES if {FOLLOWED, TRACKED, SPREADING} >= set(FIGURES[name].needs)]
 OF_OBSERVABLES = {
-    "velocity_autocorrelation": "velocity_autocorrelation",
-    "velocity_distribution": "velocity_density",
-    "pair_distribution": "pair_distribution",
-    "energy": "species_energy",
+    name: module_of(name).VARIABLES
+    for name in NAMES
+    if module_of(name).VARIABLES and any(need.startswith("the observable ") for need in FIGURES[name].needs)
 }
 
 

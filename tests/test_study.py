@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from brownpipe.engines import Engine, recorded
 from brownpipe.errors import RequestError
+from brownpipe.figures.catalogue import FIGURES
 from brownpipe.observables import RENAMED
 from brownpipe.scene.seeds import parse_seeds, ranges, seed_text
 from brownpipe.study import SimulationJob, read_study
@@ -65,7 +66,7 @@ def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     study = read_study(tmp_path / "study.yaml")
     assert study.scenes == (tmp_path / "scenes" / "one.yaml",)
     assert study.case_table["one"]["0"]["file"] == str(tmp_path / "scenes" / "one.yaml").lstrip("/")  # seen from here
-    assert study.figures == ("health",)  # nothing moves
+    assert study.figures == tuple(name for name, figure in FIGURES.items() if not figure.needs)  # nothing moves
     assert study.fit_windows == ((0.1, 1.0), (0.5, 1.0))
     assert study.displacement_times == ()
 

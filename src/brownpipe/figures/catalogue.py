@@ -1,8 +1,9 @@
 """The list of figures. To add one, write its module `figures/NAME.py` and add a line here.
 
 The module has `draw(cases)`, which returns a matplotlib figure; `table(cases)`, its numbers; `VARIABLES`, the variables
-of the dataset that a case must have to be shown; and `LACKING`, the message for a dataset without them. Studies, the
-command line and the workflow take the names from here, so that this module imports nothing heavy.
+of the dataset that a case must have to be shown; and `LACKING`, the message for a dataset without them. The `needs` of
+a figure must guarantee that some case has these variables. Studies, the command line and the workflow take the names
+from here, so that this module imports nothing heavy.
 """
 
 from typing import NamedTuple
