@@ -1,4 +1,4 @@
-"""The order of the rooms: what may import what, read from every import statement at every depth."""
+"""The order of the rooms, folders or files of src/brownpipe: what may import what, read from every import statement at every depth."""
 
 import ast
 import re

@@ -19,7 +19,7 @@ IMPORT = re.compile(rf"^[ \t]*(?:from ({NAME}[\w.]*) import (\([^)]*\)|[^\n#]*)|
 class Step(NamedTuple):
     """What determines the output of a step of the pipeline, besides its input and options."""
 
-    modules: tuple[str, ...]  # of brownpipe, with all modules that they import; `figures.*`: every module of a package
+    modules: tuple[str, ...]  # of brownpipe, with all modules that they import; `figures.*`: every module of a room
     packages: tuple[str, ...]  # whose versions count
 
 
@@ -81,7 +81,7 @@ def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
 
 
 def _members(folder: Path, name: str) -> list[str]:
-    """Return the modules of a package for a name such as `figures.*`, otherwise the name itself."""
+    """Return the modules of a room for a name such as `figures.*`, otherwise the name itself."""
     room, every, _ = name.partition(".*")
     return [f"{room}.{file.stem}" for file in (folder / room).glob("[!_]*.py")] if every else [name]
 
