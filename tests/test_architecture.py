@@ -1,4 +1,7 @@
-"""The order of the rooms, folders or files of src/brownpipe: what may import what, read from every import statement at every depth."""
+"""The order of the rooms, the folders and files of src/brownpipe: which room may import which.
+
+It is read from every import statement at every depth.
+"""
 
 import ast
 import re
