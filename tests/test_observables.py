@@ -408,6 +408,18 @@ def test_the_tracer_is_enough_exactly_where_the_record_says_so(name):
 
 
 @pytest.mark.parametrize("name", ALL)
+def test_histograms_are_of_the_last_sample_unless_the_scene_is_stationary(name):
+    """Two runs with the same last sample have the same arrays exactly if the record says so."""
+    for scene in (make(), make(equilibrate=None)):
+        run, other = made_up(scene), made_up(scene, seed=2)
+        for values, last in zip(other.whole, run.whole, strict=True):
+            values[-1] = last[-1]
+        found, expected = (observe(scene, one, (name,)) for one in (other, run))
+        same = all(np.array_equal(found[array], expected[array]) for array in expected)
+        assert same == (OBSERVABLES[name].is_histogram and not observables.is_stationary(scene))
+
+
+@pytest.mark.parametrize("name", ALL)
 def test_the_record_of_an_observable_is_complete(name):
     observable = OBSERVABLES[name]
     assert set(observable.arrays) <= set(ARRAYS)

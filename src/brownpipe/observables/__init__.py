@@ -67,7 +67,7 @@ class Observable(NamedTuple):
     """
 
     measure: Callable[[Scene, Run, str], Mapping[str, np.ndarray | int]]  # (scene, run, average) -> values by array
-    arrays: tuple[str, ...]  # names in ARRAYS; the first is there in every scene
+    arrays: tuple[str, ...]  # names in ARRAYS; the first is measured in every scene
     of_single_disks: bool  # made from tracks of single disks: all AVERAGES apply, and the tracer's track is enough
     seconds_per_run: float  # CPU seconds in every run, and
     seconds_per_disk_sample: float  # for each disk in each sample
