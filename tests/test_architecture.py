@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from brownpipe import cli, provenance
+from brownpipe import provenance
+from brownpipe.cli import build_parser
 from brownpipe.engines import DEFINITIONS, recorded
 from brownpipe.engines.definition import Setting
 from brownpipe.errors import RequestError
-from brownpipe.parser import build_parser
 from brownpipe.scene import reading
+from brownpipe.verbs import simulate
 
 ROOMS = (  # each may import those before it
     "errors",
@@ -32,7 +33,7 @@ ROOMS = (  # each may import those before it
     "tradeoff",
     "figures",
     "study",
-    "parser",
+    "verbs",
     "cli",
     "__main__",
 )
@@ -109,7 +110,7 @@ def test_imports_inside_functions_are_of_heavy_packages_or_at_the_border():
     hidden = [
         f"{name}: {module}"
         for name, file in MODULES.items()
-        if name not in ("brownpipe.cli", "brownpipe.parser")
+        if not name.startswith("brownpipe.verbs.")
         for module, _, inside in imports_of(file)
         if inside and module.split(".")[0] not in HEAVY
     ]
@@ -192,13 +193,13 @@ def test_a_new_engine_needs_nothing_but_its_definition(monkeypatch):
     drift = DEFINITIONS["timestep"]._replace(name="drift", summary="in a field", settings=settings)
     monkeypatch.setitem(DEFINITIONS, "drift", drift)
     words = ["simulate", "scene.yaml", "--engine", "drift", "--field", "2.5"]
-    parser = build_parser(cli.VERBS, words)
+    parser = build_parser(words)
     arguments = parser.parse_args(words)
-    engine = cli._engine(arguments)
+    engine = simulate.engine_of(arguments)
     assert (engine.label, engine.options) == ("drift-2.5", "drift --field 2.5")
     assert recorded({"name": "drift", "field": 2.5}) == engine
     with pytest.raises(RequestError, match="the exact engine has no such setting; must go with drift"):
-        cli._engine(parser.parse_args([*words[:2], *words[4:]]))
+        simulate.engine_of(parser.parse_args([*words[:2], *words[4:]]))
 
 
 @pytest.mark.parametrize("engine", DEFINITIONS)

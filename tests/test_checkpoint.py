@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from brownpipe import provenance
-from brownpipe.cli import DONE, FAILED, main
+from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import run
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.errors import WRONG_REQUEST
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
 from brownpipe.storage import read_checkpoint, write_checkpoint, write_trajectories

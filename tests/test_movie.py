@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from brownpipe.cli import DONE, FAILED, main
+from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Track
-from brownpipe.errors import WRONG_REQUEST
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.figures import snapshot
 from brownpipe.formatting import in_bytes
 from brownpipe.storage import write_trajectories

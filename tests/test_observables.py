@@ -10,12 +10,12 @@ from scipy import stats
 
 from brownpipe import observables, storage, theory
 from brownpipe.analysis.displacement import squared_displacement
-from brownpipe.cli import DONE, main
+from brownpipe.cli import main
 from brownpipe.engines import Engine, forecast
 from brownpipe.engines.batch import RunResult
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.state import Track
-from brownpipe.errors import WRONG_REQUEST, RequestError
+from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, RENAMED, Observable, RunArray, observe
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.study import read_study

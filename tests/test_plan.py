@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 import yaml
 
-from brownpipe import cli, parser, storage, tradeoff
+from brownpipe import cli, storage, tradeoff
 from brownpipe.analysis import squared_displacement
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.errors import WRONG_REQUEST, RequestError
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError
 from brownpipe.study import performance, pilot, plan, read_study, run_count
 from brownpipe.study.offers import LONGEST_JOB, SHORTEST_JOB, offers
 from brownpipe.study.performance import CasePerformance, EnginePerformance
+from brownpipe.verbs import values
 from ensembles import make_runs, make_scene, write
 
 EXACT = Engine("exact")
@@ -248,7 +249,7 @@ def test_stored_tradeoffs_of_the_same_scene_are_used_and_a_study_is_written(stud
     stored.mkdir(parents=True)
     store_tradeoff(read_study(path).cases[0], stored)
     monkeypatch.setattr(performance, "pilot_performance", None)
-    assert cli.main(["plan", str(path), "--tolerance", "20%", "--write", "sub/mine.yaml"]) == cli.DONE
+    assert cli.main(["plan", str(path), "--tolerance", "20%", "--write", "sub/mine.yaml"]) == DONE
     said = capsys.readouterr().out
     assert "from results/old/tradeoff/tradeoff.nc" in said and "use        timestep-0.03" in said
     mine = read_study("sub/mine.yaml")
@@ -257,17 +258,17 @@ def test_stored_tradeoffs_of_the_same_scene_are_used_and_a_study_is_written(stud
         and mine.cases == read_study(path).cases
         and mine.rings == 9
     )
-    assert cli.main(["plan", str(path), "--tolerance", "4%"]) == cli.DONE
+    assert cli.main(["plan", str(path), "--tolerance", "4%"]) == DONE
     said = capsys.readouterr().out
     assert "use        exact" in said and "no         timestep-0.03: its bias is 5" in said
-    assert cli.main(["plan", str(path), "--tolerance", "1%", "--budget", "5s", "--write", "not.yaml"]) == cli.FAILED
+    assert cli.main(["plan", str(path), "--tolerance", "1%", "--budget", "5s", "--write", "not.yaml"]) == FAILED
     assert "cannot be met within 5 s" in capsys.readouterr().out and not os.path.exists("not.yaml")
 
 
 def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys):
     monkeypatch.setattr(tradeoff.timing, "seconds_per_run", lambda engine, *_, **__: 1.0 if engine == EXACT else 2.0)
     path = study_file(tolerance=0.1)
-    assert cli.main(["plan", str(path)]) == cli.DONE
+    assert cli.main(["plan", str(path)]) == DONE
     said = capsys.readouterr().out
     assert "MSD at the end to 10 %, from a pilot of 400 runs" in said
     assert said.count("no         timestep-") == 3 and "no         langevin-enskog: a run costs 2 times" in said
@@ -320,7 +321,7 @@ def test_old_names_of_the_target_are_understood_with_a_hint(study_file, here, mo
         (["--target", "displacement"], "brownpipe: --target displacement: now called displacement_distribution\n"),
         ([], ""),
     ):
-        assert cli.main(["plan", str(path), *words]) == cli.FAILED
+        assert cli.main(["plan", str(path), *words]) == FAILED
         assert capsys.readouterr().err == hints
     assert targets == ["d", "d", *["displacement_distribution"] * 2]
 
@@ -336,5 +337,5 @@ def test_a_plan_written_under_the_old_name_is_used(study_file, tmp_path, monkeyp
 
 
 def test_times_are_understood():
-    assert [parser._seconds(text) for text in ("60s", "5min", "2h", "1.5")] == [60.0, 300.0, 7200.0, 1.5]
-    assert np.isclose(parser._seconds("0.1s"), 0.1)
+    assert [values.seconds(text) for text in ("60s", "5min", "2h", "1.5")] == [60.0, 300.0, 7200.0, 1.5]
+    assert np.isclose(values.seconds("0.1s"), 0.1)

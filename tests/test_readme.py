@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 import forked
-from brownpipe.cli import DONE, main
+from brownpipe.cli import main
+from brownpipe.errors import DONE
 from test_architecture import ROOMS
 
 ROOT = Path(__file__).parent.parent

@@ -1,5 +1,6 @@
 """The exceptions of brownpipe, with the exit status of the command line. Every message is one line."""
 
+DONE = 0
 FAILED = 1
 WRONG_REQUEST = 2
 

@@ -31,7 +31,7 @@ def render(
     `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
     particle count of each scene: `particles`, or by default the 2020 note's 150 if the scene has it, or else its
     largest. Figures in the folder that are not drawn now are removed, as they may belong to another dataset.
-    `summary.csv` is written last; `summary.txt`, the text of `figures.summary.summary`, by the verb `figures` (cli.py).
+    `summary.csv` is written last; `summary.txt`, the text of `figures.summary.summary`, by the verb `figures`.
 
     Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
     """

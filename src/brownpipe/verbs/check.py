@@ -1,0 +1,23 @@
+"""`brownpipe check`: is a scene or study valid, and what will it cost?."""
+
+from argparse import Namespace
+from collections.abc import Callable
+
+from brownpipe.errors import DONE
+from brownpipe.verbs.values import SCENE, integer
+
+EXAMPLE = SCENE
+
+
+def add_arguments(add: Callable) -> None:
+    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
+    add("file", metavar="SCENE|STUDY", help="scene or study file (YAML)")
+    add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
+
+
+def check(arguments: Namespace) -> int:
+    """Say whether a scene or study is valid, what will be simulated, and what it will cost."""
+    from brownpipe.study.check import describe
+
+    print(describe(arguments.file, arguments.particles))
+    return DONE

@@ -1,0 +1,174 @@
+"""`brownpipe simulate`: runs of a scene, written to a trajectory file."""
+
+import time
+from argparse import Namespace
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from brownpipe.errors import DONE, FAILED, RequestError
+from brownpipe.verbs.output import number, say, writable
+from brownpipe.verbs.values import SCENE, integer, observables, positive
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from brownpipe.engines import Engine
+    from brownpipe.engines.state import Ensemble
+    from brownpipe.scene import Scene
+
+RECORDS = ("tracer", "all", "events", "none")
+EXAMPLE = f"{SCENE} --seeds 17 --record all --output seed17.h5"
+
+
+def add_arguments(add: Callable) -> None:
+    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
+    add("scene", metavar="SCENE", help="scene file (YAML)")
+    add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
+    add("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default: 0)")
+    _add_engines(add)
+    add("--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events")
+    _add_observables(add)
+    over = "runs (default), or all time origins or equal disks of a run"
+    add("--average", default="runs", metavar="OVER", help=over)
+    add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
+    add("--checkpoint-every", type=positive, metavar="SECONDS", help="store checkpoints, to resume a killed run")
+
+
+def _add_observables(add: Callable) -> None:
+    """Add the option --observables, with the names of all of them in its help."""
+    from brownpipe.observables import OBSERVABLES
+
+    measured = f"what to measure in each run, with commas: some of {', '.join(OBSERVABLES)}"
+    add("--observables", type=observables, metavar="NAMES", help=measured)
+
+
+def _add_engines(add: Callable) -> None:
+    """Add the option --engine and one option for each setting of each engine; the first engine is the default."""
+    from brownpipe.engines import DEFINITIONS, option
+
+    first, *others = DEFINITIONS.values()
+    names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
+    add("--engine", default=first.name, metavar="NAME", help="; ".join(names))
+    for definition in DEFINITIONS.values():
+        for key, setting in definition.settings.items():
+            read = positive if setting.is_positive else str
+            add(option(key), type=read, metavar=setting.metavar, help=f"of {definition.name}: {setting.help}")
+
+
+def simulate(arguments: Namespace) -> int:
+    """Run a scene once for every seed and write the trajectories.
+
+    The tracer is always recorded, except with `--record none`. Runs that fail their health check are named, marked in
+    the file and left out of every average; if all of them fail, the exit status is 1.
+    `--observables` measures quantities at the end of each run, while the tracks of all disks are in memory, so that
+    only the results need to be written.
+    `--checkpoint-every` stores the state of the batch in FILE.h5.checkpoint: after this many seconds, when the next
+    block of simulated time (some 128 collisions of each disk) is complete. If the command is killed, the same command
+    resumes there and writes the same file, byte for byte.
+    """
+    from brownpipe.engines import forecast
+    from brownpipe.scene import read_scene
+    from brownpipe.scene.seeds import parse_seeds
+    from brownpipe.study import refuse_repetition
+
+    began = time.process_time()
+    engine = engine_of(arguments)
+    record = _record(arguments.record)
+    seeds = parse_seeds(arguments.seeds)
+    scene = read_scene(arguments.scene, arguments.particles)
+    refuse_repetition([scene], seeds)
+    measures = _measures(arguments, scene)
+    engine.refuse_unfit(scene, record)
+    forecast.refuse_too_large(scene, len(seeds), record, **measures)
+    output = writable(arguments.output or f"{scene.name}.h5", arguments.scene)
+
+    from brownpipe import progress
+    from brownpipe.scene.seeds import seed_text
+    from brownpipe.storage import remove_checkpoint, write_trajectories
+
+    if remark := engine.definition.caution(scene):
+        say(remark, DONE)
+    checkpoint = f"{output}.checkpoint"
+    checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
+    with progress.shown(lambda text: say(text, DONE)):
+        ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
+    write_trajectories(output, scene, engine, ensemble)
+    if arguments.checkpoint_every is not None:
+        remove_checkpoint(checkpoint)
+    failed = ensemble.seeds[ensemble.observables["failed"] > 0]
+    if len(failed):
+        say(f"{output}: failed their health check: {len(failed)} of {len(seeds)} runs: {seed_text(failed)}", FAILED)
+    print(_made(output, ensemble, time.process_time() - began))
+    return FAILED if len(failed) == len(seeds) else DONE
+
+
+def _made(output: str, ensemble: "Ensemble", seconds: float) -> str:
+    """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and the CPU time."""
+    from brownpipe.formatting import in_time
+
+    overlap = ensemble.observables.get("worst_overlap")
+    worst = "" if overlap is None or not overlap.size else f", worst overlap {overlap.max():.2g} contact distances"
+    return f"{output}: {number(len(ensemble.seeds), 'run')}{worst}, {in_time(seconds)} of CPU"
+
+
+def engine_of(arguments: Namespace) -> "Engine":
+    """Return the requested engine with its settings. Raises RequestError for checkpoints of an engine without them."""
+    from brownpipe.engines import DEFINITIONS, requested
+
+    settings = {key: getattr(arguments, key) for definition in DEFINITIONS.values() for key in definition.settings}
+    engine = requested(arguments.engine, {key: value for key, value in settings.items() if value is not None})
+    if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
+        keepers = " or ".join(definition.name for definition in DEFINITIONS.values() if definition.keeps_checkpoints)
+        wrong = f"--checkpoint-every {arguments.checkpoint_every:g}: the {engine.name} engine keeps no checkpoints"
+        raise RequestError(f"{wrong}; must go with {keepers}")
+    return engine
+
+
+def _checkpoints(
+    arguments: Namespace, path: str, scene: "Scene", seeds: Sequence[int], record: frozenset[str]
+) -> tuple:
+    """Return (Checkpoints,) for `exact.simulate`, stored in the file `path` and resumed from it if it exists.
+
+    Without --checkpoint-every return ().
+    """
+    if arguments.checkpoint_every is None:
+        return ()
+    from brownpipe.engines.exact.checkpoint import Checkpoints
+    from brownpipe.provenance import made_with
+    from brownpipe.scene.seeds import seed_text
+    from brownpipe.storage import read_checkpoint, write_checkpoint
+
+    options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
+    options |= {"observables": arguments.observables or "none", "average": arguments.average}
+    made_by = options | {"engine": arguments.engine, "scene": scene.digest} | made_with("simulate", "exact")
+    last_written = time.monotonic()
+
+    def due() -> bool:
+        return time.monotonic() - last_written >= arguments.checkpoint_every
+
+    def store(arrays: "dict[str, np.ndarray]") -> None:
+        nonlocal last_written
+        write_checkpoint(path, made_by, arrays)
+        last_written = time.monotonic()
+
+    return (Checkpoints(due, store, read_checkpoint(path, made_by)),)
+
+
+def _measures(arguments: Namespace, scene: "Scene") -> dict[str, Any]:
+    """Return the observables to measure in each run and what they average over, as keywords of `simulate`."""
+    from brownpipe.observables import problem
+
+    names = tuple(arguments.observables.split(",")) if arguments.observables else ()
+    refusal = problem(scene, names, arguments.average)
+    if refusal is not None:
+        key, why = refusal
+        raise RequestError(f"{arguments.scene}: --{key} {getattr(arguments, key)}: {why}")
+    return {"observables": names, "average": arguments.average}
+
+
+def _record(text: str) -> frozenset[str]:
+    """Return what to record: the names in --record and, except with `none`, the tracer."""
+    names = frozenset(text.split(","))
+    if not names <= set(RECORDS) or ("none" in names and len(names) > 1):
+        raise RequestError(f"--record {text}: must be one or several of {', '.join(RECORDS)}, with commas; none alone")
+    return names if "none" in names else names | {"tracer"}

@@ -1,0 +1,65 @@
+"""Readers of the values of options.
+
+Each raises ArgumentTypeError, which argparse shows with the name of the option.
+"""
+
+import argparse
+
+SCENE = "config/scenes/harrison2020.yaml"  # of the examples
+
+
+def observables(text: str) -> str:
+    """Return names of observables, separated by commas; names of earlier versions are replaced by the current ones."""
+    from brownpipe.observables import RENAMED
+    from brownpipe.scene.reading import Entry, current_name
+
+    names = (current_name(Entry(name, "", ("--observables",)), RENAMED) for name in text.split(","))
+    return ",".join(str(name.value) for name in names)
+
+
+def window(text: str) -> tuple[float, float]:
+    """Return the start and end [time] of T0:T1."""
+    try:
+        start, end = map(float, text.split(":"))
+    except ValueError:
+        start = end = float("nan")
+    if not 0 <= start < end < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be T0:T1 with 0 <= T0 < T1, like 0.1:1, not {text!r}")
+    return start, end
+
+
+def positive(text: str) -> float:
+    """Return a finite number above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a finite number > 0, not {text!r}")
+    return value
+
+
+def seconds(text: str) -> float:
+    """Return the seconds of 60s, 5min, 2h or 60."""
+    number = text.rstrip("abcdefghijklmnopqrstuvwxyz")
+    units = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
+    if text[len(number) :] not in units:
+        raise argparse.ArgumentTypeError(f"must be a time like 60s, 5min or 2h, not {text!r}")
+    return positive(number) * units[text[len(number) :]]
+
+
+def integer(text: str, least: int = 0, most: int = 999_999_999) -> int:
+    """Return an integer written in at most nine ASCII digits, from `least` to `most`."""
+    if not (text.isascii() and text.isdigit() and len(text) <= 9 and least <= int(text) <= most):
+        raise argparse.ArgumentTypeError(f"must be an integer from {least} to {most}, not {text!r}")
+    return int(text)
+
+
+def rings(text: str) -> int:
+    """Return a number of rings, 1 to 100,000."""
+    return integer(text, 1, 100_000)
+
+
+def frames(text: str) -> int:
+    """Return a number of frames, 1 or more."""
+    return integer(text, 1)
