@@ -275,10 +275,17 @@ def test_dataset_names_no_file(dataset, files):
     assert not any(str(path.parent) in str(value) for path in files for value in dataset.attrs.values())
 
 
+def test_default_windows_end_with_the_shortest_run(tmp_path):
+    files = [write(tmp_path, make_runs(make_scene(f"of_{end}", duration=end), range(5))) for end in (0.5, 2.0)]
+    dataset = aggregate(files)
+    assert list(dataset.window.values) == ["[0.05, 0.5]", "[0.25, 0.5]"]
+    assert np.isfinite(dataset.slope).all()
+
+
 def test_other_durations_and_seeds_leave_nan(tmp_path):
     short = write(tmp_path, make_runs(make_scene("short", duration=0.5), range(5, 30)))
     long = write(tmp_path, make_runs(make_scene("long", duration=1.0), range(20)))
-    dataset = aggregate([long, short]).squeeze(("particles", "engine"))
+    dataset = aggregate([long, short], WINDOWS).squeeze(("particles", "engine"))
     assert dataset.sizes["time"] == 21
     assert dataset.msd.sel(scene="short").count() == 11
     assert np.isnan(dataset.slope.sel(scene="short")).all()

@@ -33,6 +33,7 @@ ROOMS = (  # each may import those before it
     "tradeoff",
     "figures",
     "study",
+    "interface",
     "verbs",
     "cli",
     "__main__",

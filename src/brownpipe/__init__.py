@@ -1,1 +1,28 @@
-"""Brownian motion from first principles: hard disks that collide exactly, a heavy one among them that wanders."""
+"""Brownian motion from first principles: hard disks that collide exactly, a heavy one among them that wanders.
+
+    import brownpipe as bp
+    runs = bp.simulate("scene.yaml", seeds=200)
+    result = bp.analyse(runs)
+    bp.plot(result, "msd")
+
+`interface` describes these functions. It is imported with the first of them, so that `import brownpipe` takes no time.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from brownpipe.interface import Scene, analyse, open, plot, read_scene, save, simulate
+
+__all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'brownpipe' has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module("brownpipe.interface"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

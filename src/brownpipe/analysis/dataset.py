@@ -16,6 +16,8 @@ from brownpipe.analysis.outer_join import Axes, Part, joined
 from brownpipe.analysis.runs import Group, RunBlock, blocks_of, groups_of, select
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
 from brownpipe.errors import AnalysisError
+from brownpipe.scene.sample_times import default_fit_windows
+from brownpipe.storage import Trajectories
 
 if TYPE_CHECKING:
     import xarray
@@ -26,24 +28,24 @@ ESTIMATORS = tuple(
 ALL_VARIABLES = VARIABLES | {name: one for estimator in ESTIMATORS for name, one in estimator.variables.items()}
 ALL_COORDINATES = COORDINATES | {name: text for estimator in ESTIMATORS for name, text in estimator.coordinates.items()}
 HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")
-WINDOWS = ((0.1, 1.0), (0.5, 1.0))  # default windows of the straight-line fits
 WIDEST = 1000.0  # ring, in units of the longer side of the box
 
 
 def aggregate(
-    paths: Iterable[str | Path],
+    sources: Iterable[str | Path | Trajectories],
     windows: Sequence[tuple[float, float]] | None = None,
     dr: float | None = None,
     rings: int | None = None,
     displacement_times: Sequence[float] = (),
 ) -> "xarray.Dataset":
-    """Return all estimates from the trajectory files `paths` as one dataset.
+    """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
     The files may hold any scenes, particle counts, engines and batches of seeds, in any order: the result depends on
     the runs alone, to the bit, and peak memory does not grow with their number. Failed runs are counted and left out of
     every average. Values that a case lacks (a shorter duration, fewer seeds) are NaN.
 
-    windows: (start, end) of the straight-line fits [time], by default WINDOWS.
+    windows: (start, end) of the straight-line fits [time], by default from a tenth and from half of the shortest
+        run to its end.
     dr, rings: width [length] and number of the rings of the displacement distribution, by default from the data.
     displacement_times: its times [time], by default the end of each run.
 
@@ -53,9 +55,10 @@ def aggregate(
     if (dr is None) != (rings is None):
         raise AnalysisError("rings: width and number must be given together")
     edges = None if dr is None else ring_edges(dr, rings)
-    options = Options(windows or WINDOWS, edges, tuple(displacement_times or ()))
+    groups = groups_of(sources)
+    fitted = windows or default_fit_windows(min(group.outline.scene.duration for group in groups))
+    options = Options(fitted, edges, tuple(displacement_times or ()))
     _refuse_same(options)
-    groups = groups_of(paths)
     cases = [_case(group, options) for group in groups]
     _refuse_out_of_reach(cases, windows or (), dr or 0.0)
     _refuse_unsampled(cases, options.displacement_times)

@@ -16,16 +16,17 @@ from brownpipe.engines import Engine
 from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
-from brownpipe.storage import Outline, read_outline, read_trajectories
+from brownpipe.storage import Outline, Trajectories, read_outline, read_trajectories
 
 LOADED = 2  # files kept in memory; enough to read each batch of consecutive seeds only once
 
 
 class TrajectoryFile(NamedTuple):
-    """One trajectory file, without its runs."""
+    """One trajectory file, without its runs, or runs in memory."""
 
     path: str
     outline: Outline
+    runs: "RunBlock | None" = None  # if in memory
 
     @property
     def engine(self) -> Engine:
@@ -65,18 +66,24 @@ class RunBlock(NamedTuple):
     observables: dict[str, np.ndarray]  # name -> (n, ...)
 
 
-def groups_of(paths: Iterable[str | Path]) -> list[Group]:
-    """Return the groups of trajectory files, sorted by scene, particle count and engine label.
+def groups_of(sources: Iterable[str | Path | Trajectories]) -> list[Group]:
+    """Return the groups of trajectory files and of runs in memory, sorted by scene, particle count and engine label.
 
     Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
     files), and what `storage.read_outline` raises.
     """
-    files = [TrajectoryFile(str(path), read_outline(path)) for path in paths]
+    files = [_described(number, source) for number, source in enumerate(sources)]
     if not files:
         raise AnalysisError("no trajectory files: nothing to analyse")
     groups = [_group([file for file in files if file.key == key]) for key in sorted({file.key for file in files})]
     _refuse_namesakes(groups)
     return groups
+
+
+def _described(number: int, source: str | Path | Trajectories) -> TrajectoryFile:
+    if isinstance(source, Trajectories):
+        return TrajectoryFile(f"runs[{number}]", source.outline, _run_block(source))
+    return TrajectoryFile(str(source), read_outline(source))
 
 
 def _group(files: Sequence[TrajectoryFile]) -> Group:
@@ -87,8 +94,8 @@ def _group(files: Sequence[TrajectoryFile]) -> Group:
 
 
 def _refuse_differing(files: Sequence[TrajectoryFile]) -> None:
-    path, first = files[0]
-    for other, outline in files[1:]:
+    path, first = files[0][:2]
+    for other, outline, _ in files[1:]:
         if outline.scene.digest != first.scene.digest:
             raise AnalysisError(
                 f"{other}: its scene {outline.scene.name!r} is not the one in {path}; use one of the two"
@@ -129,22 +136,26 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
     The blocks do not depend on how the runs are distributed over files. Raises AnalysisError for a file that changes
     meanwhile or lacks observables that another has, and what `storage.read_trajectories` raises.
     """
-    load = lru_cache(maxsize=LOADED)(_load)
+    read = lru_cache(maxsize=LOADED)(lambda path: _run_block(read_trajectories(path)))
+
+    def load(file: TrajectoryFile) -> RunBlock:
+        return read(file.path) if file.runs is None else file.runs
+
     files = sorted(group.files, key=lambda file: file.outline.seeds.min())
     blocks = [set(np.unique(file.outline.seeds // BLOCK).tolist()) for file in files]
-    names = load(files[0].path).observables.keys()
+    names = load(files[0]).observables.keys()
     for block in np.unique(group.seeds // BLOCK).tolist():
         parts = []
         for file in (file for file, own in zip(files, blocks, strict=True) if block in own):
-            runs = load(file.path)
+            runs = load(file)
             _refuse_unlike(file, runs, files[0], names)
             parts.append(select(runs, runs.seeds // BLOCK == block))
         yield _joined(parts)
 
 
-def _load(path: str) -> RunBlock:
+def _run_block(trajectories: Trajectories) -> RunBlock:
     """The part of a trajectory file that the estimators need."""
-    ensemble = read_trajectories(path).ensemble
+    ensemble = trajectories.ensemble
     return RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables)
 
 

@@ -3,7 +3,7 @@
 A new engine is a package with a `Definition` and its entry in DEFINITIONS. Its simulation is imported when it runs.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from importlib import import_module
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from brownpipe.scene.scene import Scene
 
 DEFINITIONS = {definition.name: definition for definition in (EXACT, TIMESTEP, LANGEVIN)}
 TRACER = frozenset({"tracer"})
+RECORDS = ("tracer", "all", "events", "none")  # what may be recorded of a run
 
 
 class Engine(NamedTuple):
@@ -72,6 +73,17 @@ class Engine(NamedTuple):
         return simulation.simulate(scene, seeds, record, *checkpoints, **measured, **dict(self.settings))
 
 
+def read_record(text: str, option: str) -> frozenset[str]:
+    """Return what to record: names of RECORDS, separated by commas, and the tracer except with `none`.
+
+    Raises RequestError, naming `option`, for other names.
+    """
+    names = frozenset(text.split(","))
+    if not names <= set(RECORDS) or ("none" in names and len(names) > 1):
+        raise RequestError(f"{option} {text}: must be one or several of {', '.join(RECORDS)}, with commas; none alone")
+    return names if "none" in names else names | TRACER
+
+
 def configured(name: str, **settings) -> Engine:
     """Return an engine with some settings given, unchecked, and the others at their defaults."""
     definition = DEFINITIONS[name]
@@ -112,18 +124,19 @@ def recorded(mapping: dict, where: str = "") -> Engine:
     return read_engine(Entry(older | mapping, where))
 
 
-def requested(name: str, values: dict[str, object]) -> Engine:
-    """Return the engine of a command line; `values` has the settings given there.
+def requested(name: str, values: dict[str, object], option: Callable[[str], str] = option) -> Engine:
+    """Return the engine that the user asks for; `values` has the settings given.
 
-    Raises RequestError, naming the option, for a setting that the engine lacks, that is missing or that is not allowed.
+    `option` returns how a setting is named there: the option of the command line, or the argument in Python.
+    Raises RequestError, naming it, for a setting that the engine lacks, that is missing or that is not allowed.
     """
-    definition = DEFINITIONS[reading.choice(Entry(name, "", ("--engine",)), tuple(DEFINITIONS))]
+    definition = DEFINITIONS[reading.choice(Entry(name, "", (option("engine"),)), tuple(DEFINITIONS))]
     settings = definition.settings
     defaults = _defaults(definition)
     for key in values.keys() - settings.keys():
         owners = " or ".join(other.name for other in DEFINITIONS.values() if key in other.settings)
         raise RequestError(f"{option(key)} {values[key]}: the {name} engine has no such setting; must go with {owners}")
     for key in settings.keys() - values.keys() - defaults.keys():
-        raise RequestError(f"{option(key)}: missing; must be given with --engine {name}")
+        raise RequestError(f"{option(key)}: missing; must be given with {option('engine')} {name}")
     entries = {key: Entry(value, "", (option(key),)) for key, value in (defaults | values).items()}
     return Engine(name, tuple((key, setting.read(entries[key])) for key, setting in settings.items()))

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from brownpipe.errors import FigureError
 from brownpipe.figures.cases import cases_of, check_count, has, one_count
-from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS, Figure
+from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
+from brownpipe.figures.catalogue import Figure as Entry
 from brownpipe.figures.style import drawing, image_bytes
 from brownpipe.figures.summary import summary_table
 from brownpipe.figures.tables import to_csv
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from types import ModuleType
 
+    from matplotlib.figure import Figure
     from xarray import Dataset
 
 FILE_TYPES = ("png", "svg", "csv")
@@ -37,8 +39,7 @@ def render(
     """
     shown = cases_shown(dataset, particles)
     for name in names or ():
-        if not shown[name]:
-            raise FigureError(f"{name}: cannot be drawn from this dataset: {module_of(name).LACKING}")
+        _refuse_lacking(name, shown)
     files: dict[str, bytes] = {}
     with drawing():
         for name in names or [name for name, cases in shown.items() if cases]:
@@ -55,6 +56,19 @@ def render(
     return [Path(folder) / name for name in files]
 
 
+def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
+    """Return one figure of a dataset, as `render` writes it; the same errors."""
+    shown = cases_shown(dataset, particles)
+    _refuse_lacking(name, shown)
+    with drawing():
+        return module_of(name).draw(shown[name])
+
+
+def _refuse_lacking(name: str, shown: dict[str, list[Dataset]]) -> None:
+    if not shown[name]:
+        raise FigureError(f"{name}: cannot be drawn from this dataset: {module_of(name).LACKING}")
+
+
 def module_of(name: str) -> ModuleType:
     """Return the module that draws the figure of this name."""
     return import_module(f"brownpipe.figures.{name}")
@@ -67,7 +81,7 @@ def cases_shown(dataset: Dataset, particles: int | None = None) -> dict[str, lis
     return {name: _selected(figure, cases, particles) for name, figure in FIGURES.items()}
 
 
-def _selected(figure: Figure, cases: list[Dataset], particles: int | None) -> list[Dataset]:
+def _selected(figure: Entry, cases: list[Dataset], particles: int | None) -> list[Dataset]:
     cases = [case for case in cases if has(case, *module_of(figure.name).VARIABLES)]
     if not figure.every_count:
         return one_count(cases, particles)

@@ -44,6 +44,11 @@ def logarithmic_times(samples: Samples, duration: float) -> np.ndarray:
     return np.array([0.0, *(samples.first * 10 ** (k / samples.per_decade) for k in steps), duration])
 
 
+def default_fit_windows(shortest: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the windows of straight-line fits in runs of which the shortest lasts so long [time]."""
+    return (0.1 * shortest, shortest), (0.5 * shortest, shortest)
+
+
 def read_interval(entry: Entry, duration: float) -> float:
     """Return `sample_interval` of a scene, by default the duration; raise RequestError if it makes no sense."""
     if entry.value is None:

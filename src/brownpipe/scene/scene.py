@@ -91,6 +91,11 @@ class Scene:
     tracer_while_equilibrating: str = "free"  # or "pinned"
     samples: Samples | None = None  # logarithmic sample times, which replace the sample interval
 
+    def __repr__(self) -> str:
+        box = f"{self.box.boundary} box {self.box.width:g} x {self.box.height:g}"
+        packing = f"packing fraction {self.packing_fraction:.4g}"
+        return f"<Scene {self.name}: {self.particles} disks in a {box}, {packing}, duration {self.duration:g}>"
+
     @property
     def particles(self) -> int:
         """The number of disks, N."""

@@ -32,11 +32,13 @@ def read_scene(path: str | Path, particles: int | None = None) -> Scene:
     return parse_scene(reading.read_yaml(path, MOST_BYTES), str(path), particles)
 
 
-def parse_scene(mapping: object, where: str, particles: int | None = None) -> Scene:
+def parse_scene(mapping: object, where: str, particles: int | None = None, name: str | None = None) -> Scene:
     """Return the scene of a mapping as read from a scene file.
 
-    where: the file that messages name; its stem is the name of the scene. particles: total number of disks instead of
-    the file's; for an explicit list it must be the length of the list. Raises RequestError for anything wrong.
+    where: the file that messages name; its stem is the name of the scene, unless `name` is given.
+    particles: total number of disks instead of the file's; for an explicit list it must be the length of the list.
+
+    Raises RequestError for anything wrong.
     """
     if isinstance(mapping, dict) and "scenes" in mapping and "box" not in mapping:
         raise RequestError(f"{where}: is a study, not a scene; run snakemake --configfile {where}")
@@ -51,8 +53,9 @@ def parse_scene(mapping: object, where: str, particles: int | None = None) -> Sc
         elif particles != listed:
             must_be(total, f"{listed}, the number of disks listed")
     duration = reading.number(entries["duration"], above=0)
+    given = Entry(Path(where).stem, where, ("name of the file",)) if name is None else Entry(name, where, ("name",))
     common = {
-        "name": reading.name(Entry(Path(where).stem, where, ("name of the file",))),
+        "name": reading.name(given),
         "box": _box(entries["box"]),
         "duration": duration,
         "sample_interval": sample_times.read_interval(entries["sample_interval"], duration),

@@ -41,18 +41,21 @@ from brownpipe.storage.trajectories import (
     read_trajectories,
     write_trajectories,
 )
+from brownpipe.storage.tree import from_tree, to_tree
 
 __all__ = [
     "Outline",
     "StorageError",
     "Trajectories",
     "WrongFileError",
+    "from_tree",
     "read_checkpoint",
     "read_dataset",
     "read_outline",
     "read_trajectories",
     "remove_checkpoint",
     "report",
+    "to_tree",
     "verify",
     "write_checkpoint",
     "write_dataset",

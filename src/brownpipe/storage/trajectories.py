@@ -79,6 +79,13 @@ class Trajectories(NamedTuple):
     ensemble: Ensemble
     source: str = ""  # digest of the source code that made the runs
 
+    @property
+    def outline(self) -> "Outline":
+        """The same without tracks and observables."""
+        ensemble = self.ensemble
+        tracer = ensemble.tracer is not None
+        return Outline(self.scene, self.engine, ensemble.seeds, ensemble.times, tracer, self.source, ensemble.average)
+
 
 class Outline(NamedTuple):
     """Contents of a trajectory file without its tracks and observables."""
@@ -92,12 +99,17 @@ class Outline(NamedTuple):
     average: str = "runs"  # as in Ensemble
 
 
-def write_trajectories(path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble) -> None:
+def write_trajectories(
+    path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble, source: str | None = None
+) -> None:
     """Write a batch of runs to a trajectory file.
+
+    source: digest of the source code that made the runs, by default that of this installation.
 
     Raises StorageError if the file cannot be written, or if HDF5 decodes other values from its bytes.
     """
-    parameters = _parameters(scene, engine, ensemble)
+    source = source or source_digest(simulation_of(engine.name))
+    parameters = _parameters(scene, engine, ensemble, source)
     nodes = _layout(scene, ensemble) | parameters
     expected = digest(nodes)
     parameters["parameters"].attributes.update(contents_digest=expected, seal=BLANK_SEAL)
@@ -240,7 +252,7 @@ def _events(group: str, events: Events) -> Tree:
     return nodes
 
 
-def _parameters(scene: Scene, engine: Engine, ensemble: Ensemble) -> dict[str, Node]:
+def _parameters(scene: Scene, engine: Engine, ensemble: Ensemble, source: str) -> dict[str, Node]:
     """Return the group /parameters: scene, engine, versions, and the command that makes the runs again."""
     attributes = {
         "format": FORMAT,
@@ -250,7 +262,7 @@ def _parameters(scene: Scene, engine: Engine, ensemble: Ensemble) -> dict[str, N
         "seeds": seed_text(ensemble.seeds),
         "average": ensemble.average,
         "rerun": _command(scene, engine, ensemble),
-        "source_digest": source_digest(simulation_of(engine.name)),
+        "source_digest": source,
     }
     return {
         "parameters": Node(None, attributes | versions()),

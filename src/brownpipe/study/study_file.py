@@ -17,6 +17,7 @@ from brownpipe.engines import read_engine
 from brownpipe.figures.catalogue import FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.scene import Scene, parse_scene, reading
 from brownpipe.scene.reading import Entry, must_be, refuse
+from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.scene.scene_file import MOST_BYTES, MOST_DISKS
 from brownpipe.scene.seeds import MOST_SEEDS, read_seeds
 from brownpipe.study.study import EngineUse, Study
@@ -58,7 +59,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     entries = reading.fields(_with_new_names(Entry(mapping, file)), ("scenes",), DEFAULTS)
     scenes = _scenes(entries["scenes"], Path(path).parent)
     cases = _cases(scenes, entries["particles"])
-    ring_width, rings = _rings(entries["rings"])
+    ring_width, rings = read_rings(entries["rings"])
     record = reading.choice(entries["record"], RECORDS)
     observables, average = _measures(entries["observables"], entries["average"], cases)
     tolerance, target = _tolerance(entries, cases)
@@ -247,8 +248,7 @@ def _figures(entry: Entry, cases: tuple[Scene, ...], record: str, observables: t
 def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float], ...]:
     """Return the time windows of the fits. A window of the file has at least three sample times of every scene."""
     if entry.value is None:
-        end = min(case.duration for case in cases)
-        return ((0.1 * end, end), (0.5 * end, end))
+        return default_fit_windows(min(case.duration for case in cases))
     windows = []
     for item in reading.items(entry) or must_be(entry, "a list that is not empty"):
         t0, t1 = (reading.number(end, least=0) for end in reading.items(item, 2, "two times [t0, t1]"))
@@ -275,8 +275,8 @@ def _displacement_times(entry: Entry, cases: tuple[Scene, ...]) -> tuple[float, 
     return tuple(times)
 
 
-def _rings(entry: Entry) -> tuple[float, int] | tuple[None, None]:
-    """Return width and number of the rings; None, None to derive them from the data."""
+def read_rings(entry: Entry) -> tuple[float, int] | tuple[None, None]:
+    """Return width and number of the rings; None, None to derive them from the data. Raises RequestError."""
     if entry.value is None:
         return None, None
     entries = reading.fields(entry, ("dr", "count"))

@@ -14,7 +14,7 @@ def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("files", nargs="+", metavar="FILE.h5", help="trajectory files of one study, in any order")
     add("--output", required=True, metavar="DATASET.nc")
-    windows = "where lines are fitted to the MSD (default: 0.1:1 0.5:1)"
+    windows = "where lines are fitted to the MSD (default: the last 90 %% and the last half of the shortest run)"
     add("--fit-windows", nargs="+", type=window, metavar="T0:T1", help=windows)
     width = "of the displacement distribution, with --rings (default: from the data)"
     add("--ring-width", type=positive, metavar="DR", help=width)

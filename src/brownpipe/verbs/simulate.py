@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from brownpipe.engines.state import Ensemble
     from brownpipe.scene import Scene
 
-RECORDS = ("tracer", "all", "events", "none")
 EXAMPLE = f"{SCENE} --seeds 17 --record all --output seed17.h5"
 
 
@@ -66,14 +65,14 @@ def simulate(arguments: Namespace) -> int:
     block of simulated time (some 128 collisions of each disk) is complete. If the command is killed, the same command
     resumes there and writes the same file, byte for byte.
     """
-    from brownpipe.engines import forecast
+    from brownpipe.engines import forecast, read_record
     from brownpipe.scene import read_scene
     from brownpipe.scene.seeds import parse_seeds
     from brownpipe.study import refuse_repetition
 
     began = time.process_time()
     engine = engine_of(arguments)
-    record = _record(arguments.record)
+    record = read_record(arguments.record, "--record")
     seeds = parse_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
     refuse_repetition([scene], seeds)
@@ -164,11 +163,3 @@ def _measures(arguments: Namespace, scene: "Scene") -> dict[str, Any]:
         key, why = refusal
         raise RequestError(f"{arguments.scene}: --{key} {getattr(arguments, key)}: {why}")
     return {"observables": names, "average": arguments.average}
-
-
-def _record(text: str) -> frozenset[str]:
-    """Return what to record: the names in --record and, except with `none`, the tracer."""
-    names = frozenset(text.split(","))
-    if not names <= set(RECORDS) or ("none" in names and len(names) > 1):
-        raise RequestError(f"--record {text}: must be one or several of {', '.join(RECORDS)}, with commas; none alone")
-    return names if "none" in names else names | {"tracer"}

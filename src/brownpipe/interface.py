@@ -1,0 +1,230 @@
+"""The Python interface: what the command line does, with xarray in place of files.
+
+The same scene, seeds and engine give the same numbers, to the bit, as `brownpipe simulate` and `brownpipe aggregate`.
+Arguments have the names and values of the keys of scene and study files (config/README.md); NumPy's scalars and arrays
+may stand for numbers and lists. All quantities are in the scene's reduced units. A wrong argument raises an error of
+`brownpipe.errors`, a ValueError of one line that names the argument, before anything is computed.
+"""
+
+import sys
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from xarray import Dataset, DataTree
+
+from brownpipe import progress
+from brownpipe.analysis import aggregate
+from brownpipe.engines import forecast, read_record, requested
+from brownpipe.errors import FigureError, RequestError, WrongFileError
+from brownpipe.figures.catalogue import FIGURES
+from brownpipe.figures.render import draw
+from brownpipe.observables import refuse_unfit
+from brownpipe.provenance import simulation_of, source_digest
+from brownpipe.scene import Scene as SceneRecord
+from brownpipe.scene import parse_scene, read_scene, reading
+from brownpipe.scene.reading import Entry, must_be
+from brownpipe.scene.seeds import read_seeds, seed_text
+from brownpipe.storage import (
+    Trajectories,
+    from_tree,
+    read_dataset,
+    read_trajectories,
+    to_tree,
+    write_dataset,
+    write_trajectories,
+)
+from brownpipe.study import refuse_repetition
+from brownpipe.study.study_file import read_rings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "simulate"]
+
+
+def Scene(  # noqa: N802  # makes what its name says, like a class
+    *,
+    box: Mapping,
+    disks: Mapping | Sequence,
+    duration: float,
+    particles: int | None = None,
+    velocities: Mapping | None = None,
+    sample_interval: float | None = None,
+    samples: Mapping | None = None,
+    equilibrate: Mapping | None = None,
+    name: str = "scene",
+) -> SceneRecord:
+    """Return a scene from the keys of a scene file, as `read_scene` does from the file.
+
+    box: {"x": (low, high), "y": (low, high), "boundary": "reflecting" or "periodic"} [length].
+    disks: {"tracer": ..., "species": [...]}, or a list of disks with position, velocity, radius and mass.
+    duration, sample_interval: [time]; samples: logarithmic sample times instead of the interval.
+    particles: total number of disks. velocities: {"temperature": kT} or {"standard_deviation": s}.
+    equilibrate: {"time": t, "tracer": "free" or "pinned"}.
+    name: of the scene in datasets and figures.
+
+    Raises RequestError for anything that `read_scene` refuses.
+    """
+    keys = {key: _plain(value) for key, value in locals().items() if key != "name"}
+    return parse_scene(keys, "Scene", name=name)
+
+
+def simulate(
+    scene: SceneRecord | str | Path,
+    seeds: int | str | Iterable[int] = 1,
+    *,
+    particles: int | None = None,
+    engine: str = "exact",
+    record: str | Iterable[str] = "tracer",
+    observables: Collection[str] = (),
+    average: str = "runs",
+    quiet: bool = False,
+    **settings: object,
+) -> DataTree:
+    """Run a scene once for every seed; return the runs.
+
+    scene: a scene, or the path of a scene file.
+    seeds: how many (seeds 0, 1, ...), or which: "17", "0-2399", a list or an array.
+    particles: number of disks instead of that of the scene file.
+    engine, settings: "exact", "timestep" (time_step=...) or "langevin" (time_step=..., friction=...), as in studies.
+    record: "tracer", "all", "events", "none", or several of them.
+    observables, average: measured in each run, and over what displacements are averaged within it.
+    quiet: no progress on stderr.
+
+    Returns a tree with `position` (time, seed, component) of the tracer [length] and the engine's report on each run
+    (seed): `failed`, `worst_overlap`, `energy_drift`, numbers of collisions, ... With `record="all"`, `disks` holds
+    position and velocity (time, seed, disk, component) of all disks; with `record="events"`, `events` the
+    collisions (event) of all runs. Unwrapped positions in a periodic box are position + image * (width, height).
+
+    Raises RequestError for what `brownpipe simulate` refuses, RunError if a run cannot continue.
+    """
+    if not isinstance(scene, SceneRecord):
+        scene = read_scene(scene, _plain(particles))
+    elif particles is not None:
+        raise RequestError("particles: must not be given with a scene, which has its number of disks")
+    chosen = requested(engine, {key: _plain(value) for key, value in settings.items()}, str)
+    recorded, names = read_record(_words(record), "record"), tuple(filter(None, _words(observables).split(",")))
+    numbers = _seeds(seeds)
+    refuse_repetition([scene], numbers)
+    refuse_unfit(scene, names, average)
+    chosen.refuse_unfit(scene, recorded)
+    forecast.refuse_too_large(scene, len(numbers), recorded, names, average)
+    with nullcontext() if quiet else progress.shown(_say):
+        ensemble = chosen.simulate(scene, numbers, recorded, observables=names, average=average)
+    return to_tree(Trajectories(scene, chosen, ensemble, source_digest(simulation_of(chosen.name))))
+
+
+def analyse(
+    runs: DataTree | str | Path | Sequence[DataTree | str | Path],
+    *,
+    fit_windows: Sequence[tuple[float, float]] | None = None,
+    rings: Mapping | None = None,
+    displacement_times: Sequence[float] = (),
+) -> Dataset:
+    """Return mean squared displacements, fits, distributions and their errors over runs, as `brownpipe aggregate`.
+
+    runs: what `simulate` or `open` returns, the path of a trajectory file, or several of these, of any scenes and
+    engines.
+    fit_windows: (t0, t1) of the straight-line fits to the MSD [time]; by default from a tenth and from half of the
+    shortest run to its end.
+    rings: {"dr": width [length], "count": number} of the displacement distribution, by default from the data.
+    displacement_times: its times [time], by default the end of each run.
+
+    The variables have the dimensions scene, particles, engine, and time, seed, ring, ...; `result.msd.attrs` says what
+    a variable means. Raises AnalysisError for runs that do not belong together, or for times outside them.
+    """
+    several = runs if isinstance(runs, Sequence) and not isinstance(runs, str) else [runs]
+    sources = [each if isinstance(each, str | Path) else from_tree(each) for each in several]
+    windows = None if fit_windows is None else [_window(entry) for entry in _items("fit_windows", fit_windows)]
+    width, count = read_rings(Entry(_plain(rings), "", ("rings",)))
+    times = [reading.number(entry, above=0) for entry in _items("displacement_times", displacement_times)]
+    return aggregate(sources, windows, width, count, times)
+
+
+def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) -> "Figure":
+    """Return a figure of an analysis, as `brownpipe figures` draws it.
+
+    figure: msd, displacement_distribution, diffusion, velocity_autocorrelation, velocity_distribution,
+    pair_distribution, energy, thermodynamics, particle_counts or health.
+    particles: show the runs with this many disks; by default the 2020 note's 150, or each scene's largest number.
+
+    Raises FigureError if the dataset has no data for it.
+    """
+    import matplotlib.pyplot  # noqa: F401  # so that notebooks show the figure
+
+    reading.choice(Entry(figure, "", ("figure",)), tuple(FIGURES))
+    if not _is_analysis(result):
+        raise FigureError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
+    return draw(result, figure, _plain(particles))
+
+
+def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it returns an object
+    """Return the runs of a trajectory file, as `simulate` does, or the dataset of an analysis, verified byte by byte.
+
+    Raises StorageError, which says how to make a damaged file again, and WrongFileError for any other file.
+    """
+    try:
+        return to_tree(read_trajectories(path))
+    except WrongFileError:
+        return read_dataset(path)
+
+
+def save(data: DataTree | Dataset, path: str | Path) -> None:
+    """Write runs to a trajectory file, or an analysis to a dataset, as the command line does.
+
+    Raises RequestError for anything else, StorageError and OSError if the file cannot be written.
+    """
+    if isinstance(data, DataTree):
+        write_trajectories(path, *from_tree(data))
+    elif _is_analysis(data):
+        write_dataset(path, data)
+    else:
+        raise RequestError("data: must be what simulate, analyse or open returns")
+
+
+# -- arguments ------------------------------------------------------------------------------------------------------
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _items(name: str, values: Any) -> list[Entry]:
+    """Return the entries of a list."""
+    return reading.items(Entry(_plain(values), "", (name,)))
+
+
+def _window(entry: Entry) -> tuple[float, float]:
+    """Return start and end of a fit window [time]."""
+    start, end = (reading.number(part, least=0) for part in reading.items(entry, 2, "two times [t0, t1]"))
+    return (start, end) if start < end else must_be(entry, "two times [t0, t1] with t0 < t1")
+
+
+def _words(value: Any) -> str:
+    """Return names as one text with commas."""
+    return value if isinstance(value, str) else ",".join(map(str, value))
+
+
+def _seeds(value: Any) -> Sequence[int]:
+    """Return the seeds of a count, a text, a range, a list or an array."""
+    if isinstance(value, range | set | frozenset):
+        value = np.array(sorted(value), dtype=np.int64)
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iu" and value.ndim == 1 and value.size:
+        value = seed_text(np.unique(value)) if value.min() >= 0 else value
+    return read_seeds(Entry(_plain(value), "", ("seeds",)))
+
+
+def _is_analysis(data: object) -> bool:
+    return isinstance(data, Dataset) and "failed_runs" in data
+
+
+def _say(message: str) -> None:
+    print("brownpipe:", message, file=sys.stderr)

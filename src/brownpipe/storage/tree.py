@@ -1,0 +1,144 @@
+"""Runs in memory as `xarray.DataTree`: what a trajectory file holds, with named dimensions, units and meanings.
+
+/                        position (time, seed, component) of the tracer, and image in a periodic box;
+                         worst_overlap (seed), ... and arrays of observables (seed, ...);
+                         attributes scene (JSON), scene_name, particles, engine, settings (JSON), average,
+                         source_digest
+disks/                   if recorded: position, velocity, image (time, seed, disk, component) of all disks;
+                         radius, mass (disk)
+events/seed_00017        if recorded: event_time, a, b (event), impulse (event, component) of this run
+"""
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from brownpipe.engines import recorded
+from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.errors import RequestError
+from brownpipe.observables import ARRAYS, AXES, axes
+from brownpipe.scene import parse_scene
+from brownpipe.storage.trajectories import MEANING, Trajectories
+
+if TYPE_CHECKING:
+    from xarray import Dataset, DataTree, Variable
+
+TRACER = ("time", "seed", "component")
+DISKS = ("time", "seed", "disk", "component")
+LOG = {"event_time": "time", "a": "a", "b": "b", "impulse": "impulse"}  # variable: field of Events
+
+Columns = dict[str, tuple[tuple[str, ...], np.ndarray]]  # name: (dimensions, values)
+
+
+def to_tree(trajectories: Trajectories) -> "DataTree":
+    """Return runs as a tree. Arrays of the tracer and of observables are shared with it, tracks of all disks copied."""
+    import xarray
+
+    scene, engine, ensemble, source = trajectories
+    attributes = {
+        "title": f"{scene.name}: {len(ensemble.seeds)} runs",
+        "scene": scene.text,
+        "scene_name": scene.name,
+        "particles": scene.particles,
+        "engine": engine.name,
+        "settings": json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False),
+        "average": ensemble.average,
+        "source_digest": source,
+    }
+    columns = {name: (("seed", *_dims(name)), values) for name, values in ensemble.observables.items()}
+    scales = {dim: along for name in columns if name in ARRAYS for dim, along in axes(scene, name).items()}
+    scales |= {"time": ensemble.times, "seed": ensemble.seeds, "component": ["x", "y"]}
+    root = _scales(scales) | _described(_motion(TRACER, ensemble.tracer) | columns)
+    nodes = {"/": xarray.Dataset(root, attrs=attributes)}
+    if ensemble.whole:
+        tracks = zip(*(ensemble.whole[seed] for seed in ensemble.seeds.tolist()), strict=True)
+        track = Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
+        sizes = {"radius": (("disk",), scene.radius), "mass": (("disk",), scene.mass)}
+        disks = _scales({"disk": np.arange(scene.particles)}) | _described(_motion(DISKS, track) | sizes)
+        nodes["/disks"] = xarray.Dataset(disks)
+    if ensemble.events:
+        nodes["/events"] = xarray.Dataset(_described(_log(ensemble.events)))
+    return xarray.DataTree.from_dict(nodes, name=scene.name)
+
+
+def from_tree(tree: "DataTree") -> Trajectories:
+    """Return the runs of a tree that `to_tree` made, or of a selection of its seeds.
+
+    Raises RequestError for any other tree.
+    """
+    try:
+        attributes, root = tree.attrs, tree.to_dataset()
+        scene = parse_scene(json.loads(attributes["scene"]), f"{attributes['scene_name']}.yaml")
+        engine = recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
+        seeds = root.seed.values.tolist()
+        names = [str(name) for name in root.data_vars if name not in Track._fields]
+        observables = {name: root[name].transpose("seed", *_dims(name)).values for name in names}
+        observables["failed"]  # every batch has it
+        ensemble = Ensemble(
+            seeds=root.seed.values,
+            times=root.time.values,
+            tracer=_track(root, TRACER) if "position" in root else None,
+            observables=observables,
+            whole=_whole(tree["disks"].to_dataset(), seeds) if "disks" in tree.children else {},
+            events=_events(tree["events"].to_dataset(), seeds) if "events" in tree.children else {},
+            average=attributes["average"],
+        )
+        return Trajectories(scene, engine, ensemble, attributes["source_digest"])
+    except (AttributeError, KeyError, RequestError, ValueError) as error:
+        raise RequestError(
+            f"runs: must be what simulate or open returns, or a selection of its seeds ({error})"
+        ) from error
+
+
+def _dims(name: str) -> tuple[str, ...]:
+    """Return the dimensions of an observable of one run."""
+    return ARRAYS[name].dims if name in ARRAYS else ()
+
+
+def _scales(scales: dict) -> "dict[str, Variable]":
+    """Return coordinates along dimensions of their names."""
+    return _described({dim: ((dim,), np.asarray(values)) for dim, values in scales.items()})
+
+
+def _described(values: Columns) -> "dict[str, Variable]":
+    """Return variables with the units and the meaning that belong to their names."""
+    import xarray
+
+    arrays = {name: (each.units, each.long_name) for name, each in (AXES | ARRAYS).items()}
+    known = arrays | MEANING | {f"event_{name}": MEANING[name] for name in ("time", "seed")}
+    meanings = {name: dict(zip(("units", "long_name"), known.get(name, ("1", name)), strict=True)) for name in values}
+    return {name: xarray.Variable(dims, array, meanings[name]) for name, (dims, array) in values.items()}
+
+
+def _motion(dims: tuple[str, ...], track: Track | None) -> Columns:
+    """Return position, velocity and image with their dimensions, as far as they are recorded."""
+    recorded_arrays = {} if track is None else track._asdict()
+    return {name: (dims, values) for name, values in recorded_arrays.items() if values is not None}
+
+
+def _track(dataset: "Dataset", dims: tuple[str, ...]) -> Track:
+    """Return position, velocity and image as arrays of these dimensions."""
+    return Track(*(dataset[name].transpose(*dims).values if name in dataset else None for name in Track._fields))
+
+
+def _log(events: dict[int, Events]) -> Columns:
+    """Return the collisions of all runs, one after the other."""
+    joined = {name: np.concatenate([getattr(log, field) for log in events.values()]) for name, field in LOG.items()}
+    seeds = np.repeat(list(events), [len(log.time) for log in events.values()])
+    return {
+        name: (("event", "component")[: values.ndim], values)
+        for name, values in {"event_seed": seeds, **joined}.items()
+    }
+
+
+def _whole(dataset: "Dataset", seeds: list[int]) -> dict[int, Track]:
+    """Return the tracks of all disks by seed."""
+    track = _track(dataset, DISKS)
+    parts = [[None if values is None else values[:, k] for values in track] for k in range(len(seeds))]
+    return {seed: Track(*part) for seed, part in zip(seeds, parts, strict=True)}
+
+
+def _events(dataset: "Dataset", seeds: list[int]) -> dict[int, Events]:
+    """Return the collisions by seed, of these seeds."""
+    return {seed: Events(*(dataset[name].values[dataset.event_seed.values == seed] for name in LOG)) for seed in seeds}

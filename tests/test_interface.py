@@ -1,0 +1,166 @@
+"""The Python interface gives the numbers of the command line, to the bit, and names the argument that is wrong."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+import yaml
+
+import brownpipe as bp
+from brownpipe.cli import main
+from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
+from brownpipe.figures.render import render
+from brownpipe.figures.style import drawing, image_bytes
+
+SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
+KEYS = yaml.safe_load(Path(SCENE).read_text())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Runs and their analysis, made by the command line."""
+    folder = tmp_path_factory.mktemp("interface")
+    words = ["--particles", "20", "--seeds", "0-59", "--record", "all,events", "--observables", "square_displacement"]
+    assert main(["simulate", SCENE, *words, "--output", str(folder / "runs.h5")]) == 0
+    assert main(["aggregate", str(folder / "runs.h5"), "--output", str(folder / "study.nc")]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return bp.simulate(
+        SCENE, 60, particles=20, record=["all", "events"], observables=["square_displacement"], quiet=True
+    )
+
+
+@pytest.fixture(scope="module")
+def result(runs):
+    return bp.analyse(runs)
+
+
+def test_runs_are_those_of_the_command_line_to_the_byte(folder, runs):
+    bp.save(runs, folder / "mine.h5")
+    assert (folder / "mine.h5").read_bytes() == (folder / "runs.h5").read_bytes()
+    assert bp.open(folder / "runs.h5").identical(runs)
+
+
+def test_an_analysis_is_that_of_the_command_line(folder, result):
+    assert result.identical(bp.open(folder / "study.nc"))
+    bp.save(result, folder / "mine.nc")
+    assert (folder / "mine.nc").read_bytes() == (folder / "study.nc").read_bytes()
+    assert bp.analyse(folder / "runs.h5").identical(result)
+
+
+def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, runs, result):
+    first, second = runs.isel(seed=slice(25)), runs.isel(seed=slice(25, None))
+    bp.save(second, folder / "second.h5")
+    assert bp.analyse([first, str(folder / "second.h5")]).identical(result)
+    assert len(bp.open(folder / "second.h5").events.event_seed) == (runs.events.event_seed >= 25).sum()
+
+
+def test_a_tree_has_names_units_and_meanings(runs):
+    assert runs.position.dims == ("time", "seed", "component")
+    assert runs.disks.position.dims == ("time", "seed", "disk", "component")
+    assert np.array_equal(runs.disks.position.sel(disk=0), runs.position)
+    assert (runs.position.units, runs.events.event_time.units) == ("length", "time")
+    assert list(runs.component.values) == ["x", "y"]
+    assert runs.failed.sum() == 0
+    variables = [v for node in runs.subtree for v in node.to_dataset().variables.values()]
+    assert all(variable.attrs["units"] and variable.attrs["long_name"] for variable in variables)
+    squares = ((runs.position - runs.position.isel(time=0)) ** 2).sum("component")
+    np.testing.assert_allclose(squares.transpose("seed", "time"), runs.square_displacement, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("engine", "settings"), [("timestep", {"time_step": np.float32(2**-6)}), ("langevin", {"friction": "enskog"})]
+)
+def test_engines_take_their_settings_as_arguments(engine, settings):
+    runs = bp.simulate(SCENE, [3, 5], particles=5, engine=engine, quiet=True, **settings)
+    assert runs.attrs["engine"] == engine
+    assert list(runs.seed.values) == [3, 5]
+
+
+@pytest.mark.parametrize("seeds", ["0-2", [2, 0, 1], range(3), np.arange(3), np.int64(3), {0, 1, 2}])
+def test_seeds_in_every_form(seeds):
+    assert list(bp.simulate(SCENE, seeds, particles=2, quiet=True).seed.values) == [0, 1, 2]
+
+
+def test_a_scene_from_numbers_is_that_of_the_file():
+    scene = bp.Scene(**KEYS, name="harrison2020")
+    assert scene == bp.read_scene(SCENE)
+    low, high = KEYS["box"]["x"]
+    box = KEYS["box"] | {"x": np.array([low, high]), "y": (np.float64(low), np.int32(high))}
+    assert bp.Scene(**KEYS | {"box": box, "duration": np.float64(KEYS["duration"])}).digest == scene.digest
+    assert len(repr(scene)) < 120
+    assert repr(scene).startswith("<Scene harrison2020: 150 disks in a reflecting box 6 x 6, packing fraction 0.1")
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: bp.Scene(**KEYS | {"duration": -1}), "Scene: duration: must be a finite number > 0, not -1"),
+        (lambda: bp.Scene(**KEYS, name="a b"), "Scene: name: must be a name"),
+        (lambda: bp.read_scene("absent.yaml"), "absent.yaml"),
+        (lambda: bp.simulate(SCENE, -3), "seeds: must be an integer from 1"),
+        (lambda: bp.simulate(SCENE, np.array([-3, 4])), "seeds: must be"),
+        (lambda: bp.simulate(SCENE, 2.5), "seeds: must be"),
+        (lambda: bp.simulate(SCENE, engine="exakt"), "engine: 'exakt' is unknown; did you mean exact"),
+        (lambda: bp.simulate(SCENE, time_step=0.1), "time_step 0.1: the exact engine has no such setting"),
+        (lambda: bp.simulate(SCENE, engine="timestep"), "time_step: missing; must be given with engine timestep"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=0), "time_step: must be"),
+        (lambda: bp.simulate(SCENE, record="everything"), "record everything: must be one or several of tracer"),
+        (lambda: bp.simulate(SCENE, observables=["msd"]), "observables: 'msd' is unknown"),
+        (lambda: bp.simulate(bp.read_scene(SCENE), particles=3), "particles: must not be given with a scene"),
+        (lambda: bp.analyse(bp.read_scene(SCENE)), "runs: must be what simulate or open returns"),
+        (lambda: bp.analyse([]), "no trajectory files"),
+        (lambda: bp.analyse([xarray.DataTree()]), "runs: must be what simulate or open returns"),
+        (lambda: bp.analyse("a.h5", fit_windows=[(1, 0.5)]), r"fit_windows\[0\]: must be two times"),
+        (lambda: bp.analyse("a.h5", fit_windows=(0.1, 1)), r"fit_windows\[0\]: must be two times"),
+        (lambda: bp.analyse("a.h5", rings={"dr": 0.1}), "rings.count: missing"),
+        (lambda: bp.analyse("a.h5", displacement_times=[-1]), r"displacement_times\[0\]: must be a finite number > 0"),
+        (lambda: bp.plot(xarray.Dataset()), "result: must be a dataset of brownpipe.analyse"),
+        (lambda: bp.save("runs", "a.h5"), "data: must be"),
+        (lambda: bp.save(xarray.Dataset(), "absent/a.h5/b.nc"), "data: must be"),
+    ],
+)
+def test_an_error_names_the_argument(call, message):
+    with pytest.raises(BrownpipeError, match=message) as caught:
+        call()
+    assert isinstance(caught.value, ValueError | StorageError)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_figure_is_that_of_the_command_line(result, tmp_path):
+    render(result, tmp_path, ["msd"])
+    figure = bp.plot(result)
+    with drawing():
+        assert image_bytes(figure, "png") == (tmp_path / "msd.png").read_bytes()
+    with pytest.raises(RequestError, match="figure: 'mds' is unknown; did you mean msd"):
+        bp.plot(result, "mds")
+    with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):
+        bp.plot(result, "velocity_autocorrelation")
+    with pytest.raises(FigureError, match="particles: 7 is not in the dataset"):
+        bp.plot(result, particles=7)
+
+
+def test_a_damaged_file_is_not_opened(folder, tmp_path):
+    contents = bytearray((folder / "runs.h5").read_bytes())
+    contents[len(contents) // 2] ^= 1
+    (tmp_path / "damaged.h5").write_bytes(contents)
+    with pytest.raises(StorageError, match="seeds 0-59 are lost"):
+        bp.open(tmp_path / "damaged.h5")
+    with pytest.raises(StorageError, match=r"absent\.h5"):
+        bp.open(tmp_path / "absent.h5")
+
+
+def test_importing_it_takes_no_time_and_lists_its_names():
+    code = "import brownpipe, sys; print(*dir(brownpipe)); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    names, modules = done.stdout.splitlines()
+    assert set(bp.__all__) <= set(names.split())
+    assert not {"numpy", "numba", "xarray", "h5py", "matplotlib"} & set(modules.split())
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        _ = bp.simulat
