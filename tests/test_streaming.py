@@ -77,8 +77,8 @@ def test_blocks_are_those_of_the_seeds(everything, tmp_path):
 def test_files_in_the_usual_layout_are_read_once(everything, tmp_path, monkeypatch, layout, reads):
     """Besides the header pass. Interleaved files, more than are kept in memory, are read for every block."""
     (group,) = runs.groups_of(written(tmp_path / layout, everything, layouts()[layout]))
-    read, load = [], runs._load
-    monkeypatch.setattr(runs, "_load", lambda path: read.append(path) or load(path))
+    read, load = [], runs.read_trajectories
+    monkeypatch.setattr(runs, "read_trajectories", lambda path: read.append(path) or load(path))
     list(runs.blocks_of(group))
     assert len(read) <= reads + (layout == "interleaved")
 
