@@ -43,8 +43,8 @@ def movie(
     rounds to hundredths of a second per frame. The same run gives the same bytes, except for a video, which ffmpeg
     encodes.
 
-    Raise FigureError for a file without this run, for another suffix, and for a video if ffmpeg is not installed;
-    OSError if ffmpeg fails.
+    Raise RequestError for a file without this run; FigureError for another suffix, and for a video if ffmpeg is not
+    installed; OSError if ffmpeg fails.
     """
     if suffix not in SUFFIXES:
         raise FigureError(f"movie: the output must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}, not {suffix!r}")

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from brownpipe.errors import FigureError
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
-from brownpipe.scene.seeds import seed_text
+from brownpipe.storage.trajectories import whole_seed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,17 +51,10 @@ class Scenery(NamedTuple):
 def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) -> WholeRun:
     """Return the whole run of a seed, by default of the smallest, of the trajectories in the file at `path`.
 
-    Raise FigureError if the file holds no whole runs, none of this seed, or no disks.
+    Raise RequestError if the file holds no whole runs, none of this seed, or no disks.
     """
-    whole = trajectories.ensemble.whole
-    if not whole:
-        raise FigureError(f"{path}: holds no whole runs; make it again: brownpipe simulate SCENE --record all")
-    if seed is not None and seed not in whole:
-        raise FigureError(f"{path}: seed {seed} is not in it; its whole runs have the seeds {seed_text(sorted(whole))}")
-    if not trajectories.scene.particles:
-        raise FigureError(f"{path}: its scene has no disks to show")
-    seed = min(whole) if seed is None else seed
-    track = whole[seed]
+    seed = whole_seed(trajectories, path, seed)
+    track = trajectories.ensemble.whole[seed]
     image = None if track.image is None else track.image[:, 0]
     return WholeRun(trajectories.scene, seed, trajectories.ensemble.times, track.position, image)
 

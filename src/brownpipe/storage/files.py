@@ -19,6 +19,8 @@ import errno
 import hashlib
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from brownpipe.errors import StorageError, WrongFileError
@@ -37,16 +39,26 @@ def write_file(path: str | Path, contents: bytes) -> None:
 
     Raises StorageError if the disk is full, the folder cannot be written to, or the file reads back differently.
     """
+    with replacing(path) as part:
+        _write_through(part, contents)
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Give the name of a part, NAME.<pid>.part, to write to; if that succeeds, it becomes the file, else it is removed.
+
+    Raises StorageError as `write_file` does.
+    """
     path = Path(path)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            _write_through(part, contents)
+            yield part
             os.replace(part, path)
         finally:
             part.unlink(missing_ok=True)
-        _sync_folder(path.parent)
+        sync(path.parent)
     except OSError as error:
         raise StorageError(f"{path}: not written: {_reason(error)}") from error
 
@@ -61,9 +73,9 @@ def _write_through(path: Path, contents: bytes) -> None:
         raise OSError(errno.EIO, "it reads back differently; check the disk and rerun")
 
 
-def _sync_folder(folder: Path) -> None:
-    """Wait until the new name of a file is on the disk, too."""
-    handle = os.open(folder, os.O_RDONLY)
+def sync(path: Path) -> None:
+    """Wait until a file is on the disk or, for a folder, the names of its files."""
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:

@@ -156,6 +156,22 @@ def read_header(path: str | Path) -> dict:
         return _contents(path)["parameters"].attributes
 
 
+def whole_seed(trajectories: Trajectories, path: str, seed: int | None = None) -> int:
+    """Return the seed of a whole run, by default the smallest, of the trajectories in the file at `path`.
+
+    Raises RequestError if the file holds no whole runs, none of this seed, or no disks.
+    """
+    whole = trajectories.ensemble.whole
+    if not whole:
+        raise RequestError(f"{path}: holds no whole runs; make it again: brownpipe simulate SCENE --record all")
+    if seed is not None and seed not in whole:
+        seeds = seed_text(sorted(whole))
+        raise RequestError(f"{path}: seed {seed} is not in it; its whole runs have the seeds {seeds}")
+    if not trajectories.scene.particles:
+        raise RequestError(f"{path}: its scene has no disks")
+    return min(whole) if seed is None else seed
+
+
 # -- layout ---------------------------------------------------------------------------------------------------------
 
 
