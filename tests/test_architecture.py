@@ -48,6 +48,7 @@ HEAVY = {
     "matplotlib",
     "yaml",
     "PIL",
+    "gsd",
 }  # may be imported where they are needed
 ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.langevin.step", "engines.insertion")
 

@@ -4,9 +4,9 @@ A module has the function of its name, whose docstring is the help and which ret
 and EXAMPLE, the arguments of an example. Imports that take time are inside the functions that need them.
 """
 
-from brownpipe.verbs import aggregate, check, figures, inspect, movie, plan, simulate, tradeoff
+from brownpipe.verbs import aggregate, check, export, figures, inspect, movie, plan, simulate, tradeoff
 
 VERBS = {
     module.__name__.rpartition(".")[2]: module
-    for module in (simulate, aggregate, figures, movie, tradeoff, plan, inspect, check)  # as in the help
+    for module in (simulate, aggregate, figures, movie, export, tradeoff, plan, inspect, check)  # as in the help
 }

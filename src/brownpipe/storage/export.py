@@ -1,0 +1,186 @@
+"""`brownpipe export`: trajectories in formats that other programs read. One sample at a time is converted.
+
+    gsd   one whole run, for HOOMD-blue, freud, MDAnalysis and OVITO, in single precision
+    xyz   one whole run, extended XYZ for ASE, OVITO and VMD, every digit
+    csv   a table of all whole runs or, if there are none, of the tracers of all runs, every digit
+
+Positions are those of the trajectory file, inside the box. In a periodic box all three formats have the images, too:
+unwrapped position = position + image * (width, height).
+"""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe.engines.state import Track
+from brownpipe.errors import RequestError
+from brownpipe.observables.species import species_table
+from brownpipe.scene import Scene
+from brownpipe.scene.seeds import seed_text
+from brownpipe.storage.files import replacing, sync
+from brownpipe.storage.trajectories import Trajectories, whole_seed
+
+GSD_SCHEMA = (1, 4)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
+GSD_NUMBERS = np.finfo(np.float32)
+
+
+class Exported(NamedTuple):
+    """What has been written."""
+
+    seeds: tuple[int, ...]
+    samples: int  # of each run
+    disks: int  # in each sample
+    remarks: tuple[str, ...]  # what a reader of the file must know
+
+
+def export(trajectories: Trajectories, path: str, output: str, form: str, seed: int | None = None) -> Exported:
+    """Write the run of a seed to the file `output` as `form`: gsd, xyz or csv; completely or not at all.
+
+    path: the file of the trajectories, for messages. seed: by default the smallest of the whole runs; for csv, all.
+
+    Raises RequestError for another suffix of the output, a file without such runs, numbers beyond single precision
+    (GSD), or if the package gsd cannot be imported; StorageError if the file cannot be written.
+    """
+    if Path(output).suffix != f".{form}":
+        raise RequestError(f"--output {output}: must end in .{form}, by which other programs know the format")
+    scene, ensemble = trajectories.scene, trajectories.ensemble
+    tracks = (_tables if form == "csv" else _whole_run)(trajectories, path, seed)
+    with replacing(output) as part:
+        FORMATS[form](part, scene, ensemble.times, tracks)
+        sync(part)
+    failed = [k for k in ensemble.seeds[ensemble.observables["failed"] > 0] if k in tracks]
+    remarks = [f"failed their health check: {len(failed)} of {len(tracks)} runs: {seed_text(failed)}"] if failed else []
+    if form == "gsd" and not scene.box.periodic:
+        remarks.append("GSD has no walls, so programs take the box for periodic: switch that off, or enlarge the box")
+    disks = next(iter(tracks.values())).position.shape[1]
+    return Exported(tuple(tracks), len(ensemble.times), disks, tuple(remarks))
+
+
+def _whole_run(trajectories: Trajectories, path: str, seed: int | None) -> dict[int, Track]:
+    """Return the track of all disks of one run, by its seed."""
+    seed = whole_seed(trajectories, path, seed)
+    return {seed: trajectories.ensemble.whole[seed]}
+
+
+def _tables(trajectories: Trajectories, path: str, seed: int | None) -> dict[int, Track]:
+    """Return all whole runs or, if there are none, the track of the tracer (T, 1, 2) of each run; or that of a seed."""
+    seeds, tracer, whole = trajectories.ensemble.seeds, trajectories.ensemble.tracer, trajectories.ensemble.whole
+    if whole:
+        run = _whole_run(trajectories, path, seed)
+        return whole if seed is None else run
+    if tracer is None:
+        raise RequestError(f"{path}: holds no trajectories; make it again: brownpipe simulate SCENE --record all")
+    if seed is not None and seed not in seeds:
+        raise RequestError(f"{path}: seed {seed} is not in it; its runs have the seeds {seed_text(seeds)}")
+    chosen = range(len(seeds)) if seed is None else np.flatnonzero(seeds == seed)
+    return {int(seeds[s]): Track(*(v if v is None else v[:, s : s + 1] for v in tracer)) for s in chosen}
+
+
+# -- formats --------------------------------------------------------------------------------------------------------
+
+
+def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) -> None:
+    """Write one run as GSD, schema hoomd, by the package gsd.
+
+    The box is two-dimensional as HOOMD-blue defines it, Lz = 0, and centred at the origin: positions are shifted by
+    its centre. Types are the species; `configuration.step` is the index of the sample, `log/time` its time. Rounding to
+    single precision moves a disk by at most 3e-8 of the box in x and in y.
+
+    GSD cannot say that a box has walls. Between walls the box is the rectangle inside them, there are no images, and
+    `log/periodic` is 0 instead of 1. Programs take it for periodic: switch that off (OVITO), or enlarge the box by the
+    longest distance that matters, so that no pair is closer through a wall than inside (freud, MDAnalysis).
+    """
+    try:
+        import gsd.fl
+        import gsd.hoomd
+    except ImportError as error:
+        wrong = f"--to gsd: needs the package gsd ({error})"
+        raise RequestError(f"{wrong}; install it by pip install gsd, or choose xyz or csv") from error
+
+    (track,), box, species = tracks.values(), scene.box, species_table(scene)
+    edges = np.array([box.width, box.height])
+    _refuse_if_not_single([edges, scene.radius, scene.mass], track.velocity)
+    diameter, mass = (2 * scene.radius).astype(np.float32), scene.mass.astype(np.float32)
+    file = gsd.fl.open(path, "w", application="brownpipe", schema="hoomd", schema_version=GSD_SCHEMA)
+    with gsd.hoomd.HOOMDTrajectory(file) as trajectory:
+        for k, time in enumerate(times):
+            frame = gsd.hoomd.Frame()
+            frame.configuration.step, frame.configuration.dimensions = k, 2
+            frame.configuration.box = np.array([*edges, 0, 0, 0, 0], np.float32)
+            frame.particles.N, frame.particles.types = scene.particles, list(species.name)
+            frame.particles.typeid = species.label
+            frame.particles.diameter, frame.particles.mass = diameter, mass
+            frame.particles.position = _in_space(track.position[k] - box.origin - edges / 2, np.float32)
+            if track.velocity is not None:
+                frame.particles.velocity = _in_space(track.velocity[k], np.float32)
+            if track.image is not None:
+                frame.particles.image = _in_space(track.image[k], np.int32)
+            frame.log = {"time": np.array([time]), "periodic": np.array([box.periodic], np.uint8)}
+            trajectory.append(frame)
+
+
+def _refuse_if_not_single(properties: list[np.ndarray], velocity: np.ndarray | None) -> None:
+    """Raise RequestError if edges, radii or masses, or velocities cannot be stored as GSD's float32."""
+    positive = np.concatenate(properties)
+    fastest = 0.0 if velocity is None else max(velocity.max(), -velocity.min())
+    if positive.min() < GSD_NUMBERS.tiny or max(2 * positive.max(), fastest) > GSD_NUMBERS.max:
+        least, most = f"{GSD_NUMBERS.tiny:.1e}", f"{GSD_NUMBERS.max:.1e}"
+        raise RequestError(f"--to gsd: holds numbers from {least} to {most} only; choose xyz or csv, or other units")
+
+
+def _in_space(vectors: np.ndarray, kind: type) -> np.ndarray:
+    """Return vectors (N, 2) with a third component, 0, and of another type."""
+    return np.pad(vectors.astype(kind), ((0, 0), (0, 1)))
+
+
+def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) -> None:
+    """Write one run as extended XYZ, with z = 0 and the box from its `Origin` on.
+
+    The third edge of the box has length 1, because programs refuse boxes without a volume, and is not periodic. Masses
+    and velocities stand there twice: `mass` and `velo` for OVITO, `masses` and `momenta` for ASE, which otherwise takes
+    1 and 0. The species is a `type`, as ASE takes `species` for chemical elements.
+    """
+    (track,), box, table = tracks.values(), scene.box, species_table(scene)
+    names = [table.name[label] for label in table.label]
+    mass, none = scene.mass[:, None], np.zeros((scene.particles, 1))
+    head = f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1" Origin="{box.x[0]} {box.y[0]} -0.5"'
+    head += f' pbc="{"T T" if box.periodic else "F F"} F" Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1'
+    head += ":velo:R:3:momenta:R:3" if track.velocity is not None else ""
+    head += ":image:I:3" if track.image is not None else ""
+    with open(path, "w", encoding="ascii") as file:
+        for k, time in enumerate(times.tolist()):
+            columns = [track.position[k], none, scene.radius[:, None], mass, mass]
+            if track.velocity is not None:
+                columns += [track.velocity[k], none, mass * track.velocity[k], none]
+            rows = [" ".join(map(repr, row)) for row in np.hstack(columns).tolist()]
+            if track.image is not None:
+                rows = [f"{row} {x} {y} 0" for row, (x, y) in zip(rows, track.image[k].tolist(), strict=True)]
+            file.write(f"{len(rows)}\n{head} Time={time}\n")
+            file.writelines(f"{name} {row}\n" for name, row in zip(names, rows, strict=True))
+
+
+def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) -> None:
+    """Write a table with a heading: a row for each seed, time and disk."""
+    table = species_table(scene)
+    names = [table.name[label] for label in table.label]
+    first = next(iter(tracks.values()))
+    titles = dict(zip(Track._fields, (["x", "y"], ["velocity_x", "velocity_y"], ["image_x", "image_y"]), strict=True))
+    recorded = [name for name, values in first._asdict().items() if values is not None]
+    with open(path, "w", encoding="ascii", newline="") as file:
+        write = csv.writer(file, lineterminator="\n").writerows
+        write([["seed", "time", "disk", "species", *(title for name in recorded for title in titles[name])]])
+        for seed, track in tracks.items():
+            for k, time in enumerate(times.tolist()):
+                vectors = (getattr(track, name)[k].tolist() for name in recorded)
+                disks = enumerate(zip(*vectors, strict=True))
+                write([seed, time, disk, names[disk], *(x for pair in row for x in pair)] for disk, row in disks)
+
+
+FORMATS: dict[str, Callable[[Path, Scene, np.ndarray, dict[int, Track]], None]] = {
+    "gsd": _gsd,
+    "xyz": _xyz,
+    "csv": _csv,
+}

@@ -1,0 +1,43 @@
+"""`brownpipe export`: trajectories for other programs."""
+
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+
+from brownpipe.errors import DONE
+from brownpipe.verbs.output import number, say, writable
+from brownpipe.verbs.values import integer
+
+EXAMPLE = "seed17.h5 --to gsd"
+
+
+def add_arguments(add: Callable) -> None:
+    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
+    from brownpipe.storage.export import FORMATS
+
+    add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all); for csv, any")
+    add("--to", required=True, choices=FORMATS, metavar="FORMAT", help="gsd, xyz (extended XYZ) or csv")
+    add("--seed", type=integer, metavar="SEED", help="the run to export (default: the first in the file; csv: all)")
+    add("--output", metavar="FILE", help="*.gsd, *.xyz or *.csv (default: name of the file, in this folder)")
+
+
+def export(arguments: Namespace) -> int:
+    """Export a run to GSD (HOOMD-blue, freud, MDAnalysis, OVITO), extended XYZ (ASE, OVITO, VMD) or a table (CSV).
+
+    The file must have been recorded with `--record all`. Without whole runs, CSV has the tracers of all runs.
+    GSD has single precision and the centre of the box at the origin, and needs the package gsd; XYZ and CSV have every
+    digit. Unwrapped positions in a periodic box are position + image * (width, height).
+    """
+    from brownpipe.formatting import in_bytes
+    from brownpipe.scene.seeds import seed_text
+    from brownpipe.storage import read_trajectories
+    from brownpipe.storage.export import export as exported
+
+    output = writable(arguments.output or f"{Path(arguments.file).stem}.{arguments.to}", arguments.file)
+    written = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
+    for remark in written.remarks:
+        say(f"{output}: {remark}", DONE)
+    runs = f"{'seed' if len(written.seeds) == 1 else 'seeds'} {seed_text(written.seeds)}"
+    contents = f"{number(written.samples, 'sample')} of {number(written.disks, 'disk')}"
+    print(f"{output}: {runs}: {contents}, {in_bytes(Path(output).stat().st_size)}")
+    return DONE

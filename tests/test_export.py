@@ -1,0 +1,339 @@
+"""Exported runs, as gsd, MDAnalysis, freud, ASE and the csv module read them: the numbers of the trajectory file."""
+
+import csv
+import itertools
+import sys
+import tracemalloc
+
+import ase.io
+import freud
+import gsd.hoomd
+import MDAnalysis
+import numpy as np
+import pytest
+from MDAnalysis.analysis.msd import EinsteinMSD
+from MDAnalysis.analysis.rdf import InterRDF
+from MDAnalysis.transformations import set_dimensions
+
+from brownpipe.analysis.dataset import aggregate
+from brownpipe.cli import main
+from brownpipe.engines import Engine
+from brownpipe.engines.batch import RunResult
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.state import Track
+from brownpipe.errors import DONE, WRONG_REQUEST
+from brownpipe.observables import observe
+from brownpipe.observables.pairs import bins
+from brownpipe.scene import parse_scene
+from brownpipe.storage import read_trajectories, write_trajectories
+from brownpipe.storage.export import export
+from ensembles import make_runs, make_scene
+
+SINGLE = 2.0**-24  # largest relative error of a number rounded to single precision
+SHIFTED = 2.0**-25 + 1e-15  # and of a position, of the box: at most half of it from the centre
+pytestmark = pytest.mark.filterwarnings("ignore:Reader has no dt information")  # MDAnalysis does not read log/time
+
+
+@pytest.fixture(scope="module")
+def fluid(tmp_path_factory):
+    """The file of a run of 200 equal disks in equilibrium, in an oblong periodic box away from the origin."""
+    mapping = {
+        "box": {"x": [-3.0, 17.0], "y": [2.0, 14.0], "boundary": "periodic"},
+        "disks": {"species": [{"name": "disk", "count": 200, "radius": 0.4, "mass": 0.7}]},
+        "velocities": {"temperature": 1.5},
+        "equilibrate": {"time": 2.0, "tracer": "free"},
+        "duration": 2.0,
+        "sample_interval": 0.1,
+    }
+    scene, measured = parse_scene(mapping, "fluid.yaml"), ("pair_distribution", "square_displacement")
+    path = tmp_path_factory.mktemp("fluid") / "fluid.h5"
+    ensemble = simulate(scene, [5], {"tracer", "all"}, observables=measured, average="disks")
+    write_trajectories(path, scene, Engine("exact"), ensemble)
+    for form in ("gsd", "xyz"):
+        exported(path, form)
+    return path
+
+
+@pytest.fixture(scope="module")
+def walled(tmp_path_factory):
+    """The file of two made-up runs of a large and 11 small disks between walls."""
+    path = tmp_path_factory.mktemp("walled") / "walled.h5"
+    return written(path, make_scene("walled", 12), (3, 8))
+
+
+def written(path, scene, seeds, failed=()):
+    """A file of runs of random positions and velocities."""
+    runs, shape = make_runs(scene, seeds, failed), (len(scene.times), scene.particles, 2)
+    numbers = np.random.default_rng(1)
+    image = numbers.integers(-2, 3, shape).astype(np.int32) if scene.box.periodic else None
+    whole = {seed: Track(numbers.uniform(-2.7, 2.7, shape), numbers.normal(size=shape), image) for seed in seeds}
+    write_trajectories(path, scene, Engine("exact"), runs.ensemble._replace(whole=whole))
+    return path
+
+
+def exported(path, form, *options):
+    """The file that the verb writes."""
+    target = path.with_suffix(f".{form}")
+    assert main(["export", str(path), "--to", form, "--output", str(target), *options]) == DONE
+    return target
+
+
+def run_in(path, seed):
+    """The scene, the sample times and the track of a whole run."""
+    scene, _, ensemble, _ = read_trajectories(path)
+    return scene, ensemble.times, ensemble.whole[seed]
+
+
+def edges_of(scene):
+    return np.array([scene.box.width, scene.box.height])
+
+
+def frames_of(path):
+    """Positions (T, N, 3) and images of a GSD file, and its box."""
+    with gsd.hoomd.open(path) as trajectory:
+        frames = list(trajectory)
+    position, image = (np.array([getattr(frame.particles, name) for frame in frames]) for name in ("position", "image"))
+    return position, image, frames[0].configuration.box
+
+
+def refused(capsys, *options):
+    """The one line with which an export is refused."""
+    assert main(["export", *map(str, options)]) == WRONG_REQUEST
+    out, error = capsys.readouterr()
+    assert out == "" and error.count("\n") == 1
+    return error
+
+
+# -- what the files contain -----------------------------------------------------------------------------------------
+
+
+def test_gsd_has_the_run_in_single_precision(fluid):
+    scene, times, track = run_in(fluid, 5)
+    edges, centre = edges_of(scene), np.array([7.0, 8.0])
+    with gsd.hoomd.open(fluid.with_suffix(".gsd")) as frames:
+        assert len(frames) == len(times) == 21
+        for k, frame in enumerate(frames):
+            box, disks = frame.configuration, frame.particles
+            assert (box.step, box.dimensions, list(box.box)) == (k, 2, [20, 12, 0, 0, 0, 0])
+            assert frame.log["time"] == times[k] and frame.log["periodic"] == 1
+            assert (disks.types, list(disks.typeid)) == (["disk"], [0] * 200)
+            np.testing.assert_allclose(disks.diameter, 0.8, rtol=SINGLE)
+            np.testing.assert_allclose(disks.mass, 0.7, rtol=SINGLE)
+            assert np.all(abs(disks.position[:, :2] + centre - track.position[k]) <= SHIFTED * edges)
+            np.testing.assert_allclose(disks.velocity[:, :2], track.velocity[k], rtol=SINGLE)
+            np.testing.assert_array_equal(disks.image[:, :2], track.image[k])
+            assert not disks.position[:, 2].any() and not disks.velocity[:, 2].any() and not disks.image[:, 2].any()
+    assert track.image.any()
+
+
+def test_mdanalysis_reads_the_gsd(fluid):
+    position, _, box = frames_of(fluid.with_suffix(".gsd"))
+    universe = MDAnalysis.Universe(fluid.with_suffix(".gsd"))
+    np.testing.assert_array_equal([frame.positions.copy() for frame in universe.trajectory], position)
+    np.testing.assert_array_equal(universe.dimensions, [*box[:3], 90, 90, 90])
+    np.testing.assert_allclose(universe.atoms.radii, 0.4, rtol=SINGLE)
+    np.testing.assert_allclose(universe.atoms.masses, 0.7, rtol=SINGLE)
+    assert set(universe.atoms.types) == {"disk"}
+
+
+@pytest.mark.parametrize(("name", "seed", "periodic"), [("fluid", 5, True), ("walled", 8, False)])
+def test_ase_reads_every_digit_of_the_xyz(name, seed, periodic, request):
+    path = request.getfixturevalue(name)
+    scene, times, track = run_in(path, seed)
+    frames = ase.io.read(exported(path, "xyz", "--seed", str(seed)), ":")
+    assert [frame.info["Time"] for frame in frames] == list(times)
+    for k, frame in enumerate(frames):
+        assert list(frame.pbc) == [periodic, periodic, False] and list(frame.cell.lengths()) == [*edges_of(scene), 1]
+        assert list(frame.info["Origin"]) == [*scene.box.origin, -0.5]
+        np.testing.assert_array_equal(frame.positions[:, :2], track.position[k])
+        np.testing.assert_array_equal(frame.arrays["velo"][:, :2], track.velocity[k])
+        np.testing.assert_allclose(frame.get_velocities()[:, :2], track.velocity[k], rtol=4e-16)  # m v / m
+        for key, values in {"radius": scene.radius, "mass": scene.mass, "masses": scene.mass}.items():
+            np.testing.assert_array_equal(frame.arrays[key], values)
+        np.testing.assert_array_equal(frame.get_masses(), scene.mass)
+        assert not frame.positions[:, 2].any() and ("image" in frame.arrays) == periodic
+        if periodic:
+            np.testing.assert_array_equal(frame.arrays["image"][:, :2], track.image[k])
+        else:
+            assert list(frame.arrays["type"]) == ["tracer", *["bath"] * 11]
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+def test_a_table_has_every_digit_of_all_whole_runs(boundary, tmp_path):
+    scene = make_scene("table", 4, boundary=boundary)
+    path = written(tmp_path / "table.h5", scene, (3, 8))
+    tracks = read_trajectories(path).ensemble.whole
+    with open(exported(path, "csv"), newline="") as file:
+        rows = list(csv.DictReader(file))
+    columns = {"position": ("x", "y"), "velocity": ("velocity_x", "velocity_y"), "image": ("image_x", "image_y")}
+    if boundary == "reflecting":
+        del columns["image"]
+    assert list(rows[0]) == ["seed", "time", "disk", "species", *itertools.chain(*columns.values())]
+    expected = itertools.product((3, 8), enumerate(scene.times), range(4))
+    for row, (seed, (k, time), disk) in zip(rows, expected, strict=True):
+        assert (int(row["seed"]), float(row["time"]), int(row["disk"])) == (seed, time, disk)
+        assert row["species"] == ("bath" if disk else "tracer")
+        for name, titles in columns.items():
+            assert [float(row[title]) for title in titles] == list(getattr(tracks[seed], name)[k, disk])
+    assert exported(path, "csv", "--seed", "8").read_text().count("\n") == 1 + len(rows) // 2
+
+
+def test_a_table_of_a_file_without_whole_runs_has_all_tracers(tmp_path, capsys):
+    scene = make_scene()
+    runs = make_runs(scene, [0, 1, 4], failed=[4])
+    write_trajectories(tmp_path / "tracer.h5", scene, Engine("exact"), runs.ensemble)
+    with open(exported(tmp_path / "tracer.h5", "csv"), newline="") as file:
+        rows = list(csv.DictReader(file))
+    out, error = capsys.readouterr()
+    assert "tracer.csv: seeds 0-1,4: 21 samples of 1 disk, " in out
+    assert error.endswith("tracer.csv: failed their health check: 1 of 3 runs: 4\n")
+    position = np.array([[float(row["x"]), float(row["y"])] for row in rows]).reshape(3, -1, 2)
+    np.testing.assert_array_equal(position, runs.ensemble.tracer.position.swapaxes(0, 1))
+    assert [int(row["seed"]) for row in rows] == [0] * 21 + [1] * 21 + [4] * 21
+    one = exported(tmp_path / "tracer.h5", "csv", "--seed", "1").read_text().splitlines()
+    assert len(one) == 22 and one[1].startswith("1,0.0,0,tracer,")
+
+
+def test_walls_in_gsd(walled, capsys):
+    """freud and MDAnalysis find the pairs between walls once the box is larger by their longest distance."""
+    scene, _, track = run_in(walled, 3)
+    target = exported(walled, "gsd")
+    assert "walled.gsd: GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err
+    with gsd.hoomd.open(target) as frames:
+        last = frames[-1]
+    disks = last.particles
+    assert (disks.types, list(disks.typeid)) == (["tracer", "bath"], [0, *[1] * 11])
+    np.testing.assert_allclose(disks.diameter, 2 * scene.radius, rtol=SINGLE)
+    np.testing.assert_allclose(disks.mass, scene.mass, rtol=SINGLE)
+    assert last.log["periodic"] == 0 and not disks.image.any()
+    apart = track.position[-1][:, None] - track.position[-1]
+    expected = np.count_nonzero(np.hypot(*apart.T) < 2.5) - 12
+    larger = last.configuration.box[:2] + 2.5
+    query = freud.locality.AABBQuery(freud.box.Box(*larger), disks.position)
+    found = query.query(disks.position, {"r_max": 2.5, "exclude_ii": True}).toNeighborList()
+    universe = MDAnalysis.Universe(target)
+    universe.trajectory.add_transformations(set_dimensions([*larger, 1, 90, 90, 90]))
+    counts = InterRDF(universe.atoms, universe.atoms, 1, (0, 2.5), norm="none", exclusion_block=(1, 1))
+    assert len(found) == expected == counts.run(start=20).results.count.sum()
+
+
+# -- the same results from other programs ---------------------------------------------------------------------------
+
+
+def test_pair_distribution_by_freud_and_mdanalysis(fluid):
+    """Pairs change bins by rounding only: those whose distance is that close to an edge. 200 bins, 86,000 pairs.
+
+    freud divides by N/A, we divide by (N - 1)/A; both count every pair of disks, freud and MDAnalysis twice.
+    """
+    scene, _, track = run_in(fluid, 5)
+    number, width = bins(scene)
+    reach = number * width
+    measured = freud.density.RDF(number, reach)
+    with gsd.hoomd.open(fluid.with_suffix(".gsd")) as frames:
+        for frame in frames:
+            measured.compute(frame, reset=False)
+    universe = MDAnalysis.Universe(fluid.with_suffix(".gsd"))
+    theirs = InterRDF(universe.atoms, universe.atoms, number, (0, reach), norm="none", exclusion_block=(1, 1)).run()
+    apart = track.position[:, :, None] - track.position[:, None]
+    apart -= edges_of(scene) * np.rint(apart / edges_of(scene))
+    distance = np.sort(np.sqrt((apart**2).sum(axis=-1))[:, ~np.eye(200, dtype=bool)], axis=None)
+    ends, error = np.arange(number + 1) * width, 2 * SHIFTED * edges_of(scene).sum() + 4 * SINGLE * reach
+    low, high = (np.searchsorted(distance, ends + change) for change in (-error, error))
+    assert np.count_nonzero(high > low) < 30  # edges that any pair is close to
+    ours = read_trajectories(fluid).ensemble.observables["pair_counts"][0, 0]
+    for counts in (2 * ours, measured.bin_counts, theirs.results.count):
+        below = np.append(0, np.cumsum(counts, dtype=int))
+        assert np.all(low <= below) and np.all(below <= high)
+    g = aggregate([fluid])["pair_distribution"].squeeze().values
+    same = measured.bin_counts == 2 * ours
+    assert np.count_nonzero(same) > 0.8 * number
+    rings = 4 * SINGLE * number  # error of the area between two radii in single precision
+    np.testing.assert_allclose(measured.rdf[same] * 200 / 199, g[same], rtol=rings)
+
+
+@pytest.mark.parametrize(("average", "mode", "disks"), [("disks", "direct", 200), ("origins", "window", 1)])
+def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks):
+    """`disks` is freud's mode `direct`: all disks, from t = 0. `origins` is `window`, of the tracer alone.
+
+    Rounding to single precision changes a squared displacement by a few SINGLE * r^2. freud's `window` is a difference
+    of sums of r^2 over all T samples, in single precision, divided by the number of time origins.
+    """
+    scene, _, track = run_in(fluid, 5)
+    run = RunResult(Track(*(values[:, :1] for values in track)), track, None, {})
+    ours = observe(scene, run, ["square_displacement"], average)["square_displacement"]
+    if average == "disks":
+        np.testing.assert_array_equal(ours, read_trajectories(fluid).ensemble.observables["square_displacement"][0])
+    position, image, box = frames_of(fluid.with_suffix(".gsd"))
+    position, image = position[:, :disks], image[:, :disks]
+    unwrapped = position + image * box[:3].astype(float)
+    bound = 8 * SINGLE * (unwrapped**2).sum(axis=-1).max()
+    measured = freud.msd.MSD(freud.box.Box.from_box(box), mode).compute(position, images=image)
+    samples = len(ours)
+    sums = samples / (samples - np.arange(samples)) if mode == "window" else 1.0
+    assert np.all(bound * sums < 1e-4 * ours[-1])
+    assert np.all(abs(measured.msd - ours) <= bound * sums)
+    if mode == "window":
+        universe = MDAnalysis.Universe.empty(1, trajectory=True).load_new(unwrapped)
+        theirs = EinsteinMSD(universe, msd_type="xy", fft=False).run().results.timeseries
+        np.testing.assert_allclose(theirs, ours, rtol=0, atol=bound)
+
+
+# -- refusals, and what is left -------------------------------------------------------------------------------------
+
+
+def test_refusals(walled, tmp_path, capsys, monkeypatch):
+    tracer, empty, bare = (tmp_path / name for name in ("tracer.h5", "empty.h5", "bare.h5"))
+    runs = make_runs(make_scene(), [1])
+    write_trajectories(tracer, make_scene(), Engine("exact"), runs.ensemble)
+    write_trajectories(empty, make_scene(), Engine("exact"), runs.ensemble._replace(tracer=None))
+    bath = {"species": [{"name": "bath", "count": 0, "radius": 0.1, "mass": 0.4}]}
+    written(bare, make_scene("bare", 0, disks=bath), [2])
+    monkeypatch.chdir(tmp_path)
+    asked = {
+        "tracer.h5: holds no whole runs; make it again: brownpipe simulate SCENE --record all": (tracer, "gsd"),
+        "walled.h5: seed 17 is not in it; its whole runs have the seeds 3,8": (walled, "csv", "--seed", 17),
+        "tracer.h5: seed 17 is not in it; its runs have the seeds 1": (tracer, "csv", "--seed", 17),
+        "empty.h5: holds no trajectories; make it again: brownpipe simulate SCENE --record all": (empty, "csv"),
+        "bare.h5: its scene has no disks": (bare, "csv"),
+        "--output run.xyz: must end in .gsd": (walled, "gsd", "--output", "run.xyz"),
+        "is an input": (walled, "gsd", "--output", walled),
+    }
+    for message, (path, form, *options) in asked.items():
+        assert message in refused(capsys, path, "--to", form, *options)
+    monkeypatch.setitem(sys.modules, "gsd", None)
+    message = refused(capsys, walled, "--to", "gsd")
+    assert "--to gsd: needs the package gsd (" in message and "install it by pip install gsd, or choose xyz" in message
+    assert sorted(tmp_path.iterdir()) == [bare, empty, tracer]
+
+
+@pytest.mark.parametrize("length", [1e-40, 1e40])
+def test_gsd_refuses_what_it_would_round_to_nothing(length, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    side = [0.0, 10 * length]
+    mapping = {
+        "box": {"x": side, "y": side},
+        "disks": {"species": [{"name": "disk", "count": 2, "radius": length, "mass": 1.0}]},
+        "velocities": {"standard_deviation": length},
+        "duration": 1.0,
+        "sample_interval": 1.0,
+    }
+    scene = parse_scene(mapping, "far.yaml")
+    runs, track = make_runs(scene, [0]), Track(np.full((2, 2, 2), length), np.full((2, 2, 2), length))
+    write_trajectories("far.h5", scene, Engine("exact"), runs.ensemble._replace(whole={0: track}))
+    assert "holds numbers from 1.2e-38 to 3.4e+38 only; choose xyz or csv" in refused(capsys, "far.h5", "--to", "gsd")
+    assert [path.name for path in tmp_path.iterdir()] == ["far.h5"]
+    assert main(["export", "far.h5", "--to", "xyz"]) == DONE
+    assert ase.io.read("far.xyz", 1).positions[1, 0] == length
+
+
+@pytest.mark.parametrize("form", ["gsd", "xyz", "csv"])
+def test_memory_is_that_of_a_sample(form, tmp_path):
+    scene = make_scene("long", 40, 20.0, boundary="periodic")
+    trajectories = read_trajectories(written(tmp_path / "long.h5", scene, [0]))
+    stored = sum(values.nbytes for values in trajectories.ensemble.whole[0])
+    target = str(tmp_path / f"long.{form}")
+    tracemalloc.start()
+    export(trajectories, "long.h5", target, form)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < stored / 2
