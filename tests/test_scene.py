@@ -2,6 +2,7 @@
 
 import json
 import math
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brownpipe.errors import RequestError
-from brownpipe.scene import Disk, Scene, Species, parse_scene, read_scene
+from brownpipe.scene import Disk, Scene, Species, parse_scene, read_scene, scene_yaml
 from brownpipe.scene.packing import most_disks
+from brownpipe.scene.reading import read_yaml
 
 CONFIG = Path(__file__).parent.parent / "config"
 BOX = {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": "reflecting"}
@@ -133,6 +135,33 @@ def test_text_reads_back_as_the_same_scene(scene):
     again = parse_scene(json.loads(scene.text), scene.name)
     assert again == scene
     assert again.text == scene.text
+    assert parse_scene(read_text(scene_yaml(scene)), scene.name) == scene
+
+
+def read_text(text):
+    """The value of a YAML text, as of a file."""
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+        file.write(text)
+        file.flush()
+        return read_yaml(file.name, 2**20)
+
+
+SCENES = [*CONFIG.glob("scenes/*.yaml"), *Path(__file__).parent.glob("scenes/*.yaml")]
+ACCEPTED = sorted(path for path in SCENES if path.stem != "expected" and not path.stem.startswith("refuse_"))
+
+
+@pytest.mark.parametrize("path", ACCEPTED, ids=lambda path: path.stem)
+def test_a_scene_written_as_yaml_is_the_same_scene(path, tmp_path):
+    scene = read_scene(path)
+    (tmp_path / path.name).write_text(scene_yaml(scene))
+    again = read_scene(tmp_path / path.name)
+    assert (again, again.digest) == (scene, scene.digest)
+
+
+@pytest.mark.parametrize("name", ["1e3", "0x10", "089", "1.5", "null", "true", "yes", "1_000", "2026-01-01"])
+def test_names_that_look_like_other_values_stay_names(name):
+    scene = species(kind(3, name=name))
+    assert parse_scene(read_text(scene_yaml(scene)), "test.yaml") == scene
 
 
 # -- sample times ---

@@ -133,6 +133,18 @@ def _refuse_line(file: str, event: yaml.Event, problem: str) -> NoReturn:
     raise RequestError(f"{file}: line {event.start_mark.line + 1}: {problem}")
 
 
+def yaml_text(mapping: dict) -> str:
+    """Return the text of a YAML file from which `read_yaml` returns an equal mapping; the keys keep their order."""
+    return yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120)
+
+
+class _Dumper(yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper):  # type: ignore[misc]  # one of the two
+    """Writes YAML; texts that are numbers in YAML 1.2 are put in quotes, like those of YAML 1.1."""
+
+
+_Dumper.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(f"(?:{_NUMBER.pattern})$"), [*"+-.0123456789"])
+
+
 # -- values -----------------------------------------------------------------------------------------------------
 
 

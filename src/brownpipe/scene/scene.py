@@ -126,7 +126,7 @@ class Scene:
     @property
     def text(self) -> str:
         """The physics as canonical JSON: `parse_scene(json.loads(scene.text), ...)` gives an equal scene."""
-        return json.dumps(_as_mapping(self), sort_keys=True, allow_nan=False)
+        return json.dumps(as_mapping(self), sort_keys=True, allow_nan=False)
 
     @property
     def digest(self) -> str:
@@ -140,7 +140,7 @@ class Scene:
         return np.repeat(np.array([getattr(record, field) for record in records], dtype=float), counts)
 
 
-def _as_mapping(scene: Scene) -> dict:
+def as_mapping(scene: Scene) -> dict:
     """Return the scene as a mapping like that of a scene file, with every default written out."""
     common = {"box": asdict(scene.box), "duration": scene.duration}
     if scene.samples is None:
