@@ -10,15 +10,14 @@ import numpy as np
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
 from brownpipe.figures.cases import at_last_distribution, cases_of, has, over_time, plus_minus, title_of
-from brownpipe.figures.tables import Table
-from brownpipe.scene.seeds import seed_text
+from brownpipe.figures.tables import Table, aligned
+from brownpipe.scene.seeds import brief_seed_text
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
 TESTS = ("with D = MSD/4t", "with fitted D")  # of eq. (18), the first two models of a dataset
 QUESTION = "eq. (18) rejected?"  # above the columns of the tests
-LONGEST_SEEDS = 60  # characters of a list of seeds
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 
 
@@ -30,20 +29,31 @@ def summary(dataset: Dataset) -> str:
     is rejected at the family-wise level (Holm). Lines below explain the columns and name failed and missing seeds.
     """
     cases = cases_of(dataset)
-    durations = sorted({case.duration.item() for case in cases})
-    end = f"MSD(t = {durations[0]:g})" if len(durations) == 1 else "MSD at the end"
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
-    rows = [("scene", "N", "engine", "runs", end, "D", *TESTS), *map(_row, cases, p, rejected)]
+    rows = [("scene", "N", "engine", "runs", heading_of_msd(cases), "D", *TESTS), *map(_row, cases, p, rejected)]
     tests = int(np.count_nonzero(np.isfinite(p)))
     hidden = set() if tests else set(TESTS)
     if len({row[2] for row in rows}) == 2:  # the header and one engine
         hidden.add("engine")
     columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
-    widths = [max(map(len, column)) for column in columns]
-    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*columns, strict=True)]
+    lines = aligned(columns)
     above = [" " * lines[0].index(TESTS[0]) + QUESTION] if tests else []
-    return "\n".join([*above, *lines, *_legend(dataset, cases, tests), *_missing_runs(cases)]) + "\n"
+    return "\n".join([*above, *lines, *_legend(dataset, cases, tests), *missing_runs(cases)]) + "\n"
+
+
+def heading_of_msd(cases: list[Dataset]) -> str:
+    """Return the heading above the MSD of each case at the end of its runs."""
+    durations = {case.duration.item() for case in cases}
+    return f"MSD(t = {durations.pop():g})" if len(durations) == 1 else "MSD at the end"
+
+
+def estimates_of(case: Dataset) -> list[str]:
+    """Return the MSD at the end and D in the first fit window with their standard errors; `-` where there is none."""
+    if not has(case, "msd"):
+        return ["-", "-"]
+    estimates = [(over_time(case).isel(time=-1), "msd"), (case.isel(window=0), "diffusion_coefficient")]
+    return [plus_minus(part[name], part[f"{name}_standard_error"]) for part, name in estimates]
 
 
 def _p_values(case: Dataset) -> np.ndarray | list[float]:
@@ -54,11 +64,7 @@ def _p_values(case: Dataset) -> np.ndarray | list[float]:
 def _row(case: Dataset, p: np.ndarray, rejected: np.ndarray) -> tuple[str, ...]:
     """One line of the text table, cell by cell."""
     names = (case.scene.item(), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
-    if not has(case, "msd"):
-        return (*names, *["-"] * 4)
-    estimates = [(over_time(case).isel(time=-1), "msd"), (case.isel(window=0), "diffusion_coefficient")]
-    numbers = [plus_minus(part[name], part[f"{name}_standard_error"]) for part, name in estimates]
-    return (*names, *numbers, *map(_verdict, p, rejected))
+    return (*names, *estimates_of(case), *map(_verdict, p, rejected))
 
 
 def _verdict(p: float, rejected: bool) -> str:
@@ -67,10 +73,9 @@ def _verdict(p: float, rejected: bool) -> str:
 
 def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]:
     """Lines that explain the columns."""
-    shown = [case for case in cases if has(case, "msd")]
-    yield "N: number of disks. MSD: mean squared displacement of the tracer. All in the scene's reduced units."
-    yield f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs."
+    yield from legend_of_estimates(dataset)
     if tests:
+        shown = [case for case in cases if has(case, "msd")]
         times = sorted({at_last_distribution(case).displacement_time.item() for case in shown})
         at = "at the end" if len(times) > 1 else f"at t = {times[0]:g}"
         family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
@@ -78,15 +83,21 @@ def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]
         yield f"yes: rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm); no: not rejected."
 
 
-def _missing_runs(cases: list[Dataset]) -> Iterator[str]:
+def legend_of_estimates(dataset: Dataset) -> list[str]:
+    """Return the lines that explain N, MSD, D and their errors."""
+    return [
+        "N: number of disks. MSD: mean squared displacement of the tracer. All in the scene's reduced units.",
+        f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs.",
+    ]
+
+
+def missing_runs(cases: list[Dataset]) -> Iterator[str]:
     """Lines that name the seeds whose runs failed or are missing."""
     for case in cases:
         for status, fate in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[case.run_status.values == status]
-            text = seed_text(seeds) if seeds.size else ""
-            text = text if len(text) <= LONGEST_SEEDS else text[: LONGEST_SEEDS - 4] + " ..."
-            if text:
-                yield f"{title_of(case)}: {fate}: {seeds.size} of {case.seed.size} seeds ({text})"
+            if seeds.size:
+                yield f"{title_of(case)}: {fate}: {seeds.size} of {case.seed.size} seeds ({brief_seed_text(seeds)})"
 
 
 def summary_table(dataset: Dataset) -> Table:

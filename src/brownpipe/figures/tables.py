@@ -1,4 +1,4 @@
-"""Plain tables: the numbers behind a figure, as CSV."""
+"""Plain tables: the numbers behind a figure as CSV, and tables of words and numbers as aligned text."""
 
 from __future__ import annotations
 
@@ -44,6 +44,12 @@ def long_table(cases: list[Dataset], dims: Sequence[str], names: Sequence[str]) 
 
 def _is_nan(value) -> bool:
     return isinstance(value, float) and math.isnan(value)
+
+
+def aligned(columns: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a text table, given its columns; every column is as wide as its widest cell."""
+    widths = [max(map(len, column)) for column in columns]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*columns, strict=True)]
 
 
 def to_csv(table: Table) -> bytes:

@@ -14,7 +14,7 @@ import numpy as np
 
 from brownpipe.figures.cases import plus_minus
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, image_bytes, log_axis
-from brownpipe.figures.tables import Table, to_csv
+from brownpipe.figures.tables import Table, aligned, to_csv
 from brownpipe.storage import write_file
 from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
 
@@ -168,10 +168,8 @@ def _of_scene(dataset: Dataset, scene: str) -> Iterator[str]:
     values = [of_scene.sel(setting=setting.label) for setting in settings]
     rows = [(*HEADER, "front, s"), *(_row(of_setting, settings[0].seconds) for of_setting in values)]
     columns = [column for column in zip(*rows, strict=True) if column[0] != "g(contact)" or set(column[1:]) != {"-"}]
-    widths = [max(map(len, column)) for column in columns]
     yield f"{scene}, N = {int(of_scene.particles)}"
-    for row in zip(*columns, strict=True):
-        yield "  " + "  ".join(map(str.ljust, row, widths)).rstrip()
+    yield from (f"  {line}" for line in aligned(columns))
     missing = [of_setting for of_setting in values if np.isnan(of_setting.pays_from)]
     never = [of_setting.setting.item() for of_setting in missing if np.isnan(of_setting.may_pay_from)]
     possibly = [of_setting.setting.item() for of_setting in missing if not np.isnan(of_setting.may_pay_from)]

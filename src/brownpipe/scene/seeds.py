@@ -11,6 +11,7 @@ from brownpipe.scene.reading import Entry, must_be
 
 MOST_SEEDS = 10_000_000
 LARGEST_SEED = 2**63 - 1
+LONGEST_TEXT = 60  # characters of a brief list of seeds
 
 
 def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
@@ -57,6 +58,12 @@ def read_seeds(entry: Entry) -> Sequence[int]:
 def seed_text(seeds: Sequence[int] | np.ndarray) -> str:
     """Return ascending seeds as `parse_seeds` reads them: [0, 1, 2, 7] is 0-2,7."""
     return ",".join(f"{first}-{last}" if first < last else f"{first}" for first, last in ranges(seeds))
+
+
+def brief_seed_text(seeds: Sequence[int] | np.ndarray) -> str:
+    """Return `seed_text`, cut where it is longer than LONGEST_TEXT characters."""
+    text = seed_text(seeds)
+    return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 4] + " ..."
 
 
 def ranges(seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
