@@ -17,7 +17,7 @@ from brownpipe.analysis.runs import Group, RunBlock, blocks_of, groups_of, selec
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
 from brownpipe.errors import AnalysisError
 from brownpipe.scene.sample_times import default_fit_windows
-from brownpipe.storage import Trajectories
+from brownpipe.storage import Trajectories, made_by
 
 if TYPE_CHECKING:
     import xarray
@@ -66,7 +66,7 @@ def aggregate(
     seeds = np.unique(np.concatenate([group.seeds for group in groups]))
     for part, group in zip(parts, groups, strict=True):
         part.values["missing_seeds"] = len(seeds) - len(group.seeds)
-    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, ATTRIBUTES, ascending=EACH)
+    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, ATTRIBUTES | made_by("aggregate"), ascending=EACH)
 
 
 def _case(group: Group, options: Options) -> Case:

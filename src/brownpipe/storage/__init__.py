@@ -31,7 +31,7 @@ whom it was written: the same runs give the same bytes.
 
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
-from brownpipe.storage.datasets import read_dataset, write_dataset
+from brownpipe.storage.datasets import made_by, read_dataset, write_dataset
 from brownpipe.storage.files import write_file
 from brownpipe.storage.inspection import report, verify
 from brownpipe.storage.trajectories import (
@@ -49,6 +49,7 @@ __all__ = [
     "Trajectories",
     "WrongFileError",
     "from_tree",
+    "made_by",
     "read_checkpoint",
     "read_dataset",
     "read_outline",

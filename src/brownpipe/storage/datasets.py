@@ -5,12 +5,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import StorageError, WrongFileError
+from brownpipe.provenance import made_with, versions
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
 
 if TYPE_CHECKING:
     import xarray
 
 FILTERS = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
+
+
+def made_by(step: str) -> dict[str, str]:
+    """Return the attributes of a dataset that say with which source and versions a step of the pipeline makes it."""
+    made = made_with(step)
+    numbers = {"brownpipe_version": versions()["brownpipe_version"], "source_digest": made.pop("source")}
+    return numbers | {f"{name}_version": version for name, version in made.items()}
 
 
 def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:

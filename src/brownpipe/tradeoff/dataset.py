@@ -12,6 +12,7 @@ from brownpipe.analysis.variables import SAME_TIME
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
+from brownpipe.storage import made_by
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import CURVE, compare, curve_times
 from brownpipe.tradeoff.front import REFERENCE, Setting, pareto_front
@@ -61,7 +62,7 @@ def measure(
             axes: Axes = {"scene": ("scene", [labels[exact.key[:2]]]), "setting": ("setting", [label])}
             axes["sample"] = ("sample", range(CURVE))
             parts.append(Part(of_scene | values, axes))
-    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES, ascending=COORDINATES)
+    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made_by("tradeoff"), ascending=COORDINATES)
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
