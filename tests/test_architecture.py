@@ -32,6 +32,7 @@ ROOMS = (  # each may import those before it
     "analysis",
     "tradeoff",
     "figures",
+    "inspection",
     "study",
     "interface",
     "verbs",

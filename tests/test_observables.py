@@ -8,7 +8,7 @@ import pytest
 import xarray
 from scipy import stats
 
-from brownpipe import observables, storage, theory
+from brownpipe import inspection, observables, storage, theory
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.cli import main
 from brownpipe.engines import Engine, forecast
@@ -455,7 +455,7 @@ def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, ca
     seen = storage.read_trajectories("x.h5").ensemble
     assert seen.observables["tracer_speed"].shape == (1, len(seen.times))
     assert seen.observables["tracer_speed"][0, 0] ** 2 == pytest.approx(seen.observables["initial_square_speed"][0])
-    assert "speed of the tracer (seed 1, time 21)" in storage.report("x.h5")
+    assert "speed of the tracer (seed 1, time 21)" in inspection.report("x.h5")
     scene = read_scene("some.yaml")
     assert not observables.needs_every_disk(scene, ("speed",))
     alone, by_origins = (
@@ -509,7 +509,7 @@ def test_arrays_in_words(tmp_path):
     scene = make()
     ensemble = simulate(scene, [3, 4], {"none"}, observables=ALL, average="origins")
     storage.write_trajectories(tmp_path / "x.h5", scene, Engine("exact"), ensemble)
-    text = storage.report(tmp_path / "x.h5")
+    text = inspection.report(tmp_path / "x.h5")
     assert "average over origins" in text
     for name in observables.arrays_of(scene, ALL):
         assert sum(line.startswith(f"  {name} ") for line in text.splitlines()) == 1

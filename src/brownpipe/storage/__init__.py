@@ -33,7 +33,6 @@ from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.datasets import made_by, read_dataset, write_dataset
 from brownpipe.storage.files import write_file
-from brownpipe.storage.inspection import report, verify
 from brownpipe.storage.trajectories import (
     Outline,
     Trajectories,
@@ -55,9 +54,7 @@ __all__ = [
     "read_outline",
     "read_trajectories",
     "remove_checkpoint",
-    "report",
     "to_tree",
-    "verify",
     "write_checkpoint",
     "write_dataset",
     "write_file",

@@ -33,15 +33,3 @@ def command_options(ensemble: Ensemble) -> str:
     names = observables_making(ensemble.observables)
     average = f" --average {ensemble.average}" if ensemble.average != "runs" else ""
     return f" --observables {','.join(names)}{average}" if names else ""
-
-
-def listing(ensemble: Ensemble) -> list[str]:
-    """Return a heading and, for each array, a line with its name, meaning and shape; nothing if there are none."""
-    arrays = {name: values for name, values in ensemble.observables.items() if name in ARRAYS}
-    averaged = f" (displacements and autocorrelations: average over {ensemble.average})"
-    lines = ["arrays" + (averaged if ensemble.average != "runs" else "")] if arrays else []
-    for name, values in arrays.items():
-        sizes = zip(("seed", *ARRAYS[name].dims), values.shape, strict=True)
-        shape = ", ".join(f"{dim} {size}" for dim, size in sizes)
-        lines.append(f"  {name:<30} {ARRAYS[name].long_name} ({shape})")
-    return lines

@@ -151,9 +151,9 @@ def read_outline(path: str | Path) -> Outline:
 
 
 def read_header(path: str | Path) -> dict:
-    """Return the attributes of /parameters (names, versions, digests); errors as of `read_trajectories`."""
+    """Return the attributes of /parameters (names, versions, digests); checks and errors as of `read_outline`."""
     with _naming(path):
-        return _contents(path)["parameters"].attributes
+        return _parameters_of(some_from_bytes(read_sealed(path), OUTLINE))
 
 
 def whole_seed(trajectories: Trajectories, path: str, seed: int | None = None) -> int:

@@ -3,24 +3,39 @@
 from argparse import Namespace
 from collections.abc import Callable
 
-from brownpipe.errors import DONE, FAILED
-from brownpipe.verbs.output import say
+from brownpipe.errors import DONE, RequestError
+from brownpipe.verbs.values import seed
 
-EXAMPLE = "seed17.h5"
+EXAMPLE = "seed17.h5 --seed 17"
 
 
 def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("file", metavar="FILE", help="trajectory file or dataset")
+    add("--seed", type=seed, metavar="SEED", help="all about this run of a trajectory file")
+    add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
+    add("--variables", action="store_true", help="list the variables of a dataset with dimensions, units and meaning")
 
 
 def inspect(arguments: Namespace) -> int:
     """Describe the contents of a trajectory file or dataset, and say whether it is intact."""
-    from brownpipe.storage import report, verify
+    from brownpipe import inspection
 
-    problems = verify(arguments.file)
-    for problem in problems:
-        say(problem, FAILED)
-    if not problems:
-        print(report(arguments.file))
-    return FAILED if problems else DONE
+    _refuse_together(arguments)
+    if arguments.scene:
+        print(inspection.scene_text(arguments.file), end="")
+    elif arguments.variables:
+        print(inspection.variables(arguments.file))
+    elif arguments.seed is not None:
+        print(inspection.report_run(arguments.file, arguments.seed))
+    else:
+        print(inspection.report(arguments.file))
+    return DONE
+
+
+def _refuse_together(arguments: Namespace) -> None:
+    """Raise RequestError for options that exclude each other."""
+    given = [name for name in ("scene", "variables") if getattr(arguments, name)]
+    given += ["seed"] if arguments.seed is not None else []
+    if len(given) > 1:
+        raise RequestError(f"--{given[0]}: must not be given with --{given[1]}")

@@ -55,6 +55,15 @@ def integer(text: str, least: int = 0, most: int = 999_999_999) -> int:
     return int(text)
 
 
+def seed(text: str) -> int:
+    """Return one seed of the range that runs may have."""
+    from brownpipe.scene.seeds import LARGEST_SEED
+
+    if not (text.isascii() and text.isdigit() and len(text) <= 19 and int(text) <= LARGEST_SEED):
+        raise argparse.ArgumentTypeError(f"must be one seed, an integer from 0 to {LARGEST_SEED}, not {text!r}")
+    return int(text)
+
+
 def rings(text: str) -> int:
     """Return a number of rings, 1 to 100,000."""
     return integer(text, 1, 100_000)

@@ -1,0 +1,77 @@
+"""What is in a trajectory file or dataset, and whether the runs of a file come out again: `brownpipe inspect`.
+
+The reports show numbers as figures and summary do, and runs are made by the engines: this room is above both. It is not
+part of `figures` or `storage`, because a change of a report must not run any step of a study again.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from brownpipe.errors import WrongFileError
+from brownpipe.inspection import results, runs
+from brownpipe.scene import scene_yaml
+from brownpipe.storage import Trajectories, read_dataset, read_trajectories
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+OF_TRAJECTORIES, OF_DATASETS = "trajectory files (of `brownpipe simulate`)", "datasets (of `brownpipe aggregate`)"
+
+
+def report(path: str | Path) -> str:
+    """Return what a trajectory file or dataset contains, as lines of text.
+
+    Raises StorageError if the file is damaged, WrongFileError if it is of neither kind.
+    """
+    contents = _read(path)
+    table: list[str] = []
+    if isinstance(contents, Trajectories):
+        lines = runs.describe(path, contents)
+    else:
+        lines, table = results.describe(contents), ["", *results.table(contents)]
+    size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
+    return "\n".join([f"{path}  {size}", *lines, "intact       yes: every byte as it was written", *table])
+
+
+def report_run(path: str | Path, seed: int) -> str:
+    """Return all about the run of one seed in a trajectory file, as lines of text.
+
+    Raises RequestError, which names the seeds of the file, if this one is not among them; other errors as of `report`.
+    """
+    return "\n".join(runs.describe_run(path, trajectories_of(path, "--seed"), seed))
+
+
+def variables(path: str | Path) -> str:
+    """Return a table of all variables of a dataset: dimensions, units and meaning. Errors as of `report`."""
+    contents = _read(path)
+    if isinstance(contents, Trajectories):
+        raise WrongFileError(f"{path}: is a trajectory file; --variables works on {OF_DATASETS}")
+    return "\n".join(results.variables(contents))
+
+
+def scene_text(path: str | Path) -> str:
+    """Return the scene of a trajectory file as the text of a scene file (YAML). Errors as of `report`."""
+    scene = trajectories_of(path, "--scene").scene
+    return f"# Scene {scene.name} of a trajectory file, with all defaults. Digest: {scene.digest}\n{scene_yaml(scene)}"
+
+
+def trajectories_of(path: str | Path, option: str) -> Trajectories:
+    """Return the contents of a trajectory file, for an `option` that works on no other. Errors as of `report`."""
+    contents = _read(path)
+    if not isinstance(contents, Trajectories):
+        raise WrongFileError(f"{path}: is a dataset; {option} works on {OF_TRAJECTORIES}")
+    return contents
+
+
+def _read(path: str | Path) -> "Trajectories | Dataset":
+    """Return the contents of a file of either kind.
+
+    The extension decides which kind is tried first, and so which command a message about a damaged file names.
+    """
+    readers: list[Callable[[str | Path], Trajectories | Dataset]] = [read_trajectories, read_dataset]
+    first, second = readers[::-1] if Path(path).suffix == ".nc" else readers
+    try:
+        return first(path)
+    except WrongFileError:
+        return second(path)

@@ -1,0 +1,207 @@
+"""What `inspect` says about a file, and runs that come out again from the file alone."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+from brownpipe import analysis, inspection, storage, tradeoff
+from brownpipe.cli import main
+from brownpipe.engines import Engine
+from brownpipe.errors import DONE, WRONG_REQUEST, WrongFileError
+from brownpipe.figures.summary import summary
+from brownpipe.figures.tradeoff import summary as tradeoff_summary
+from brownpipe.inspection import results
+from brownpipe.scene import read_scene
+from ensembles import make_runs, make_scene, write
+
+SCENE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
+TEN = [SCENE, "--particles", "10", "--seeds", "3,5-6"]
+PERIODIC = """\
+box: {x: [-1.0, 4.0], y: [2.0, 6.0], boundary: periodic}
+disks: {tracer: {radius: 0.3, mass: 20.0}, species: [{name: bath, count: 12, radius: 0.2, mass: 0.5}]}
+velocities: {temperature: 1.5}
+duration: 20.0
+sample_interval: 1.0
+"""
+MADE = {  # name: options of `simulate`
+    "whole": [*TEN, "--record", "all,events", "--observables", "velocity_autocorrelation,pair_distribution"],
+    "nothing": [*TEN, "--record", "none"],
+    "steps": [*TEN, "--engine", "timestep", "--time-step", "0.01"],
+    "langevin": ["periodic.yaml", "--seeds", "0-2", "--engine", "langevin", "--friction", "boltzmann"],
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A file of each entry of MADE; no scene file."""
+    folder = tmp_path_factory.mktemp("runs")
+    (folder / "periodic.yaml").write_text(PERIODIC)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for name, options in MADE.items():
+            assert main(["simulate", *map(str, options), "--output", f"{name}.h5"]) == DONE
+    (folder / "periodic.yaml").unlink()
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def said(capsys, *argv):
+    """Exit status, standard output and standard error of `inspect`."""
+    capsys.readouterr()
+    status = main(["inspect", *map(str, argv)])
+    return status, *capsys.readouterr()
+
+
+# -- trajectory files -----------------------------------------------------------------------------------------------
+
+
+def test_the_worst_and_the_failed_runs_are_named(tmp_path):
+    runs = make_runs(make_scene(), [0, 1, 2, 7], failed=(1, 7))
+    runs.ensemble.observables.update(
+        energy_drift=np.array([1e-16, -3e-15, 0.0, 2e-15]),
+        worst_overlap=np.zeros(4),
+        momentum_residual=np.array([1e-16, 2e-16, 3e-16, np.nan]),
+    )
+    text = inspection.report(write(tmp_path, runs))
+    health = "2 failed runs (seeds 1,7); worst energy drift 3e-15 (seed 1); worst overlap (sigma) 0"
+    assert f"health       {health}; worst momentum residual nan (seed 7)\n" in text
+
+
+def test_one_run_says_all_about_itself(folder):
+    text = inspection.report_run(folder / "whole.h5", 5)
+    ensemble = storage.read_trajectories(folder / "whole.h5").ensemble
+    start, end = ensemble.tracer.position[[0, -1], 1]
+    assert f"from ({start[0]:.6g}, {start[1]:.6g}) at t = 0 to ({end[0]:.6g}, {end[1]:.6g}) at t = 1\n" in text
+    assert f"squared displacement {np.sum((end - start) ** 2):.6g}\n" in text
+    assert f"recorded     tracer: yes; all disks: yes; collisions: yes, {len(ensemble.events[5].time)}\n" in text
+    assert "health       passed\n" in text
+    for name, values in ensemble.observables.items():
+        (line,) = (line for line in text.splitlines() if line.startswith(f"  {name} ")) if name != "failed" else ("",)
+        assert values.ndim > 1 or name == "failed" or f"{values[1]:.6g}" in line.split(":")[-1]
+    assert f"{ensemble.observables['velocity_autocorrelation'][1, -1]:.6g} at t = 1" in text
+    assert "recorded     tracer: no; all disks: no; collisions: no\n" in inspection.report_run(folder / "nothing.h5", 5)
+
+
+def test_a_run_in_a_periodic_box_is_unwrapped(folder):
+    scene, _, ensemble, _ = storage.read_trajectories(folder / "langevin.h5")
+    track = ensemble.tracer
+    unwrapped = track.position[:, 2] + track.image[:, 2] * [scene.box.width, scene.box.height]
+    assert np.any(track.image[-1, 2])
+    text = inspection.report_run(folder / "langevin.h5", 2)
+    found = float(re.search(r"squared displacement (\S+)", text)[1])
+    assert found == pytest.approx(np.sum((unwrapped[-1] - unwrapped[0]) ** 2), rel=1e-5)
+
+
+def test_a_failed_run_says_so(tmp_path):
+    path = write(tmp_path, make_runs(make_scene(), [0, 1], failed=(1,)))
+    assert "health       FAILED" in inspection.report_run(path, 1)
+    assert "health       passed" in inspection.report_run(path, 0)
+
+
+def test_a_seed_that_is_not_in_the_file(folder, capsys):
+    status, out, err = said(capsys, folder / "whole.h5", "--seed", "4")
+    wrong = f"brownpipe: {folder / 'whole.h5'}: --seed 4: is not in the file; must be of 3,5-6\n"
+    assert (status, out, err) == (WRONG_REQUEST, "", wrong)
+
+
+# -- datasets -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """A dataset of two cases, one with a failed run and a missing one: its path, contents and report."""
+    folder = tmp_path_factory.mktemp("dataset")
+    runs = make_runs(make_scene("few", 10), range(30), failed=(4,)), make_runs(make_scene("many", 20), range(31))
+    contents = analysis.aggregate([write(folder, one) for one in runs])
+    storage.write_dataset(folder / "study.nc", contents)
+    return folder / "study.nc", contents, inspection.report(folder / "study.nc")
+
+
+def test_a_dataset_has_a_line_for_each_case(dataset):
+    _, contents, text = dataset
+    header, few, many = (re.split(r"  +", line) for line in text.partition("\n\n")[2].splitlines()[:3])
+    names = ["scene", "N", "engine", "runs", "failed", "MSD(t = 1)", "D, t in [0.1, 1]"]
+    assert header == [*names, "worst energy drift", "worst overlap"]
+    assert (few[:5], many[:5]) == (["few", "10", "exact", "29", "1"], ["many", "20", "exact", "31", "0"])
+    short = re.split(r"  +", next(line for line in summary(contents).splitlines() if line.startswith("few")))
+    assert few[5:7] == short[3:5], "as in the summary"
+    value, error = few[5].split(" ± ")
+    case = contents.sel(scene="few", particles=10, engine="exact")
+    assert float(value) == pytest.approx(case.msd.values[-1], abs=0.51 * 10.0 ** -len(value.partition(".")[2]))
+    assert float(error) == pytest.approx(case.msd_standard_error.values[-1], rel=0.06)  # two digits
+    drift = np.abs(case.energy_drift.values)
+    assert few[7] == f"{np.nanmax(drift):.2g} (seed {case.seed.values[np.nanargmax(drift)]})"
+    assert "few, N = 10: failed and left out: 1 of 31 seeds (4)" in text
+    assert "few, N = 10: missing: 1 of 31 seeds (30)" in text
+    assert "intact       yes" in text
+
+
+def test_a_dataset_says_what_made_it(dataset):
+    _, contents, text = dataset
+    line = re.search(r"^source       (\w{12}), that of this installation$", text, re.MULTILINE)
+    assert line[1] == contents.attrs["source_digest"][:12]
+    versions = r"^written by   brownpipe \S+, numpy \S+, scipy \S+, xarray \S+, h5py \S+$"
+    assert re.search(versions, text, re.MULTILINE)
+    other = results.describe(contents.assign_attrs(source_digest="0" * 64))
+    assert "source       000000000000, not that of this installation" in other
+    earlier = results.describe(contents.drop_attrs())
+    assert not any(line.startswith(("written by", "source")) for line in earlier)
+
+
+def test_all_variables_with_units_and_meaning(dataset, capsys):
+    path, contents, _ = dataset
+    status, out, err = said(capsys, path, "--variables")
+    lines = {line.split()[0]: line for line in out.splitlines()[1:]}
+    assert (status, err) == (DONE, "") and lines.keys() == {str(name) for name in contents.variables}
+    for name in contents.data_vars:
+        attributes = contents[name].attrs
+        assert attributes["units"] in lines[name] and lines[name].endswith(attributes["long_name"])
+
+
+def test_a_trade_off_has_its_own_table(tmp_path):
+    exact = make_runs(make_scene("full"), range(40))
+    steps = Engine("timestep", (("time_step", 0.01), ("precision", "single"), ("collisions", "at_contact")))
+    files = [write(tmp_path, exact), write(tmp_path, exact._replace(engine=steps))]
+    contents = tradeoff.measure(files, seconds_per_run=lambda *_: 1e-3)
+    storage.write_dataset(tmp_path / "tradeoff.nc", contents)
+    text = inspection.report(tmp_path / "tradeoff.nc")
+    assert text.endswith(f"\n\n{tradeoff_summary(contents)}".rstrip("\n"))
+    assert re.search(r"^source       \w{12}, that of this installation$", text, re.MULTILINE)
+
+
+# -- the scene, and the commands that a file names --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_the_scene_of_a_file_is_printed_as_a_scene_file(name, folder, capsys):
+    status, out, err = said(capsys, folder / f"{name}.h5", "--scene")
+    Path("again.yaml").write_text(out)
+    assert (status, err) == (DONE, "")
+    assert read_scene("again.yaml").digest == storage.read_trajectories(folder / f"{name}.h5").scene.digest
+
+
+@pytest.mark.parametrize("option", ["--scene", "--seed"])
+def test_a_dataset_has_no_runs(option, capsys):
+    storage.write_dataset("small.nc", xarray.Dataset({"msd": ("time", [0.0, 1.0])}))
+    more = ["5"] if option == "--seed" else []
+    wrong = f"brownpipe: small.nc: is a dataset; {option} works on trajectory files (of `brownpipe simulate`)\n"
+    assert said(capsys, "small.nc", option, *more) == (WRONG_REQUEST, "", wrong)
+
+
+def test_a_trajectory_file_has_no_variables(folder):
+    with pytest.raises(WrongFileError, match=r"whole.h5: is a trajectory file; --variables works on datasets \(of"):
+        inspection.variables(folder / "whole.h5")
+
+
+@pytest.mark.parametrize("options", [["--scene", "--seed", "3"], ["--variables", "--seed", "3"]])
+def test_options_that_exclude_each_other(options, folder, capsys):
+    status, out, err = said(capsys, folder / "whole.h5", *options)
+    assert (status, out) == (WRONG_REQUEST, "")
+    assert re.fullmatch(r"brownpipe: --\w+: must not be given with --\w+\n", err)
