@@ -10,11 +10,13 @@ import xarray
 from brownpipe import analysis, inspection, storage, tradeoff
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.errors import DONE, WRONG_REQUEST, WrongFileError
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError, WrongFileError
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tradeoff import summary as tradeoff_summary
-from brownpipe.inspection import results
+from brownpipe.inspection import reproduction, results
+from brownpipe.provenance import versions
 from brownpipe.scene import read_scene
+from brownpipe.storage import trajectories
 from ensembles import make_runs, make_scene, write
 
 SCENE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
@@ -105,8 +107,9 @@ def test_a_failed_run_says_so(tmp_path):
     assert "health       passed" in inspection.report_run(path, 0)
 
 
-def test_a_seed_that_is_not_in_the_file(folder, capsys):
-    status, out, err = said(capsys, folder / "whole.h5", "--seed", "4")
+@pytest.mark.parametrize("more", [[], ["--reproduce"]])
+def test_a_seed_that_is_not_in_the_file(more, folder, capsys):
+    status, out, err = said(capsys, folder / "whole.h5", "--seed", "4", *more)
     wrong = f"brownpipe: {folder / 'whole.h5'}: --seed 4: is not in the file; must be of 3,5-6\n"
     assert (status, out, err) == (WRONG_REQUEST, "", wrong)
 
@@ -187,7 +190,93 @@ def test_the_scene_of_a_file_is_printed_as_a_scene_file(name, folder, capsys):
     assert read_scene("again.yaml").digest == storage.read_trajectories(folder / f"{name}.h5").scene.digest
 
 
-@pytest.mark.parametrize("option", ["--scene", "--seed"])
+# -- runs again -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_runs_come_out_again(name, folder, capsys):
+    before = sorted(folder.iterdir())
+    status, out, err = said(capsys, folder / f"{name}.h5", "--reproduce")
+    first, last = out.splitlines()
+    engine = storage.read_trajectories(folder / f"{name}.h5").engine.options
+    assert re.fullmatch(rf"running again 3 runs of \w+, N = 1[03], {engine}: some [0-9.]+ m?s of CPU", first)
+    assert (status, last, err) == (DONE, "identical: 3 runs, all arrays bit-identical", "")
+    assert sorted(folder.iterdir()) == before and list(Path().iterdir()) == []
+
+
+def test_one_run_comes_out_again(folder, capsys):
+    status, out, _ = said(capsys, folder / "whole.h5", "--reproduce", "--seed", "5")
+    assert (status, out.splitlines()[-1]) == (DONE, "identical: 1 run, all arrays bit-identical")
+
+
+def changed(path, change):
+    """A copy of a file whose ensemble has been changed by a function."""
+    contents = storage.read_trajectories(path)
+    change(contents.ensemble)
+    storage.write_trajectories("changed.h5", contents.scene, contents.engine, contents.ensemble)
+    return "changed.h5"
+
+
+def cut(ensemble):
+    ensemble.events[6] = type(ensemble.events[6])(*(values[:-1] for values in ensemble.events[6]))
+
+
+def shift(ensemble):
+    ensemble.tracer.position[-1, 0] += 2.0**-30
+    ensemble.whole[5].velocity[3, 2, 1] += 2.0**-20
+
+
+def negate_zero(ensemble):
+    ensemble.tracer.position[0] *= -1.0  # the tracer starts at the origin
+
+
+def lose(ensemble):
+    del ensemble.observables["virial"]
+    ensemble.observables["velocity_autocorrelation"][1, 7] = np.nan
+
+
+CHANGES = {
+    "shift": (shift, ["2 of 3", "position of the tracer: by at most 9.3e-10 (seed 3)",
+                      "velocity of all disks: by at most 9.5e-07 (seed 5)"]),
+    "cut": (cut, ["1 of 3", *(f"{name} of the collisions: in shape, type or NaN (seed 6)"
+                              for name in ("time", "a", "b", "impulse"))]),
+    "zero": (negate_zero, ["3 of 3", "position of the tracer: by at most 0 (seeds 3,5-6)"]),
+    "lost": (lose, ["3 of 3", "velocity_autocorrelation: in shape, type or NaN (seed 5)",
+                    "virial: in shape, type or NaN (seeds 3,5-6)"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_differs_is_named(change, folder, capsys):
+    make, (count, *lines) = CHANGES[change]
+    status, out, _ = said(capsys, changed(folder / "whole.h5", make), "--reproduce")
+    verdict, *found = out.splitlines()[1:]
+    assert (status, verdict) == (FAILED, f"different: {count} runs")
+    assert sorted(line.strip() for line in found) == sorted(lines)
+
+
+def test_only_the_run_asked_for_is_compared(folder, capsys):
+    path = changed(folder / "whole.h5", shift)
+    assert said(capsys, path, "--reproduce", "--seed", "6")[0] == DONE
+    assert said(capsys, path, "--reproduce", "--seed", "5")[0] == FAILED
+
+
+def test_another_source_is_said_before_the_runs_begin(folder, capsys, monkeypatch):
+    monkeypatch.setattr(trajectories, "source_digest", lambda _: "f00d" * 16)
+    monkeypatch.setattr(trajectories, "versions", lambda: versions() | {"numba_version": "0.1"})
+    path = changed(folder / "nothing.h5", lambda _: None)
+
+    def simulate(*_, **__):
+        raise RunError("stopped")
+
+    monkeypatch.setattr("brownpipe.engines.exact.simulation.simulate", simulate)
+    status, out, err = said(capsys, path, "--reproduce")
+    assert (status, err) == (FAILED, "brownpipe: stopped\n")
+    made_with = r"numba 0\.1, here \S+; source f00df00df00d, here \w{12}"
+    assert re.search(rf"^results may differ: the file was made with {made_with}$", out, re.MULTILINE)
+
+
+@pytest.mark.parametrize("option", ["--reproduce", "--scene", "--seed"])
 def test_a_dataset_has_no_runs(option, capsys):
     storage.write_dataset("small.nc", xarray.Dataset({"msd": ("time", [0.0, 1.0])}))
     more = ["5"] if option == "--seed" else []
@@ -200,8 +289,16 @@ def test_a_trajectory_file_has_no_variables(folder):
         inspection.variables(folder / "whole.h5")
 
 
-@pytest.mark.parametrize("options", [["--scene", "--seed", "3"], ["--variables", "--seed", "3"]])
+@pytest.mark.parametrize(
+    "options", [["--scene", "--reproduce"], ["--scene", "--seed", "3"], ["--variables", "--seed", "3"]]
+)
 def test_options_that_exclude_each_other(options, folder, capsys):
     status, out, err = said(capsys, folder / "whole.h5", *options)
     assert (status, out) == (WRONG_REQUEST, "")
     assert re.fullmatch(r"brownpipe: --\w+: must not be given with --\w+\n", err)
+
+
+def test_runs_that_are_too_large_for_this_machine_are_refused(folder, monkeypatch):
+    monkeypatch.setattr("os.sysconf", {"SC_PHYS_PAGES": 1, "SC_PAGE_SIZE": 4096}.__getitem__)
+    with pytest.raises(RequestError, match=r"3 runs need some .* of memory"):
+        reproduction.read_original(folder / "whole.h5")

@@ -1,5 +1,6 @@
 """The runs of a trajectory file in words: all of them together, or a single one."""
 
+import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -37,6 +38,7 @@ def describe(path: str | Path, contents: Trajectories) -> list[str]:
         *_arrays(ensemble),
         *provenance(header, source_digest(simulation_of(header["engine"]))),
         f"contents     {header['contents_digest'][:12]}",
+        f"run again    brownpipe inspect {shlex.quote(str(path))} --reproduce",
     ]
 
 

@@ -3,7 +3,8 @@
 from argparse import Namespace
 from collections.abc import Callable
 
-from brownpipe.errors import DONE, RequestError
+from brownpipe.errors import DONE, FAILED, RequestError
+from brownpipe.verbs.output import say
 from brownpipe.verbs.values import seed
 
 EXAMPLE = "seed17.h5 --seed 17"
@@ -13,15 +14,23 @@ def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("file", metavar="FILE", help="trajectory file or dataset")
     add("--seed", type=seed, metavar="SEED", help="all about this run of a trajectory file")
+    again = "run again what made a trajectory file, or with --seed one run, and compare every bit"
+    add("--reproduce", action="store_true", help=again)
     add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
     add("--variables", action="store_true", help="list the variables of a dataset with dimensions, units and meaning")
 
 
 def inspect(arguments: Namespace) -> int:
-    """Describe the contents of a trajectory file or dataset, and say whether it is intact."""
+    """Describe the contents of a trajectory file or dataset, and say whether it is intact.
+
+    `--reproduce` takes scene, engine, seeds and all settings from the file, writes nothing, and ends with exit status 1
+    if any array differs by a bit.
+    """
     from brownpipe import inspection
 
     _refuse_together(arguments)
+    if arguments.reproduce:
+        return _reproduce(arguments)
     if arguments.scene:
         print(inspection.scene_text(arguments.file), end="")
     elif arguments.variables:
@@ -35,7 +44,20 @@ def inspect(arguments: Namespace) -> int:
 
 def _refuse_together(arguments: Namespace) -> None:
     """Raise RequestError for options that exclude each other."""
-    given = [name for name in ("scene", "variables") if getattr(arguments, name)]
+    given = [name for name in ("scene", "variables", "reproduce") if getattr(arguments, name)]
     given += ["seed"] if arguments.seed is not None else []
-    if len(given) > 1:
+    if len(given) > 1 and given != ["reproduce", "seed"]:
         raise RequestError(f"--{given[0]}: must not be given with --{given[1]}")
+
+
+def _reproduce(arguments: Namespace) -> int:
+    """Make the runs of a file again and print whether they are the same."""
+    from brownpipe import progress
+    from brownpipe.inspection import reproduction
+
+    original = reproduction.read_original(arguments.file, arguments.seed)
+    print(*reproduction.announcement(original), sep="\n", flush=True)
+    with progress.shown(lambda text: say(text, DONE)):
+        found = reproduction.differences(original)
+    print(reproduction.verdict(original, found))
+    return FAILED if found else DONE

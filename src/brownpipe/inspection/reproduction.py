@@ -1,0 +1,149 @@
+"""Run again what made a trajectory file, from the file alone, and compare: `brownpipe inspect FILE --reproduce`.
+
+The file has the scene, the engine with its settings, the seeds, and what was recorded and measured. Runs do not depend
+on their batch, so a single one can be compared, too. The same source, packages and kind of processor give the same
+bits.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe.engines import Engine, forecast
+from brownpipe.engines.state import Ensemble
+from brownpipe.formatting import in_time
+from brownpipe.inspection import trajectories_of
+from brownpipe.inspection.lines import DIGITS, is_version
+from brownpipe.inspection.runs import column_of, seeds_in_words
+from brownpipe.observables import observables_making
+from brownpipe.provenance import simulation_of, source_digest, versions
+from brownpipe.scene import Scene
+from brownpipe.storage.trajectories import read_header
+
+
+class Original(NamedTuple):
+    """Runs of a trajectory file, and all that is needed to make them again."""
+
+    scene: Scene
+    engine: Engine
+    ensemble: Ensemble  # of the file
+    seeds: tuple[int, ...]  # of the runs that are made again
+    record: frozenset[str]
+    observables: tuple[str, ...]
+    changes: tuple[str, ...]  # source and versions that differ from those of this installation, in words
+
+
+class Difference(NamedTuple):
+    """An array that is not bit-identical in some runs."""
+
+    name: str  # as in the file; of tracks and collisions with whose they are
+    seeds: list[int]
+    largest: float  # absolute difference of two elements; NaN if shapes or types differ, or if one of them is NaN
+
+
+def read_original(path: str | Path, seed: int | None = None) -> Original:
+    """Return the runs of a trajectory file, or the run of one seed.
+
+    Raises RequestError for a seed that is not in the file, and for runs that this installation refuses or that do not
+    fit into memory; WrongFileError for a dataset, StorageError for a damaged file.
+    """
+    scene, engine, ensemble, _ = trajectories_of(path, "--reproduce")
+    seeds = ensemble.seeds if seed is None else ensemble.seeds[[column_of(path, ensemble, seed)]]
+    parts = {"tracer": ensemble.tracer is not None, "all": bool(ensemble.whole), "events": bool(ensemble.events)}
+    record = frozenset(name for name, is_recorded in parts.items() if is_recorded) or frozenset({"none"})
+    observables = observables_making(ensemble.observables)
+    engine.refuse_unfit(scene, record)
+    forecast.refuse_too_large(scene, len(seeds), record, observables, ensemble.average)
+    return Original(scene, engine, ensemble, tuple(seeds.tolist()), record, observables, _changes(read_header(path)))
+
+
+def _changes(header: dict[str, str]) -> tuple[str, ...]:
+    """Return what differs between source and packages that made a file and those of this installation."""
+    here = versions() | {"source_digest": source_digest(simulation_of(header["engine"]))}
+    stored = {name: header.get(name, "unknown") for name in here}
+    pairs = ((name, stored[name][:DIGITS], here[name][:DIGITS]) for name in here if stored[name] != here[name])
+    return tuple(f"{_word(name)} {before}, here {now}" for name, before, now in pairs)
+
+
+def _word(name: str) -> str:
+    return name.removesuffix("_version") if is_version(name) else "source"
+
+
+def announcement(original: Original) -> list[str]:
+    """Return what will be run, how long it will take, and what may make it differ, as lines of text."""
+    scene, runs = original.scene, len(original.seeds)
+    cost = original.engine.forecast(scene, original.record, original.observables, original.ensemble.average)
+    seconds = forecast.START_UP + cost.once + runs * cost.seconds
+    what = f"{_number(runs)} of {scene.name}, N = {scene.particles}, {original.engine.options}"
+    lines = [f"running again {what}: some {in_time(seconds)} of CPU"]
+    if original.changes:
+        lines.append(f"results may differ: the file was made with {'; '.join(original.changes)}")
+    return lines
+
+
+def differences(original: Original) -> list[Difference]:
+    """Make the runs again and return the arrays that differ, with sample times and all that was recorded and measured.
+
+    Raises RunError and RequestError like the engine.
+    """
+    scene, engine, before = original.scene, original.engine, original.ensemble
+    observables, average = original.observables, before.average
+    again = engine.simulate(scene, original.seeds, original.record, observables=observables, average=average)
+    sizes: dict[str, dict[int, float]] = {}  # array: {seed: largest difference}
+    for column, seed in enumerate(original.seeds):
+        stored = _arrays(before, int(np.flatnonzero(before.seeds == seed)[0]))
+        made = _arrays(again, column)
+        for name in stored | made:
+            one, other = stored.get(name), made.get(name)
+            if not _same_bits(one, other):
+                sizes.setdefault(name, {})[seed] = _distance(one, other)
+    return [Difference(name, sorted(found), float(np.max(list(found.values())))) for name, found in sizes.items()]
+
+
+def _arrays(ensemble: Ensemble, column: int) -> dict[str, np.ndarray]:
+    """Return all arrays of one run by name."""
+    seed = int(ensemble.seeds[column])
+    tracer = None if ensemble.tracer is None else ensemble.tracer._asdict()
+    groups = {
+        "of the tracer": {name: values[:, column] for name, values in (tracer or {}).items() if values is not None},
+        "of all disks": ensemble.whole[seed]._asdict() if seed in ensemble.whole else {},
+        "of the collisions": ensemble.events[seed]._asdict() if seed in ensemble.events else {},
+    }
+    arrays = {"sample times": ensemble.times}
+    arrays |= {name: np.asarray(values[column]) for name, values in ensemble.observables.items()}
+    named = {f"{name} {whose}": values for whose, group in groups.items() for name, values in group.items()}
+    return arrays | {name: values for name, values in named.items() if values is not None}
+
+
+def _same_bits(one: np.ndarray | None, other: np.ndarray | None) -> bool:
+    if one is None or other is None:
+        return False
+    return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+
+
+def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float:
+    """Return the largest absolute difference of two arrays; NaN if shapes or types differ, or one of them is NaN."""
+    if one is None or other is None or one.dtype != other.dtype or one.shape != other.shape:
+        return np.nan
+    differing = one != other  # also where both are NaN
+    both_nan = np.isnan(one) & np.isnan(other)
+    moved = np.abs(one[differing & ~both_nan].astype(float) - other[differing & ~both_nan].astype(float))
+    return float(np.max(moved, initial=0.0))
+
+
+def verdict(original: Original, found: list[Difference]) -> str:
+    """Return whether all arrays are bit-identical or, for each that is not, its runs and by how much they differ."""
+    runs = len(original.seeds)
+    if not found:
+        return f"identical: {_number(runs)}, all arrays bit-identical"
+    differing = {seed for difference in found for seed in difference.seeds}
+    lines = [f"different: {len(differing)} of {_number(runs)}"]
+    for name, seeds, largest in found:
+        size = "in shape, type or NaN" if np.isnan(largest) else f"by at most {largest:.2g}"
+        lines.append(f"  {name}: {size} ({seeds_in_words(seeds)})")
+    return "\n".join(lines)
+
+
+def _number(runs: int) -> str:
+    return f"{runs:,} run{'' if runs == 1 else 's'}"
