@@ -1,6 +1,7 @@
 """What `inspect` says about a file, and runs that come out again from the file alone."""
 
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -188,6 +189,17 @@ def test_the_scene_of_a_file_is_printed_as_a_scene_file(name, folder, capsys):
     Path("again.yaml").write_text(out)
     assert (status, err) == (DONE, "")
     assert read_scene("again.yaml").digest == storage.read_trajectories(folder / f"{name}.h5").scene.digest
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_the_commands_in_a_file_work_with_that_file_alone(name, folder, capsys):
+    path = folder / f"{name}.h5"
+    rerun = trajectories.read_header(path)["rerun"].replace("FILE", str(path))
+    simulate, scene, compare = (shlex.split(command)[1:] for command in re.findall(r"`([^`]*)`", rerun))
+    assert (scene, compare) == (["inspect", str(path), "--scene"], ["inspect", str(path), "--reproduce"])
+    Path(simulate[1]).write_text(said(capsys, *scene[1:])[1])
+    assert main([*simulate, "--output", "again.h5"]) == DONE
+    assert Path("again.h5").read_bytes() == path.read_bytes()
 
 
 # -- runs again -----------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ times, N disks, E collisions:
                                      velocity, speed, distance
         events/seed_00017/           all collisions of one run, if recorded: time (E,), a (E,), b (E,), impulse (E, 2)
     parameters/                      scene, settings (JSON); attributes: format, scene_name, particles, engine, seeds,
-                                     average (over runs, origins or disks), rerun (the command), versions,
+                                     average (over runs, origins or disks), rerun (commands), versions,
                                      source_digest, contents_digest, seal
 
 Every dataset has attributes `units` (reduced units of the scene) and `long_name` (its meaning). Numbers are stored with

@@ -269,7 +269,7 @@ def _events(group: str, events: Events) -> Tree:
 
 
 def _parameters(scene: Scene, engine: Engine, ensemble: Ensemble, source: str) -> dict[str, Node]:
-    """Return the group /parameters: scene, engine, versions, and the command that makes the runs again."""
+    """Return the group /parameters: scene, engine, versions, and the commands that make the runs again."""
     attributes = {
         "format": FORMAT,
         "scene_name": scene.name,
@@ -277,7 +277,7 @@ def _parameters(scene: Scene, engine: Engine, ensemble: Ensemble, source: str) -
         "engine": engine.name,
         "seeds": seed_text(ensemble.seeds),
         "average": ensemble.average,
-        "rerun": _command(scene, engine, ensemble),
+        "rerun": _rerun(scene, engine, ensemble),
         "source_digest": source,
     }
     return {
@@ -285,6 +285,13 @@ def _parameters(scene: Scene, engine: Engine, ensemble: Ensemble, source: str) -
         "parameters/scene": _dataset("scene", scene.text),
         "parameters/settings": _dataset("settings", json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False)),
     }
+
+
+def _rerun(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
+    """Return the commands that make these runs again, and where the scene file comes from: no other file is needed."""
+    scene_file = f"{scene.name}.yaml is printed by `brownpipe inspect FILE --scene`"
+    compare = "`brownpipe inspect FILE --reproduce` runs and compares; FILE is this file"
+    return f"{_command(scene, engine, ensemble)}, where {scene_file}; {compare}"
 
 
 def _command(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
