@@ -13,7 +13,6 @@ import brownpipe as bp
 from brownpipe.cli import main
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
 from brownpipe.figures.render import render
-from brownpipe.figures.style import drawing, image_bytes
 
 SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
 KEYS = yaml.safe_load(Path(SCENE).read_text())
@@ -135,9 +134,7 @@ def test_an_error_names_the_argument(call, message):
 
 def test_a_figure_is_that_of_the_command_line(result, tmp_path):
     render(result, tmp_path, ["msd"])
-    figure = bp.plot(result)
-    with drawing():
-        assert image_bytes(figure, "png") == (tmp_path / "msd.png").read_bytes()
+    assert bp.plot(result)._repr_png_() == (tmp_path / "msd.png").read_bytes(), "as notebooks show it"
     with pytest.raises(RequestError, match="figure: 'mds' is unknown; did you mean msd"):
         bp.plot(result, "mds")
     with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):

@@ -9,6 +9,7 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from brownpipe.engines import forecast, read_record, requested
 from brownpipe.errors import FigureError, RequestError, WrongFileError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
+from brownpipe.figures.style import png_bytes
 from brownpipe.observables import refuse_unfit
 from brownpipe.provenance import simulation_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
@@ -151,14 +153,14 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
     pair_distribution, energy, thermodynamics, particle_counts or health.
     particles: show the runs with this many disks; by default the 2020 note's 150, or each scene's largest number.
 
-    Raises FigureError if the dataset has no data for it.
+    Notebooks show it by themselves. Raises FigureError if the dataset has no data for it.
     """
-    import matplotlib.pyplot  # noqa: F401  # so that notebooks show the figure
-
     reading.choice(Entry(figure, "", ("figure",)), tuple(FIGURES))
     if not _is_analysis(result):
         raise FigureError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
-    return draw(result, figure, _plain(particles))
+    drawn = draw(result, figure, _plain(particles))
+    drawn._repr_png_ = partial(png_bytes, drawn)  # type: ignore[attr-defined]  # by which notebooks show an object
+    return drawn
 
 
 def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it returns an object

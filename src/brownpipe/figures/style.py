@@ -101,6 +101,14 @@ def image_bytes(figure: Figure, suffix: str) -> bytes:
     return buffer.getvalue()
 
 
+def png_bytes(figure: Figure) -> bytes:
+    """Return the bytes of a PNG file, in the style of all figures."""
+    buffer = io.BytesIO()
+    with drawing():
+        figure.savefig(buffer, format="png", **SAVE["png"])
+    return buffer.getvalue()
+
+
 def _figure(width: float, height: float) -> Figure:
     """Return an empty figure [inch], laid out with padding between the tick labels of neighbouring panels."""
     from matplotlib.figure import Figure
