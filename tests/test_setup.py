@@ -146,8 +146,9 @@ def test_the_pins_are_complete_and_a_study_needs_no_tools_of_developers():
         {normal(line.partition("==")[0]) for line in (ROOT / name).read_text().splitlines() if "==" in line}
         for name in ("requirements.lock", "requirements-dev.lock")
     )
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert run == needed([*project["dependencies"], "setuptools"])
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project = settings["project"]
+    assert run == needed([*project["dependencies"], *settings["build-system"]["requires"]])
     assert run | dev == run | needed(project["optional-dependencies"]["dev"])
     assert not run & dev
 
