@@ -8,6 +8,7 @@ STUDY ?= config/harrison2020.yaml
 CORES ?= $(shell nproc)
 REPORT ?= report.html
 export REPORT_COMMAND := make report$(if $(filter file,$(origin STUDY)),, STUDY=$(STUDY))
+export UNLOCK_COMMAND := .venv/bin/snakemake --unlock --configfile $(STUDY)
 
 study: ready
 	@snakemake --cores $(CORES) --configfile $(STUDY)

@@ -162,16 +162,18 @@ def test_the_answer_is_shown_again_though_nothing_is_to_be_done(finished):
 
 
 @pytest.mark.parametrize("given", [(), ("STUDY=config/small.yaml",)], ids=["default", "another"])
-def test_make_names_a_command_for_the_report_that_makes_it(given):
+def test_make_names_the_commands_that_make_the_report_and_remove_a_lock(given):
     """Make is only asked what it would do: the Snakemake command is the one that a test below runs."""
     surroundings = environment()
-    shown = ["make", "--silent", "--eval", "shown: ; @echo $(REPORT_COMMAND)", "shown", *given]
-    asked = subprocess.run(shown, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True).stdout
-    assert asked == " ".join(["make report", *given]) + "\n"
+    shown = ["make", "--silent", "--eval", "shown: ; @echo $(REPORT_COMMAND); echo $(UNLOCK_COMMAND)", "shown", *given]
+    printed = subprocess.run(shown, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True).stdout
+    asked, unlock = printed.splitlines()
+    assert asked == " ".join(["make report", *given])
     command = [*asked.split(), "--dry-run"]
     done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True).stdout
     study = given[0].partition("=")[2] if given else "config/harrison2020.yaml"
     assert f" --configfile {study} --report report.html" in done
+    assert unlock == f".venv/bin/snakemake --unlock --configfile {study}"
 
 
 def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_language(finished, tmp_path):
@@ -189,6 +191,7 @@ def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_langua
         wait_for(lambda: list(folder.rglob("*.h5")))
         printed = snakemake(folder, "--cores", "1", fails=True)  # a second one at once
         assert "LockException" in printed
+        assert printed.count("\n") == 2 and printed.endswith(": the same command with --unlock\n")  # after the profile
         assert "Traceback" not in printed
     finally:
         os.killpg(first.pid, signal.SIGINT)  # as Ctrl-C does

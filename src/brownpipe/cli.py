@@ -8,6 +8,7 @@ import argparse
 import os
 import signal
 import sys
+from argparse import Namespace
 from collections.abc import Sequence
 from typing import NoReturn
 
@@ -22,8 +23,8 @@ def main(argv: list[str] | None = None) -> int:
         signal.signal(signal.SIGTERM, _terminate)
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
         argv = sys.argv[1:] if argv is None else argv
-        arguments = build_parser(argv).parse_args(argv)
-        arguments.argv = argv
+        own, further = _divide(argv)
+        arguments = build_parser(own).parse_args(own, Namespace(argv=argv, further=further))
         status = arguments.verb(arguments)
         sys.stdout.flush()
         return status
@@ -40,6 +41,13 @@ def main(argv: list[str] | None = None) -> int:
 
 def _terminate(*_: object) -> NoReturn:
     sys.exit(say("terminated", 128 + signal.SIGTERM))
+
+
+def _divide(argv: list[str]) -> tuple[list[str], list[str]]:
+    """Return the arguments of brownpipe and those after `--`, if the verb passes them on to another program."""
+    passes_on = argv and getattr(VERBS.get(argv[0]), "PASSES_ON", False)
+    end = argv.index("--") if passes_on and "--" in argv else len(argv)
+    return argv[:end], argv[end + 1 :]
 
 
 def build_parser(argv: Sequence[str]) -> argparse.ArgumentParser:

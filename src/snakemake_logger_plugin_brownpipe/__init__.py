@@ -6,6 +6,7 @@ shown as Snakemake formats them.
 """
 
 import logging
+import os
 import shutil
 import sys
 import threading
@@ -22,6 +23,10 @@ from snakemake_interface_logger_plugins.common import LogEvent
 CHATTER = ("Assuming unrestricted", "Building DAG", "Using shell", "Select jobs", "Execute ", "Complete log", "Elapsed")
 ANSWER_RULES = ("all", "tradeoff_figures")  # rules that print results: no progress is shown while one runs
 INTERRUPTED = "brownpipe: interrupted; the same command goes on from here"
+LOCKED = (
+    "brownpipe: LockException: another run writes the same results in this folder; wait for its end. If it was killed"
+    " or the machine went down, first remove its lock: {}"
+)
 LOOK_INTERVAL = 0.5  # seconds between two looks at the logs of running jobs
 LINE_INTERVAL = 10.0  # seconds between two lines of progress if the output is no terminal
 
@@ -90,6 +95,8 @@ class LogHandler(LogHandlerBase):
                 return
             text = self.format(record)
             self.interrupted |= text.startswith("Terminating processes on user request")
+            if text.startswith("LockException"):
+                text = LOCKED.format(os.environ.get("UNLOCK_COMMAND", "the same command with --unlock"))
             if self.failures or record.levelno > logging.INFO or not text.startswith(CHATTER):
                 self.write(text)
 

@@ -72,3 +72,8 @@ def rings(text: str) -> int:
 def frames(text: str) -> int:
     """Return a number of frames, 1 or more."""
     return integer(text, 1)
+
+
+def cores(text: str) -> int:
+    """Return a number of cores, 1 or more."""
+    return integer(text, 1)

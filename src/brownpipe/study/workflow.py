@@ -1,0 +1,104 @@
+"""The workflow of a study, run by Snakemake in the current folder: simulate, aggregate, figures.
+
+An installed brownpipe has the workflow in its folder `pipeline`; a checkout has the same files at its top.
+"""
+
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Sequence
+from pathlib import Path
+
+from brownpipe.errors import RequestError
+from brownpipe.provenance import PACKAGE
+from brownpipe.study.study_file import read_study
+
+WRITTEN = (".", "results", ".snakemake")  # folders that a study writes to
+PAGES = (".html", ".zip")  # suffixes of a report
+
+
+def pipeline_folder() -> Path:
+    """Return the folder with the Snakefile, its profile and the example configurations."""
+    installed = PACKAGE / "pipeline"
+    return installed if installed.is_dir() else PACKAGE.parents[1]
+
+
+def run_study(
+    study_file: str, cores: int | None = None, dry_run: bool = False, report: str | None = None, further: Sequence = ()
+) -> int:
+    """Run the workflow of a study by Snakemake with results in `results/` of the current folder; return its status.
+
+    `cores`: number of jobs at the same time (None: all cores). `dry_run`: only list the jobs. `report`: HTML or ZIP
+    file for the report, written once the study is complete. `further`: arguments for Snakemake, such as targets.
+
+    Raises RequestError for a mistake in the study or in the arguments, PermissionError if the current folder cannot be
+    written to. Mistakes in keys that `further` replaces by --config are reported by Snakemake.
+    """
+    if not any(word.startswith(("--config", "-C")) for word in further):
+        read_study(study_file)
+    if report is not None and dry_run:
+        raise RequestError(f"--report {report}: must not be given with -n, which runs nothing")
+    if report is not None and Path(report).suffix not in PAGES:
+        raise RequestError(f"--report {report}: must end in {' or '.join(PAGES)}")
+    for folder in filter(os.path.exists, WRITTEN):
+        if not os.access(folder, os.W_OK):
+            where = Path.cwd() if folder == "." else folder
+            raise PermissionError(f"{where}: cannot be written to; run the study from another folder")
+    command = snakemake_command(study_file, cores, further)
+    environment = environment_of(study_file, report, further)
+    status = _wait_for([*command, "--dry-run"] if dry_run else command, environment)
+    return status if status or report is None else _wait_for([*command, "--report", report], environment)
+
+
+def snakemake_command(study_file: str, cores: int | None = None, further: Sequence = ()) -> list[str]:
+    """Return the command that runs the workflow of a study; it does not import Python files of the current folder."""
+    folder = pipeline_folder()
+    files = ["--snakefile", folder / "Snakefile", "--workflow-profile", folder / "profiles" / "default"]
+    words = [*files, "--configfile", study_file, "--cores", cores or "all", *further]
+    return [sys.executable, "-P", "-m", "snakemake", *map(str, words)]
+
+
+def environment_of(study_file: str, report: str | None = None, further: Sequence = ()) -> dict[str, str]:
+    """Return the environment of the workflow.
+
+    This installation's `brownpipe` comes first in PATH, which need not have it. REPORT_COMMAND and UNLOCK_COMMAND are
+    shown where they are needed.
+    """
+    own = _own_command()
+    called = ["brownpipe" if own is None or _is_same(shutil.which("brownpipe"), own) else str(own), "run", study_file]
+    passed = ["--", *further] if further else []
+    shown = {
+        "REPORT_COMMAND": report or shlex.join([*called, "--report", *passed]),
+        "UNLOCK_COMMAND": shlex.join([*called, "--", "--unlock"]),
+    }
+    path = os.environ.get("PATH", os.defpath)
+    return os.environ | shown | {"PATH": path if own is None else f"{own.parent}{os.pathsep}{path}"}
+
+
+def _own_command() -> Path | None:
+    """Return the program `brownpipe` of this installation; None if it was installed without one."""
+    folders = [sysconfig.get_path("scripts"), sysconfig.get_path("scripts", sysconfig.get_preferred_scheme("user"))]
+    programs = [Path(sys.argv[0]).absolute(), *(Path(folder) / "brownpipe" for folder in folders)]
+    return next((path for path in programs if path.name == "brownpipe" and os.access(path, os.X_OK)), None)
+
+
+def _is_same(one: str | None, other: Path) -> bool:
+    return one is not None and os.path.samefile(one, other)
+
+
+def _wait_for(command: list[str], environment: dict[str, str]) -> int:
+    """Run Snakemake and return its exit status, as a shell would. It ends by itself at Ctrl-C, which it gets, too."""
+    with subprocess.Popen(command, env=environment) as process:
+        while process.returncode is None:
+            try:
+                process.wait()
+            except KeyboardInterrupt:
+                continue
+            except SystemExit:  # raised for SIGTERM, which only this process gets
+                process.send_signal(signal.SIGTERM)
+                raise
+    return process.returncode if process.returncode >= 0 else 128 - process.returncode

@@ -1,0 +1,29 @@
+"""`brownpipe run`: the whole workflow of a study."""
+
+from argparse import Namespace
+from collections.abc import Callable
+
+from brownpipe.verbs.values import cores
+
+EXAMPLE = "my_study.yaml -j 2 --report"
+PASSES_ON = True  # the arguments after `--`
+
+
+def add_arguments(add: Callable) -> None:
+    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
+    add("study", metavar="STUDY", help="study file (YAML)")
+    add("-j", "--cores", type=cores, metavar="N", help="jobs at the same time (default: number of cores)")
+    add("-n", "--dry-run", action="store_true", help="only list the jobs, with reasons")
+    page = "afterwards write a page with all results (default: report.html)"
+    add("--report", nargs="?", const="report.html", metavar="FILE", help=page)
+
+
+def run(arguments: Namespace) -> int:
+    """Run a study: simulate, aggregate, figures, with the results in `results` of this folder.
+
+    A second run has nothing to do; after a change only the steps that depend on it run again. Further arguments after
+    `--` are passed to Snakemake: `brownpipe run my_study.yaml -- --config seeds=100`.
+    """
+    from brownpipe.study.workflow import run_study
+
+    return run_study(arguments.study, arguments.cores, arguments.dry_run, arguments.report, arguments.further)

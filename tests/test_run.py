@@ -1,0 +1,216 @@
+"""`brownpipe new` and `brownpipe run`: a study in any folder. (That the workflow itself is right: test_workflow.)"""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from brownpipe.cli import main
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
+from brownpipe.study import workflow
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """Every test in a folder of its own, SIGTERM as before."""
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """The commands and environments that would have been run, in place of Snakemake."""
+    calls = []
+    monkeypatch.setattr(workflow, "_wait_for", lambda command, environment: calls.append((command, environment)) or 0)
+    return calls
+
+
+def said(capsys, *words):
+    """Exit status, standard output, and standard error."""
+    try:
+        status = main([*words])
+    except SystemExit as left:
+        status = left.code
+    return status, *capsys.readouterr()
+
+
+# -- new ------------------------------------------------------------------------------------------------------------
+
+
+def test_new_writes_a_scene_and_a_study_that_are_valid_and_names_the_next_commands(capsys, started):
+    status, out, err = said(capsys, "new", "first", "--folder", "my studies")
+    assert (status, err) == (DONE, "")
+    assert sorted(path.name for path in Path("my studies").iterdir()) == ["first.yaml", "first_scene.yaml"]
+    next_commands = [shlex.split(line, comments=True) for line in out.splitlines() if line.startswith("brownpipe ")]
+    assert [words[1] for words in next_commands] == ["check", "run"]
+    described = [said(capsys, *words[1:]) for words in next_commands]
+    assert [status for status, _, _ in described] == [DONE, DONE] and len(started) == 1
+    seconds = re.search(r"^total     600 runs in 6 jobs .* some ([0-9.]+) s of CPU", described[0][1], re.MULTILINE)
+    assert float(seconds[1]) < 15  # a wall time below 30 s on two cores, with kernels to compile
+    assert said(capsys, "check", "my studies/first_scene.yaml")[0] == DONE
+    readme = out.rpartition("all keys: ")[2].strip()
+    assert Path(readme) == ROOT / "config" / "README.md" and Path(readme).is_file()
+
+
+def test_every_key_that_the_templates_only_mention_may_be_given(capsys):
+    assert main(["new", "first"]) == DONE
+    for path in (Path("first.yaml"), Path("first_scene.yaml")):
+        text, count = re.subn(r"^( *)# (position|observables|figures):", r"\1\2:", path.read_text(), flags=re.MULTILINE)
+        assert count == {"first.yaml": 2, "first_scene.yaml": 1}[path.name]
+        path.write_text(text)
+    assert said(capsys, "check", "first.yaml")[0] == DONE
+    text, count = re.subn("^seeds:.*\n# tolerance:", "tolerance:", Path("first.yaml").read_text(), flags=re.MULTILINE)
+    Path("first.yaml").write_text(text)
+    assert count == 1 and said(capsys, "check", "first.yaml")[0] == DONE
+
+
+@pytest.mark.parametrize("there", ["first.yaml", "first_scene.yaml"])
+def test_new_replaces_no_file(capsys, there):
+    Path(there).symlink_to("nowhere")
+    status, out, err = said(capsys, "new", "first.yaml")
+    assert (status, out, err) == (WRONG_REQUEST, "", f"brownpipe: {there}: exists; choose another name or folder\n")
+    assert [path.name for path in Path().iterdir()] == [there]
+
+
+@pytest.mark.parametrize("name", ["a b", "../a", "", "-" * 3 + "a", "a" * 60])
+def test_new_refuses_what_is_no_name(capsys, name):
+    status, out, err = said(capsys, "new", "--", name)
+    assert (status, out) == (WRONG_REQUEST, "")
+    assert re.fullmatch(r"brownpipe: (NAME|name of the scene): must be a name: .*, not '.*'\n", err)
+    assert not list(Path().iterdir())
+
+
+def test_new_leaves_nothing_where_the_second_file_cannot_be_written(capsys, monkeypatch):
+    replace = os.replace
+
+    def fail(old, new):
+        if Path(new).name == "first.yaml":
+            raise OSError(28, "No space left on device")
+        replace(old, new)
+
+    monkeypatch.setattr(os, "replace", fail)
+    status, _, err = said(capsys, "new", "first")
+    assert status == FAILED and err.startswith("brownpipe: first.yaml: not written: ") and err.count("\n") == 1
+    assert not list(Path().iterdir())
+
+
+# -- run ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def study(capsys):
+    assert main(["new", "first", "--folder", "my studies"]) == DONE
+    capsys.readouterr()
+    return "my studies/first.yaml"
+
+
+def test_run_starts_the_workflow_of_this_installation(capsys, study, started, monkeypatch):
+    monkeypatch.setenv("PATH", "/nowhere")
+    assert said(capsys, "run", study, "-j", "3", "--", "tradeoff_figures", "--config", "seeds=3") == (DONE, "", "")
+    ((command, environment),) = started
+    files = ["--snakefile", str(ROOT / "Snakefile"), "--workflow-profile", str(ROOT / "profiles" / "default")]
+    further = ["tradeoff_figures", "--config", "seeds=3"]
+    expected = [sys.executable, "-P", "-m", "snakemake", *files, "--configfile", study, "--cores", "3", *further]
+    assert command == expected
+    own, _, rest = environment["PATH"].partition(":")
+    assert rest == "/nowhere" and os.access(f"{own}/brownpipe", os.X_OK)
+    report = [f"{own}/brownpipe", "run", study, "--report", "--", *further]  # not in the PATH of the caller
+    assert shlex.split(environment["REPORT_COMMAND"]) == report
+    assert shlex.split(environment["UNLOCK_COMMAND"]) == [f"{own}/brownpipe", "run", study, "--", "--unlock"]
+
+
+def test_run_by_default_uses_all_cores_and_names_itself_as_it_was_called(capsys, study, started, monkeypatch):
+    own = workflow._own_command()
+    monkeypatch.setenv("PATH", str(own.parent))
+    assert said(capsys, "run", study, "-n") == (DONE, "", "")
+    ((command, environment),) = started
+    assert command[-3:] == ["--cores", "all", "--dry-run"]
+    assert environment["REPORT_COMMAND"] == "brownpipe run 'my studies/first.yaml' --report"
+
+
+def test_the_report_is_written_after_a_run_that_succeeds(capsys, study, started, monkeypatch):
+    assert said(capsys, "run", study, "--report", "page.zip")[0] == DONE
+    (run, told), (report, _) = started
+    assert report == [*run, "--report", "page.zip"] and told["REPORT_COMMAND"] == "page.zip"
+    monkeypatch.setattr(workflow, "_wait_for", lambda command, _: 1 if "--report" not in command else 0)
+    assert said(capsys, "run", study, "--report")[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["absent.yaml"], "absent.yaml: cannot be read: No such file or directory"),
+        (["my studies/first_scene.yaml"], "my studies/first_scene.yaml: .*"),
+        (["my studies/first.yaml", "--report", "page.pdf"], "--report page.pdf: must end in .html or .zip"),
+        (["my studies/first.yaml", "-n", "--report"], "--report report.html: must not be given with -n, .*"),
+    ],
+)
+def test_run_refuses_at_once(capsys, study, started, words, message):
+    status, out, err = said(capsys, "run", *words)
+    assert (status, out, started) == (WRONG_REQUEST, "", [])
+    assert re.fullmatch(f"brownpipe: {message}\n", err)
+
+
+def test_a_study_that_needs_the_keys_passed_on_is_left_to_snakemake(capsys, study, started):
+    Path(study).write_text("scenes: first_scene.yaml\n")
+    assert said(capsys, "run", study)[0] == WRONG_REQUEST and not started
+    assert said(capsys, "run", study, "--", "--config", "seeds=3")[0] == DONE and len(started) == 1
+
+
+@pytest.mark.parametrize("locked", [".", "results", ".snakemake"])
+def test_a_folder_that_cannot_be_written_to(capsys, study, started, monkeypatch, locked):
+    """Asked of os.access: to root, who may run the tests, every folder is writable."""
+    Path("results").mkdir()
+    Path(".snakemake").mkdir()
+    monkeypatch.setattr(os, "access", lambda path, mode: path != locked)
+    where = Path.cwd() if locked == "." else locked
+    line = f"brownpipe: {where}: cannot be written to; run the study from another folder\n"
+    assert said(capsys, "run", study) == (FAILED, "", line) and not started
+
+
+def test_an_installed_pipeline_comes_before_a_checkout(monkeypatch, tmp_path):
+    assert workflow.pipeline_folder() == ROOT
+    (tmp_path / "pipeline").mkdir()
+    monkeypatch.setattr(workflow, "PACKAGE", tmp_path)
+    assert workflow.pipeline_folder() == tmp_path / "pipeline"
+
+
+# -- the process of Snakemake ---------------------------------------------------------------------------------------
+
+WAITS = "import signal, sys, time; signal.signal(signal.{}, lambda *_: sys.exit(7)); print('on', flush=True); {}"
+PARENT = "import os, sys; from brownpipe import cli; from brownpipe.study import workflow;"
+PARENT += " workflow.snakemake_command = lambda *_: [sys.executable, '-c', {!r}]; sys.exit(cli.main(['run', {!r}]))"
+
+
+@pytest.mark.parametrize(("code", "status"), [("raise SystemExit(3)", 3), ("import os; os.kill(os.getpid(), 9)", 137)])
+def test_the_exit_status_is_that_of_snakemake(capsys, study, monkeypatch, code, status):
+    monkeypatch.setattr(workflow, "snakemake_command", lambda *_: [sys.executable, "-c", code])
+    assert said(capsys, "run", study)[0] == status
+
+
+@pytest.mark.parametrize(("number", "whole_group", "status"), [("SIGINT", True, 7), ("SIGTERM", False, 143)])
+def test_a_signal_ends_snakemake_first(study, number, whole_group, status):
+    """Ctrl-C reaches both processes, and the status is that of Snakemake; SIGTERM is passed on."""
+    code = WAITS.format(number, "time.sleep(60)")
+    command = [sys.executable, "-c", PARENT.format(code, study)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    try:
+        assert process.stdout.readline() == b"on\n"
+        began = time.monotonic()
+        (os.killpg if whole_group else os.kill)(process.pid, getattr(signal, number))
+        assert process.wait(30) == status and time.monotonic() - began < 30
+        assert process.stdout.read() == b""  # at its end: the other process is gone, too
+        assert b"Traceback" not in process.stderr.read()
+    finally:
+        process.kill()
+        process.communicate()
