@@ -1,0 +1,118 @@
+"""The package as `pip install` leaves it: a first study in an empty folder, with nothing of the checkout."""
+
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import zipfile
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+BASICS = "/usr/bin:/bin"
+SMALLER = {"seeds: 300 ": "seeds: 20 ", "[200, 400]": "20", "# figures: [msd, ": "figures: [msd] # "}
+pytestmark = pytest.mark.slow
+
+
+class Installation(NamedTuple):
+    """An installed wheel: its environment is not activated."""
+
+    wheel: Path
+    sdist: Path
+    bin: Path
+    folder: Path  # an empty one, to work in
+
+
+def run(*words, cwd, **more):
+    """What a command printed. It sees nothing of the environment of the tests."""
+    environment = {"PATH": BASICS, "HOME": str(cwd), "LC_ALL": "C.UTF-8", "OPENBLAS_NUM_THREADS": "1"} | more
+    done = subprocess.run([*map(str, words)], cwd=cwd, env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def build(kind, source, target):
+    """The file that hatchling builds, as `python -m build` does; no network is needed."""
+    run(sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", target, cwd=source)
+    (file,) = target.iterdir()
+    return file
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory):
+    """The wheel in an environment of its own, which shares the other packages with that of the tests."""
+    folder = tmp_path_factory.mktemp("wheel")
+    wheel, sdist = build("wheel", ROOT, folder / "wheel"), build("sdist", ROOT, folder / "sdist")
+    own = folder / "environment"
+    run(sys.executable, "-m", "venv", own, cwd=folder)
+    run(own / "bin" / "pip", "install", "--no-deps", "--no-index", "--no-compile", wheel, cwd=folder)
+    (packages,) = own.glob("lib/python*/site-packages")
+    shared = [path for path in sys.path if path.endswith("site-packages")] or [sysconfig.get_path("purelib")]
+    (packages / "others.pth").write_text("\n".join(shared) + "\n")
+    (folder / "my work").mkdir()
+    return Installation(wheel, sdist, own / "bin", folder / "my work")
+
+
+@pytest.fixture(scope="session")
+def finished(installed):
+    """What is printed by `brownpipe new` and `brownpipe run` for a first study, here with fewer runs and one figure."""
+    new = run(installed.bin / "brownpipe", "new", "first", cwd=installed.folder)
+    study = installed.folder / "first.yaml"
+    text = study.read_text()
+    for old, other in SMALLER.items():
+        assert old in text
+        text = text.replace(old, other)
+    study.write_text(text)
+    return new, run(installed.bin / "brownpipe", "run", "first.yaml", "-j2", cwd=installed.folder)
+
+
+def test_a_first_study_comes_to_its_figures(installed, finished):
+    new, printed = finished
+    figures = installed.folder / "results" / "first" / "figures"
+    expected = {"msd.svg", "msd.png", "msd.csv", "summary.txt", "summary.csv"}
+    assert {path.name for path in figures.iterdir()} == expected
+    assert printed.startswith((figures / "summary.txt").read_text())
+    visible = {path.name for path in installed.folder.iterdir() if not path.name.startswith(".")}
+    assert visible == {"first.yaml", "first_scene.yaml", "results"}
+    readme = Path(new.rpartition("all keys: ")[2].strip())
+    assert readme.read_bytes() == (ROOT / "config" / "README.md").read_bytes()
+
+
+def test_the_command_for_the_report_works_as_printed_and_runs_nothing_again(installed, finished):
+    made = {path: path.stat().st_mtime_ns for path in (installed.folder / "results").rglob("*.*")}
+    command = finished[1].rpartition("all on one page: ")[2]
+    assert run("bash", "-c", command, cwd=installed.folder).endswith("\nall on one page: report.html\n")
+    assert "<svg" in (installed.folder / "report.html").read_text()
+    assert {path: path.stat().st_mtime_ns for path in made} == made
+
+
+def test_nothing_of_the_checkout_is_used(installed, finished):
+    code = (
+        "import brownpipe as b, snakemake_logger_plugin_brownpipe as p, sys; print(b.__file__, p.__file__, *sys.path)"
+    )
+    shown = run(installed.bin / "python", "-c", code, cwd=installed.folder)
+    own = str(installed.bin.parent)
+    assert all(path.startswith(own) for path in shown.split()[:2])
+    assert str(ROOT / "src") not in shown
+    mentioned = [path for path in (installed.folder / ".snakemake" / "log").iterdir() if str(ROOT) in path.read_text()]
+    assert mentioned == []
+
+
+def test_the_workflow_and_the_examples_in_the_wheel_are_those_of_the_checkout(installed):
+    folders = ("workflow/rules", "workflow/report", "profiles", "config")
+    paths = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file()]
+    files = {"Snakefile", *(path.relative_to(ROOT).as_posix() for path in paths)}
+    with zipfile.ZipFile(installed.wheel) as wheel:
+        pipeline = {name.removeprefix("brownpipe/pipeline/") for name in wheel.namelist() if "/pipeline/" in name}
+        assert pipeline == files
+        assert all(wheel.read(f"brownpipe/pipeline/{file}") == (ROOT / file).read_bytes() for file in files)
+
+
+def test_the_sdist_builds_the_same_wheel(installed, tmp_path):
+    with tarfile.open(installed.sdist) as sdist:
+        sdist.extractall(tmp_path, filter="data")
+    (source,) = tmp_path.iterdir()
+    again = build("wheel", source, tmp_path / "again")
+    assert again.read_bytes() == installed.wheel.read_bytes()
