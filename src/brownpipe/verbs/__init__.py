@@ -1,7 +1,8 @@
 """The verbs of the command line, one module each.
 
 A module has the function of its name, whose docstring is the help and which returns the exit status; `add_arguments`;
-and EXAMPLE, the arguments of an example. With PASSES_ON, arguments after `--` are for another program. Imports that take time are inside the functions that need them.
+and EXAMPLE, the arguments of an example. If it has PASSES_ON, arguments after `--` are for another program. Imports
+that take time are inside the functions that need them.
 """
 
 from brownpipe.verbs import aggregate, check, export, figures, inspect, movie, new, plan, run, simulate, tradeoff
