@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from brownpipe import provenance
 from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
-from brownpipe.study import workflow
+from brownpipe.study import changes, read_study, workflow
 
 ROOT = Path(__file__).parent.parent
 
@@ -183,6 +185,63 @@ def test_an_installed_pipeline_comes_before_a_checkout(monkeypatch, tmp_path):
     (tmp_path / "pipeline").mkdir()
     monkeypatch.setattr(workflow, "PACKAGE", tmp_path)
     assert workflow.pipeline_folder() == tmp_path / "pipeline"
+
+
+# -- what has changed -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def simulated():
+    """A study of one scene in two jobs, the trajectory files of both, and a function that gives the differences."""
+    shutil.copy(ROOT / "config" / "scenes" / "harrison2020.yaml", "hot.yaml")
+    Path("mine.yaml").write_text("scenes: hot.yaml\nparticles: [10]\nseeds: 4\nbatch: 2\n")
+    for job in read_study("mine.yaml").jobs():
+        output = f"results/mine/simulate/{job.file}"
+        seeds = f"{job.first}-{job.last}"
+        assert main(["simulate", "hot.yaml", "--particles", "10", "--seeds", seeds, "--output", output]) == DONE
+    return lambda: changes.changes(read_study("mine.yaml"))
+
+
+def edit(file, *replacements):
+    text = Path(file).read_text()
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new)
+    Path(file).write_text(text)
+
+
+def test_what_differs_from_the_results_is_said_in_words(simulated, capsys, started):
+    assert simulated() == []
+    respelled = ("position: [0.0, 0.0]", "position: [0, 0]")
+    edit("hot.yaml", ("mass: 0.4", "mass: 0.5"), ("x: [-3.0, 3.0]", "x: [-3, 4]"), respelled)
+    scene = ["scene hot: box.x [-3.0, 3.0] -> [-3.0, 4.0]", "scene hot: disks.species[0].mass 0.4 -> 0.5"]
+    assert simulated() == scene
+    edit("mine.yaml", ("seeds: 4", "seeds: 8"), ("[10]", "[10, 12]"))
+    lines = [*scene, "seeds 4 -> 8 (hot N10 exact)", "no runs yet (hot N12 exact)"]
+    assert simulated() == lines
+    status, out, _ = said(capsys, "run", "mine.yaml", "-n")
+    assert (status, out) == (DONE, "".join(f"differs from results/mine: {line}\n" for line in lines))
+
+
+def test_the_oldest_file_of_a_case_counts(simulated):
+    """An interrupted study has already made some files again."""
+    edit("hot.yaml", ("duration: 1.0", "duration: 2.0"))
+    output = "results/mine/simulate/hot/N10/exact/0-1.h5"
+    assert main(["simulate", "hot.yaml", "--particles", "10", "--seeds", "0-1", "--output", output]) == DONE
+    assert simulated() == ["scene hot: duration 1.0 -> 2.0"]
+
+
+def test_other_batches_versions_and_sources_are_named(simulated, monkeypatch):
+    edit("mine.yaml", ("seeds: 4\nbatch: 2", "seeds: [0-1, 3]\nbatch: 2"))
+    assert simulated() == ["batch: the same seeds in other jobs"]
+    monkeypatch.setattr(changes, "versions", lambda: provenance.versions() | {"numba_version": "99"})
+    monkeypatch.setattr(changes, "source_digest", lambda module: "another")
+    numba = provenance.versions()["numba_version"]
+    assert simulated()[:2] == ["engine exact: its source code", f"engine exact: numba {numba} -> 99"]
+
+
+def test_a_study_without_results_differs_in_nothing(study):
+    assert changes.changes(read_study(study)) == []
 
 
 # -- the process of Snakemake ---------------------------------------------------------------------------------------

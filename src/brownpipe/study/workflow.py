@@ -38,7 +38,7 @@ def run_study(
     Raises RequestError for a mistake in the study or in the arguments, PermissionError if the current folder cannot be
     written to. Mistakes in keys that `further` replaces by --config are reported by Snakemake.
     """
-    if not any(word.startswith(("--config", "-C")) for word in further):
+    if not is_changed_by(further):
         read_study(study_file)
     if report is not None and dry_run:
         raise RequestError(f"--report {report}: must not be given with -n, which runs nothing")
@@ -52,6 +52,11 @@ def run_study(
     environment = environment_of(study_file, report, further)
     status = _wait_for([*command, "--dry-run"] if dry_run else command, environment)
     return status if status or report is None else _wait_for([*command, "--report", report], environment)
+
+
+def is_changed_by(further: Sequence) -> bool:
+    """Whether arguments for Snakemake replace keys of the study, by --config or another --configfile."""
+    return any(word.startswith(("--config", "-C")) for word in further)
 
 
 def snakemake_command(study_file: str, cores: int | None = None, further: Sequence = ()) -> list[str]:

@@ -3,6 +3,7 @@
 from argparse import Namespace
 from collections.abc import Callable
 
+from brownpipe.errors import DONE
 from brownpipe.verbs.values import cores
 
 EXAMPLE = "my_study.yaml -j 2 --report"
@@ -13,7 +14,7 @@ def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("study", metavar="STUDY", help="study file (YAML)")
     add("-j", "--cores", type=cores, metavar="N", help="jobs at the same time (default: number of cores)")
-    add("-n", "--dry-run", action="store_true", help="only list the jobs, with reasons")
+    add("-n", "--dry-run", action="store_true", help="only list the jobs, and what differs from the results that exist")
     page = "afterwards write a page with all results (default: report.html)"
     add("--report", nargs="?", const="report.html", metavar="FILE", help=page)
 
@@ -24,6 +25,14 @@ def run(arguments: Namespace) -> int:
     A second run has nothing to do; after a change only the steps that depend on it run again. Further arguments after
     `--` are passed to Snakemake: `brownpipe run my_study.yaml -- --config seeds=100`.
     """
-    from brownpipe.study.workflow import run_study
+    from brownpipe.study import read_study
+    from brownpipe.study.changes import changes
+    from brownpipe.study.workflow import is_changed_by, run_study
 
-    return run_study(arguments.study, arguments.cores, arguments.dry_run, arguments.report, arguments.further)
+    further = arguments.further
+    status = run_study(arguments.study, arguments.cores, arguments.dry_run, arguments.report, further)
+    if status == DONE and arguments.dry_run and not is_changed_by(further):
+        study = read_study(arguments.study)
+        for line in changes(study):
+            print(f"differs from results/{study.name}: {line}")
+    return status

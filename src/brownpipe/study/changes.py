@@ -1,0 +1,111 @@
+"""What a study has that its trajectory files do not have yet: the reasons for simulating again, in words."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+from brownpipe.errors import StorageError
+from brownpipe.provenance import STEPS, simulation_of, source_digest, versions
+from brownpipe.scene import Scene
+from brownpipe.scene.reading import Entry
+from brownpipe.scene.scene import as_mapping
+from brownpipe.storage.trajectories import read_header, read_outline
+from brownpipe.study.run_count import settle
+from brownpipe.study.study import SimulationJob, Study
+
+MOST_KEYS = 8  # of a scene that are listed
+
+
+def changes(study: Study) -> list[str]:
+    """Return a line for each difference between a study and its trajectory files; empty if it has none of these yet.
+
+    Of each case the oldest file is read, because files are made again one after the other.
+    """
+    study = settle(study, f"results/{study.name}/plan.yaml", lambda _: None, dry_run=True)
+    scenes = {(case.name, case.particles): case for case in study.cases}
+    found: dict[str, list[str]] = defaultdict(list)  # line: cases
+    cases, there = [], 0
+    for (scene, particles, engine), jobs in groupby(study.jobs(), key=lambda job: job[:3]):
+        cases.append(f"{scene} N{particles} {engine}")
+        files = {Path(f"results/{study.name}/simulate") / job.file: job for job in jobs}
+        folder = next(iter(files)).parent
+        there += folder.is_dir()
+        for line in (*_in_files(list(files), scenes[scene, particles]), *_in_seeds(folder, files)):
+            found[line].append(cases[-1])
+    lines = [
+        line if _is_common(line, names, cases) else f"{line} ({', '.join(names)})" for line, names in found.items()
+    ]
+    return lines if there else []
+
+
+def _is_common(line: str, names: list[str], cases: list[str]) -> bool:
+    return names == cases or line.startswith(("scene ", "engine "))
+
+
+def _in_files(files: list[Path], scene: Scene) -> Iterator[str]:
+    """Yield what differs between the oldest of some files and what would be written now."""
+    present = [file for file in files if file.is_file()]
+    if not present:
+        return
+    oldest = min(present, key=lambda file: file.stat().st_mtime_ns)
+    try:
+        outline, header = read_outline(oldest), read_header(oldest)
+    except StorageError as error:
+        yield str(error)
+        return
+    before, now = (dict(_flat(Entry(as_mapping(each), ""))) for each in (outline.scene, scene))
+    keys = [key for key in before | now if before.get(key) != now.get(key)]
+    for key in keys[:MOST_KEYS]:
+        yield f"scene {scene.name}: {key} {_shown(before.get(key))} -> {_shown(now.get(key))}"
+    if len(keys) > MOST_KEYS:
+        yield f"scene {scene.name}: {len(keys) - MOST_KEYS} more keys"
+    if outline.source != source_digest(simulation_of(outline.engine.name)):
+        yield f"engine {outline.engine.name}: its source code"
+    for name in STEPS["simulate"].packages:
+        old, new = header[f"{name}_version"], versions()[f"{name}_version"]
+        if old != new:
+            yield f"engine {outline.engine.name}: {name} {old} -> {new}"
+
+
+def _in_seeds(folder: Path, files: dict[Path, SimulationJob]) -> Iterator[str]:
+    """Yield how many of the seeds have been run and how many are to be, or that they are divided into other jobs."""
+    if all(file.is_file() for file in files):
+        return
+    run = {seed for first, last in _ranges(folder) for seed in range(first, last + 1)}
+    wanted = {seed for job in files.values() for seed in range(job.first, job.last + 1)}
+    if wanted <= run:
+        yield "batch: the same seeds in other jobs"
+    elif run & wanted:
+        yield f"seeds {len(run & wanted)} -> {len(wanted)}"
+    else:
+        yield "no runs yet"
+
+
+def _ranges(folder: Path) -> Iterator[tuple[int, int]]:
+    """Yield first and last seed of each trajectory file in a folder, from its name."""
+    for file in folder.glob("*-*.h5"):
+        first, _, last = file.stem.partition("-")
+        if first.isdigit() and last.isdigit():
+            yield int(first), int(last)
+
+
+def _flat(entry: Entry) -> Iterator[tuple[str, object]]:
+    """Yield the key and value of every number, word and list of numbers in a mapping."""
+    value, path = entry.value, entry.path
+    if isinstance(value, dict):
+        parts = list(value.items())
+    elif isinstance(value, list | tuple) and any(isinstance(item, dict) for item in value):
+        parts = list(enumerate(value))
+    else:
+        yield entry.key, list(value) if isinstance(value, tuple) else value
+        return
+    for key, part in parts:
+        yield from _flat(Entry(part, "", (*path, key)))
+
+
+def _shown(value: object) -> str:
+    """Return a value as in a scene file."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value))}]"
+    return "none" if value is None else repr(value) if isinstance(value, float) else str(value)
