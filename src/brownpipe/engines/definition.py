@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from brownpipe.engines.forecast import Cost
+from brownpipe.scene import reading
 from brownpipe.scene.reading import Entry
 from brownpipe.scene.scene import Scene
 
@@ -17,6 +18,12 @@ class Setting(NamedTuple):
     default: object = None  # None: it must be given
     unrecorded: object = None  # its value in files written before the setting existed; None: `default`
     is_positive: bool = False  # the option takes a positive number; otherwise a word
+    words: tuple[str, ...] = ()  # those allowed, if it takes a word
+
+
+def one_of(words: tuple[str, ...], metavar: str, help: str, **more) -> Setting:
+    """Return a setting whose value is one of the words."""
+    return Setting(lambda entry: reading.choice(entry, words), metavar, help, words=words, **more)
 
 
 class Definition(NamedTuple):

@@ -19,7 +19,7 @@ from brownpipe.errors import RequestError
 
 _DEEPEST = 10  # levels of nesting; a scene needs 4
 _LONGEST_NUMBER = 64  # characters
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|0o[0-7]+|0x[0-9a-fA-F]+")
 _WORDS = dict.fromkeys(("", "~", "null", "Null", "NULL"))
 _WORDS |= {word: word[0] in "tT" for word in ("true", "True", "TRUE", "false", "False", "FALSE")}
@@ -240,7 +240,7 @@ def current_name(entry: Entry, renamed: dict[str, str]) -> Entry:
 
 def name(entry: Entry) -> str:
     """Return a name that can be part of a path."""
-    if not isinstance(entry.value, str) or not _NAME.fullmatch(entry.value):
+    if not isinstance(entry.value, str) or not NAME.fullmatch(entry.value):
         must_be(entry, "a name: letters, digits, '.', '_', '-', the first a letter or digit, at most 64")
     return entry.value
 

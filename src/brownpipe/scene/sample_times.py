@@ -9,6 +9,7 @@ from brownpipe.scene import reading
 from brownpipe.scene.reading import Entry, must_be, refuse
 
 MOST_SAMPLES = 10_000_000
+MOST_PER_DECADE = 10_000
 SMALLEST_TIME = 1e-290  # of logarithmic samples after 0; above it no time loses digits to gradual underflow
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
 
@@ -71,7 +72,7 @@ def read_samples(entry: Entry, interval: Entry, duration: float) -> Samples | No
     first = reading.number(fields["first"], above=SMALLEST_TIME)
     if first >= duration:
         must_be(fields["first"], f"below the duration, {duration!r}")
-    samples = Samples(reading.integer(fields["per_decade"], 1, 10_000), first)
+    samples = Samples(reading.integer(fields["per_decade"], 1, MOST_PER_DECADE), first)
     if samples.intervals(duration) > MOST_SAMPLES:
         must_be(fields["per_decade"], f"smaller, for at most {MOST_SAMPLES} samples")
     return samples

@@ -19,6 +19,10 @@ SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of 
 HEAVIEST = 1e302  # mass; its inverse the lightest
 FASTEST = 1e300  # velocity component
 SLOWEST_SQUARE = 1e-300  # smallest kT/m except 0
+BOUNDARIES = ("reflecting", "periodic")
+PLACEMENTS = ("random", "lattice")
+WHILE_EQUILIBRATING = ("pinned", "free")  # the tracer
+ONLY_WITH_SPECIES = ("particles", "velocities", "equilibrate")  # keys
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
@@ -72,7 +76,7 @@ def parse_scene(mapping: object, where: str, particles: int | None = None, name:
 def _box(entry: Entry) -> Box:
     """Return the box of a scene; its default boundary is reflecting."""
     entries = reading.fields(entry, ("x", "y"), {"boundary": "reflecting"})
-    boundary = reading.choice(entries["boundary"], ("reflecting", "periodic"))
+    boundary = reading.choice(entries["boundary"], BOUNDARIES)
     return Box(_side(entries["x"]), _side(entries["y"]), boundary)
 
 
@@ -91,7 +95,7 @@ def _side(entry: Entry) -> tuple[float, float]:
 
 def _explicit(entries: dict[str, Entry], common: dict) -> Scene:
     """Return the scene of a list of disks; `common` are the fields that every scene has."""
-    for key in ("particles", "velocities", "equilibrate"):
+    for key in ONLY_WITH_SPECIES:
         if entries[key].value is not None:
             refuse(entries[key], "must not be given with an explicit list of disks, which says it all")
     listed = reading.items(entries["disks"])
@@ -187,7 +191,7 @@ def _of_species(entries: dict[str, Entry], common: dict) -> Scene:
     return Scene(
         species=species,
         disks=(),
-        placement=reading.choice(inside["placement"], ("random", "lattice")),
+        placement=reading.choice(inside["placement"], PLACEMENTS),
         velocities=_velocities(entries["velocities"], species),
         equilibrate=equilibrate,
         tracer_while_equilibrating=tracer,
@@ -270,7 +274,7 @@ def _equilibrate(entry: Entry, has_tracer: bool) -> tuple[float, str]:
     if not isinstance(entry.value, dict):
         return (0.0 if entry.value is None else reading.number(entry, least=0)), default
     entries = reading.fields(entry, ("time",), {"tracer": default})
-    time, tracer = reading.number(entries["time"], least=0), reading.choice(entries["tracer"], ("pinned", "free"))
+    time, tracer = reading.number(entries["time"], least=0), reading.choice(entries["tracer"], WHILE_EQUILIBRATING)
     if tracer == "pinned" and not has_tracer:
         must_be(entries["tracer"], "free, as there is no tracer")
     return time, tracer if time > 0 else default

@@ -12,6 +12,7 @@ from brownpipe.scene.reading import Entry, must_be
 MOST_SEEDS = 10_000_000
 LARGEST_SEED = 2**63 - 1
 LONGEST_TEXT = 60  # characters of a brief list of seeds
+RANGE = re.compile(r"([0-9]{1,19})(?:-([0-9]{1,19}))?")
 
 
 def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
@@ -20,7 +21,7 @@ def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
     Raises RequestError, naming `entry`, for any other text and for more than MOST_SEEDS seeds.
     """
     entry = entry or Entry(text, "", ("seeds",))
-    parts = [re.fullmatch(r"([0-9]{1,19})(?:-([0-9]{1,19}))?", part.strip(), re.ASCII) for part in text.split(",")]
+    parts = [RANGE.fullmatch(part.strip()) for part in text.split(",")]
     if None in parts:
         must_be(entry, "seeds like 17, 0-2399 or 3,5,9")
     ends = [(int(part[1]), int(part[2] or part[1])) for part in parts]

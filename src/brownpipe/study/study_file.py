@@ -23,10 +23,12 @@ from brownpipe.scene.seeds import MOST_SEEDS, read_seeds
 from brownpipe.study.study import EngineUse, Study
 
 MOST_STUDY_BYTES = 2**20  # larger files are refused
+MOST_RINGS = 100_000
 MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
 
 RECORDS = ("tracer", "none")
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
+PERCENTAGE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+) ?%")
 RENAMED_KEYS = {"observable": "target"}
 RENAMED_TARGETS = {"displacement": "displacement_distribution"}
 DEFAULTS = {
@@ -168,7 +170,7 @@ def _engine_use(entry: Entry, cases: tuple[Scene, ...]) -> EngineUse:
 def read_tolerance(entry: Entry) -> float:
     """Return a relative error: a number, or a text like "2%"; above 0 and below 1. Raises RequestError."""
     allowed = "a relative error above 0 and below 1, like 0.02 or 2%"
-    text = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+) ?%", entry.value) if isinstance(entry.value, str) else None
+    text = PERCENTAGE.fullmatch(entry.value) if isinstance(entry.value, str) else None
     value = float(text[1]) / 100 if text else entry.value
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
         must_be(entry, allowed)
@@ -280,4 +282,4 @@ def read_rings(entry: Entry) -> tuple[float, int] | tuple[None, None]:
     if entry.value is None:
         return None, None
     entries = reading.fields(entry, ("dr", "count"))
-    return reading.number(entries["dr"], above=0), reading.integer(entries["count"], 1, 100_000)
+    return reading.number(entries["dr"], above=0), reading.integer(entries["count"], 1, MOST_RINGS)

@@ -13,10 +13,9 @@ from dataclasses import replace
 from typing import NoReturn
 
 from brownpipe.engines import forecast
-from brownpipe.engines.definition import Definition, Setting
+from brownpipe.engines.definition import Definition, one_of
 from brownpipe.engines.friction import DENSEST, SMALLEST, bath_of, followed, friction_rate, partners_of
 from brownpipe.errors import RequestError
-from brownpipe.scene import reading
 from brownpipe.scene.scene import Scene, Velocities
 
 LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
@@ -122,9 +121,7 @@ LANGEVIN = Definition(
     name="langevin",
     summary="the tracer alone, in friction and noise",
     simulation="brownpipe.engines.langevin.simulation",
-    settings={
-        "friction": Setting(lambda entry: reading.choice(entry, FRICTIONS), "WHICH", "enskog, boltzmann or measured")
-    },
+    settings={"friction": one_of(FRICTIONS, "WHICH", "enskog, boltzmann or measured")},
     model=_model,
     refuse_unfit=refuse_unfit,
     caution=caution,

@@ -6,7 +6,7 @@ This file has its `Definition`; `simulation` says how it works.
 from collections.abc import Sequence
 
 from brownpipe.engines import forecast
-from brownpipe.engines.definition import Definition, Setting
+from brownpipe.engines.definition import Definition, Setting, one_of
 from brownpipe.engines.timestep.settings import COLLISIONS, PRECISIONS, largest_step, refuse_bad_step
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
@@ -48,15 +48,9 @@ TIMESTEP = Definition(
     simulation="brownpipe.engines.timestep.simulation",
     settings={
         "time_step": Setting(lambda entry: reading.number(entry, above=0), "DT", "must be given", is_positive=True),
-        "precision": Setting(
-            lambda entry: reading.choice(entry, tuple(PRECISIONS)), "WHICH", "double (default) or single", "double"
-        ),
-        "collisions": Setting(
-            lambda entry: reading.choice(entry, COLLISIONS),
-            "WHEN",
-            "at_contact (default) or late",
-            "at_contact",
-            unrecorded="late",
+        "precision": one_of(tuple(PRECISIONS), "WHICH", "double (default) or single", default="double"),
+        "collisions": one_of(
+            COLLISIONS, "WHEN", "at_contact (default) or late", default="at_contact", unrecorded="late"
         ),
     },
     model=_model,
