@@ -5,9 +5,22 @@ and EXAMPLE, the arguments of an example. If it has PASSES_ON, arguments after `
 that take time are inside the functions that need them.
 """
 
-from brownpipe.verbs import aggregate, check, export, figures, inspect, movie, new, plan, run, simulate, tradeoff
+from brownpipe.verbs import (
+    aggregate,
+    check,
+    export,
+    figures,
+    inspect,
+    movie,
+    new,
+    plan,
+    run,
+    schema,
+    simulate,
+    tradeoff,
+)
 
-VERBS = {
+VERBS = {  # as in the help
     module.__name__.rpartition(".")[2]: module
-    for module in (new, run, simulate, aggregate, figures, movie, export, tradeoff, plan, inspect, check)  # as in help
+    for module in (new, run, simulate, aggregate, figures, movie, export, tradeoff, plan, inspect, check, schema)
 }

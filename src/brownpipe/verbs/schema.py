@@ -1,0 +1,28 @@
+"""`brownpipe schema`: the JSON Schema of scenes or studies."""
+
+import json
+from argparse import Namespace
+from collections.abc import Callable
+
+from brownpipe.errors import DONE
+
+EXAMPLE = "study"
+
+
+def add_arguments(add: Callable) -> None:
+    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
+    add("kind", choices=("scene", "study"), metavar="scene|study", help="the kind of file")
+
+
+def schema(arguments: Namespace) -> int:
+    """Print the JSON Schema of scene or study files, with which editors complete and check their keys.
+
+    An editor with a YAML language server reads it if the file begins with a comment that says where it is:
+    # yaml-language-server: $schema=study.schema.json
+    """
+    from brownpipe.scene.schema import scene_schema
+    from brownpipe.study.schema import study_schema
+
+    made = {"scene": scene_schema, "study": study_schema}[arguments.kind]()
+    print(json.dumps(made, indent=1))
+    return DONE
