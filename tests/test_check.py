@@ -204,7 +204,7 @@ def test_a_key_of_a_study_does_not_make_a_scene_one(tmp_path):
     (tmp_path / "one.yaml").write_text(f"{text}seeds: 3\n")
     with pytest.raises(RequestError, match="unknown key 'seeds'"):
         describe(str(tmp_path / "one.yaml"))
-    with pytest.raises(RequestError, match="is a study, not a scene; run snakemake --configfile"):
+    with pytest.raises(RequestError, match="is a study, not a scene; run it with brownpipe run"):
         read_scene(CONFIG / "small.yaml")
 
 

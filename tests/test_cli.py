@@ -478,3 +478,45 @@ def test_files_are_read_without_numba(runs, argv):
     found = imported_by(f"from brownpipe.cli import main; assert main({argv}) == 0")
     assert "h5py" in found
     assert "numba" not in found
+
+
+# -- a scene in place of a study, and the reverse -------------------------------------------------------------------
+
+STUDY = str(SCENES.parent / "small.yaml")
+RUN_IT = f"{STUDY}: is a study, not a scene; run it with brownpipe run {STUDY}"
+SIMULATE_IT = f"{SCENE}: is a scene, not a study; run it with brownpipe simulate {SCENE}, or list it in a study"
+NO_RESULTS = (
+    "is YAML, not HDF5; brownpipe simulate makes trajectory files of a scene, brownpipe run the results of a study"
+)
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["simulate", STUDY], RUN_IT),
+        (["plan", SCENE, "--tolerance", "2%"], SIMULATE_IT),
+        (["tradeoff", SCENE], SIMULATE_IT),
+        (["aggregate", SCENE, "--output", "a.nc"], f"{SCENE}: {NO_RESULTS}"),
+        (["figures", STUDY, "--output", "f"], f"{STUDY}: {NO_RESULTS}"),
+        (["movie", SCENE], f"{SCENE}: {NO_RESULTS}"),
+        (["inspect", STUDY], f"{STUDY}: {NO_RESULTS}"),
+    ],
+)
+def test_a_file_of_the_other_kind_is_said_to_be_one(argv, message, capsys, tmp_path):
+    assert said(capsys, *argv) == (WRONG_REQUEST, "", f"brownpipe: {message}\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_parts_of_a_scene_or_study_are_known_for_what_they_are(capsys):
+    Path("study.yaml").write_text("seeds: 10\nparticles: 50\n")
+    Path("scene.yaml").write_text("disks: []\nduration: 1\n")
+    assert "study.yaml: is a study, not a scene" in said(capsys, "simulate", "study.yaml")[2]
+    assert "scene.yaml: is a scene, not a study" in said(capsys, "plan", "scene.yaml", "--tolerance", "2%")[2]
+    assert "study.yaml: scenes: missing; must be given" in said(capsys, "check", "study.yaml")[2]
+    assert "scene.yaml: box: missing; must be given" in said(capsys, "check", "scene.yaml")[2]
+
+
+def test_results_are_no_scene(runs, capsys):
+    for verb in ("simulate", "check", "plan", "tradeoff"):
+        status, _, err = said(capsys, verb, runs)
+        assert (status, f"it is an HDF5 file: brownpipe inspect {runs}" in err) == (WRONG_REQUEST, True)

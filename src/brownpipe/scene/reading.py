@@ -17,6 +17,7 @@ import yaml
 
 from brownpipe.errors import RequestError
 
+_HDF5 = b"\x89HDF"  # the first bytes of an HDF5 file
 _DEEPEST = 10  # levels of nesting; a scene needs 4
 _LONGEST_NUMBER = 64  # characters
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
@@ -55,12 +56,14 @@ def _text(path: str | Path, most_bytes: int) -> str:
         raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:  # a file name that no system allows
         raise RequestError(f"{str(path)!r}: cannot be read: {error}") from None
+    if data.startswith(_HDF5):
+        raise RequestError(f"{path}: not text: byte 0 is not UTF-8; it is an HDF5 file: brownpipe inspect {path}")
     if len(data) > most_bytes:
         raise RequestError(f"{path}: larger than {most_bytes / 2**20:g} MiB, the most that is read")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise RequestError(f"{path}: not text: byte {error.start} is not UTF-8") from None
+        raise RequestError(f"{path}: not text: byte {error.start} is not UTF-8; save it in UTF-8") from None
 
 
 def _document(file: str, events: Iterator[yaml.Event]) -> object:

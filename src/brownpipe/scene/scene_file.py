@@ -22,6 +22,8 @@ SLOWEST_SQUARE = 1e-300  # smallest kT/m except 0
 BOUNDARIES = ("reflecting", "periodic")
 PLACEMENTS = ("random", "lattice")
 WHILE_EQUILIBRATING = ("pinned", "free")  # the tracer
+REQUIRED = ("box", "disks", "duration")  # keys
+STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
 ONLY_WITH_SPECIES = ("particles", "velocities", "equilibrate")  # keys
 
 
@@ -49,10 +51,10 @@ def parse_scene(mapping: object, where: str, particles: int | None = None, name:
 
     Raises RequestError for anything wrong.
     """
-    if isinstance(mapping, dict) and "scenes" in mapping and "box" not in mapping:
-        raise RequestError(f"{where}: is a study, not a scene; run snakemake --configfile {where}")
+    if isinstance(mapping, dict) and "box" not in mapping and is_study(mapping):
+        raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {where}")
     optional = dict.fromkeys(("particles", "velocities", "sample_interval", "samples", "equilibrate"))
-    entries = reading.fields(Entry(mapping, where), ("box", "disks", "duration"), optional)
+    entries = reading.fields(Entry(mapping, where), REQUIRED, optional)
     disks = entries["disks"].value
     listed = len(disks) if isinstance(disks, list | tuple) else None  # number of explicit disks
     if particles is not None:
@@ -71,6 +73,11 @@ def parse_scene(mapping: object, where: str, particles: int | None = None, name:
         "samples": sample_times.read_samples(entries["samples"], entries["sample_interval"], duration),
     }
     return _of_species(entries, common) if listed is None else _explicit(entries, common)
+
+
+def is_study(mapping: dict) -> bool:
+    """Whether a mapping is meant as a study, by its keys; a scene with a misplaced study key is none."""
+    return "scenes" in mapping or ("box" not in mapping and bool(mapping.keys() & STUDY_KEYS))
 
 
 def _box(entry: Entry) -> Box:

@@ -27,6 +27,9 @@ from brownpipe.errors import StorageError, WrongFileError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
 PREFIX = "brownpipe-sha256:"
+NO_RESULTS = (
+    "is YAML, not HDF5; brownpipe simulate makes trajectory files of a scene, brownpipe run the results of a study"
+)
 BLANK_SEAL = PREFIX + 64 * "0"
 SEAL = re.compile(PREFIX.encode() + b"[0-9a-f]{64}")
 
@@ -115,7 +118,7 @@ def read_sealed(path: str | Path) -> bytes:
     except OSError as error:
         raise StorageError(f"cannot be read: {error.strerror}") from error
     if contents and not contents.startswith(HDF5) and PREFIX.encode() not in contents:
-        raise WrongFileError("is not an HDF5 file")
+        raise WrongFileError(NO_RESULTS if Path(path).suffix in (".yaml", ".yml") else "is not an HDF5 file")
     if not contents.startswith(HDF5):
         raise StorageError("is not an HDF5 file")
     seals = list(SEAL.finditer(contents))

@@ -14,29 +14,23 @@ from brownpipe.engines.units import frame_of
 from brownpipe.errors import RequestError
 from brownpipe.formatting import in_bytes, in_time
 from brownpipe.scene import Scene, parse_scene, reading
-from brownpipe.scene.scene_file import MOST_BYTES
+from brownpipe.scene.scene_file import MOST_BYTES, is_study
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_count import assumed_runs
 from brownpipe.study.study import REFERENCE
 from brownpipe.study.workload import describe_workload, recording_of, workloads
 
-STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # keys that no scene has
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 
 
 def describe(path: str, particles: int | None = None) -> str:
     """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
     mapping = reading.read_yaml(path, MOST_BYTES)
-    if isinstance(mapping, dict) and _is_study(mapping):
+    if isinstance(mapping, dict) and is_study(mapping):
         if particles is not None:
             raise RequestError(f"{path}: --particles is for scenes; a study says for itself")
         return "\n".join([f"{path}: a valid study", *_study(read_study(path))])
     return "\n".join([f"{path}: a valid scene", *_scene(parse_scene(mapping, path, particles))])
-
-
-def _is_study(mapping: dict) -> bool:
-    """Whether a mapping is meant as a study, by its keys; a scene with a misplaced study key is none."""
-    return "scenes" in mapping or ("box" not in mapping and bool(mapping.keys() & STUDY_KEYS))
 
 
 def _scene(scene: Scene) -> list[str]:

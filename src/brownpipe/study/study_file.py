@@ -14,11 +14,13 @@ import numpy as np
 
 from brownpipe import observables as measures
 from brownpipe.engines import read_engine
+from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.scene import Scene, parse_scene, reading
 from brownpipe.scene.reading import Entry, must_be, refuse
 from brownpipe.scene.sample_times import default_fit_windows
-from brownpipe.scene.scene_file import MOST_BYTES, MOST_DISKS
+from brownpipe.scene.scene_file import MOST_BYTES, MOST_DISKS, is_study
+from brownpipe.scene.scene_file import REQUIRED as SCENE_KEYS
 from brownpipe.scene.seeds import MOST_SEEDS, read_seeds
 from brownpipe.study.study import EngineUse, Study
 
@@ -56,6 +58,10 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     in the study, or in any of its scenes with any of its particle counts.
     """
     mapping, file = reading.read_yaml(path, MOST_STUDY_BYTES), str(path)
+    if isinstance(mapping, dict) and not is_study(mapping) and mapping.keys() & set(SCENE_KEYS):
+        raise RequestError(
+            f"{path}: is a scene, not a study; run it with brownpipe simulate {path}, or list it in a study"
+        )
     if overrides and isinstance(mapping, dict):
         mapping, file = mapping | overrides, f"{path} with {', '.join(map(str, overrides))} replaced"
     entries = reading.fields(_with_new_names(Entry(mapping, file)), ("scenes",), DEFAULTS)
