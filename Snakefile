@@ -10,11 +10,11 @@ from os.path import relpath
 
 from brownpipe.errors import RequestError
 from brownpipe.provenance import made_with
-from brownpipe.study import read_study
+from brownpipe.study import from_command_line, read_study
 
 try:
     study_file = [f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1]
-    study = read_study(relpath(study_file), workflow.config_settings.config)
+    study = read_study(relpath(study_file), from_command_line(workflow.config_settings.config))
     if study.tolerance is not None:
         from brownpipe.study.run_count import settle
 

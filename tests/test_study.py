@@ -6,15 +6,19 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from snakemake.cli import parse_config
 
 from brownpipe.engines import Engine, recorded
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.observables import RENAMED
 from brownpipe.scene.seeds import parse_seeds, ranges, seed_text
-from brownpipe.study import SimulationJob, read_study
+from brownpipe.study import SimulationJob, from_command_line, read_study
 
 CONFIG = Path(__file__).parent.parent / "config"
+
+
+SCENE = CONFIG / "scenes" / "harrison2020.yaml"
 
 
 def small(**overrides):
@@ -132,6 +136,87 @@ def test_what_is_measured_in_the_runs(tmp_path):
     (tmp_path / "mixed.yaml").write_text(text)
     study = small(scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins")
     assert study.simulate_options == "--observables square_displacement --average origins"
+
+
+# -- keys replaced by `snakemake --config` --------------------------------------------------------------------------
+
+
+def replaced(*entries):
+    """The study with keys replaced as on the command line of Snakemake, which reads numbers in lists as text."""
+    return read_study(CONFIG / "small.yaml", from_command_line(parse_config(entries)))
+
+
+@pytest.mark.parametrize(
+    ("entry", "key", "value"),
+    [
+        ("seeds=100", "seeds", range(100)),
+        ("seeds=0-9,20", "seeds", (*range(10), 20)),
+        ("seeds=[0-1,17]", "seeds", (0, 1, 17)),
+        ("batch=50", "batch", 50),
+        ("fit_windows=[[0.1,1]]", "fit_windows", ((0.1, 1.0),)),
+        ("fit_windows=[[1e-1,1.]]", "fit_windows", ((0.1, 1.0),)),
+        ("displacement_times=0.5", "displacement_times", (0.5,)),
+        ("displacement_times=0.5,1", "displacement_times", (0.5, 1.0)),
+        ("figures=msd,health", "figures", ("msd", "health")),
+        ("figures=[msd, health]", "figures", ("msd", "health")),
+        ("figures=null", "figures", small().figures),
+        ("figures=", "figures", small().figures),
+        ("observables=species_energy,pair_distribution", "observables", ("species_energy", "pair_distribution")),
+        ("observables=[]", "observables", ()),
+        ("rings={dr: 0.04, count: 24}", "rings", 24),
+        (
+            "instead_of={harrison2020: harrison2020_thermal}",
+            "instead_of",
+            (("harrison2020", ("harrison2020_thermal",)),),
+        ),
+    ],
+)
+def test_replaced_keys(entry, key, value):
+    assert getattr(replaced(entry), key) == value
+
+
+def test_replaced_particles_and_engines():
+    for entry in ("particles=50,150", "particles=[50,150]", "particles=50, 150"):
+        assert {case.particles for case in replaced(entry).cases} == {50, 150}
+    for entry in (
+        "engines=[exact,{name: timestep, time_step: 1e-2}]",
+        "engines=[exact, {name: timestep, time_step: 0.01}]",
+    ):
+        assert [engine.label for engine in replaced(entry).engines] == ["exact", "timestep-0.01"]
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("particles=150,x", "particles[1]: must be an integer from 0 to 10000000, not 'x'"),
+        ("particles=[50", "particles: must be an integer from 0 to 10000000, not '[50'"),
+        ("rings={dr: 0.0.4, count: 24}", "rings.dr: must be a finite number > 0, not '0.0.4'"),
+        (
+            "fit_windows=[[00.1,1]]",
+            "--config: fit_windows[0][0]: 00.1: a number must not start with a superfluous zero",
+        ),
+        ("mass=2", "unknown key 'mass'; it is a key of scenes: write it in a scene file, and that under scenes"),
+        ("duration=2", "unknown key 'duration'; it is a key of scenes: write it in a scene file"),
+        ("radius=0.2", "unknown key 'radius'; it is a key of scenes"),
+    ],
+)
+def test_replaced_keys_are_refused_in_words(entry, message):
+    with pytest.raises(RequestError) as refusal:
+        replaced(entry)
+    assert message in str(refusal.value) and "\n" not in str(refusal.value)
+    assert str(refusal.value).startswith(
+        (f"{CONFIG / 'small.yaml'} with {entry.partition('=')[0]} replaced: ", "--config")
+    )
+
+
+def test_seeds_and_tolerance_replace_each_other(tmp_path):
+    study = replaced("tolerance=2%", "target=d")
+    assert (study.tolerance, study.target, list(study.seeds)) == (0.02, "d", [])
+    (tmp_path / "study.yaml").write_text(f"scenes: {SCENE}\ntolerance: 2%\ntarget: d\n")
+    study = read_study(tmp_path / "study.yaml", {"seeds": 3})
+    assert (study.tolerance, study.target, study.seeds) == (None, None, range(3))
+    with pytest.raises(RequestError, match="seeds: must not be given with a tolerance"):
+        replaced("tolerance=2%", "seeds=3")
 
 
 # -- seeds ---

@@ -90,7 +90,10 @@ def _value(file: str, events: Iterator[yaml.Event], event: Any, depth: int) -> o
     if depth > _DEEPEST:
         _refuse_line(file, event, f"nested more than {_DEEPEST} levels deep")
     if isinstance(event, yaml.ScalarEvent):
-        return _scalar(file, event) if event.implicit[0] else event.value
+        try:
+            return _scalar(event.value) if event.implicit[0] else event.value
+        except ValueError as problem:
+            _refuse_line(file, event, str(problem))
     if isinstance(event, yaml.SequenceStartEvent):
         values = []
         while not isinstance(event := next(events), yaml.SequenceEndEvent):
@@ -112,23 +115,25 @@ def _key(file: str, event: yaml.Event, mapping: dict) -> str:
     return event.value
 
 
-def _scalar(file: str, event: yaml.ScalarEvent) -> object:
-    """Return the value of a plain scalar by the core schema: None, bool, int, float, otherwise str."""
-    text = event.value
+def _scalar(text: str) -> object:
+    """Return the value of a plain scalar by the core schema: None, bool, int, float, otherwise str.
+
+    Raises ValueError for a number that other programs may read differently, or that is too long or too large.
+    """
     if text in _WORDS:
         return _WORDS[text]
     if not _NUMBER.fullmatch(text):
         return text
     if re.match(r"[-+]?0[0-9]", text):
-        _refuse_line(file, event, f"{text[:_LONGEST_NUMBER]}: a number must not start with a superfluous zero")
+        raise ValueError(f"{text[:_LONGEST_NUMBER]}: a number must not start with a superfluous zero")
     if len(text) > _LONGEST_NUMBER:
-        _refuse_line(file, event, f"a number of {len(text)} characters; must be at most {_LONGEST_NUMBER}")
+        raise ValueError(f"a number of {len(text)} characters; must be at most {_LONGEST_NUMBER}")
     if text[:2] in ("0o", "0x"):
         return int(text, 0)
     if text.lstrip("+-").isdigit():
         return int(text)
     if math.isinf(float(text)):
-        _refuse_line(file, event, f"{text}: must be a finite number, below 1.8e308")
+        raise ValueError(f"{text}: must be a finite number, below 1.8e308")
     return float(text)
 
 
@@ -162,6 +167,21 @@ class Entry(NamedTuple):
     def key(self) -> str:
         """The key as messages show it, disks[3].radius."""
         return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.path).lstrip(".")
+
+
+def with_types(entry: Entry) -> object:
+    """Return a value with every text in it, at any depth, read as a plain scalar of YAML.
+
+    Raises RequestError for a number that files may not have either.
+    """
+    if isinstance(entry.value, dict):
+        return {key: with_types(Entry(value, entry.file, (*entry.path, key))) for key, value in entry.value.items()}
+    if isinstance(entry.value, list):
+        return [with_types(item) for item in items(entry)]
+    try:
+        return _scalar(entry.value) if isinstance(entry.value, str) else entry.value
+    except ValueError as problem:
+        refuse(entry, str(problem))
 
 
 def refuse(entry: Entry, problem: str) -> NoReturn:

@@ -62,6 +62,13 @@ def document(title: str, schema: Schema) -> Schema:
     return {"$schema": DIALECT, "title": title} | schema
 
 
+def key_names(schema: Schema) -> set[str]:
+    """Return the names of all keys of mappings anywhere in a schema."""
+    properties = schema.get("properties", {})
+    parts = [*properties.values(), *schema.get("anyOf", ()), *filter(None, [schema.get("items")])]
+    return set(properties).union(*map(key_names, parts))
+
+
 def scene_schema() -> Schema:
     """Return the JSON Schema of scene files."""
     disks = one_of(_species(), _explicit())

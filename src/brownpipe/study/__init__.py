@@ -5,6 +5,6 @@ an engine from `offers`, which follow from the `performance` of each engine in e
 """
 
 from brownpipe.study.study import EngineUse, SimulationJob, Study
-from brownpipe.study.study_file import read_study, refuse_repetition
+from brownpipe.study.study_file import from_command_line, read_study, refuse_repetition
 
-__all__ = ["EngineUse", "SimulationJob", "Study", "read_study", "refuse_repetition"]
+__all__ = ["EngineUse", "SimulationJob", "Study", "from_command_line", "read_study", "refuse_repetition"]

@@ -7,7 +7,7 @@ config/README.md.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from brownpipe.scene.reading import Entry, must_be, refuse
 from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.scene.scene_file import MOST_BYTES, MOST_DISKS, is_study
 from brownpipe.scene.scene_file import REQUIRED as SCENE_KEYS
+from brownpipe.scene.schema import key_names, scene_schema
 from brownpipe.scene.seeds import MOST_SEEDS, read_seeds
 from brownpipe.study.study import EngineUse, Study
 
@@ -31,6 +32,8 @@ MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line;
 RECORDS = ("tracer", "none")
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
 PERCENTAGE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+) ?%")
+LISTS = ("particles", "engines", "observables", "figures", "displacement_times")  # keys of plain lists
+REPLACED = {"seeds": ("tolerance", "target", "observable"), "tolerance": ("seeds",)}  # by a new value of these keys
 RENAMED_KEYS = {"observable": "target"}
 RENAMED_TARGETS = {"displacement": "displacement_distribution"}
 DEFAULTS = {
@@ -54,8 +57,8 @@ DEFAULTS = {
 def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
 
-    `overrides` replaces top-level keys (`snakemake --config seeds=100`). Raises RequestError, one line, for any mistake
-    in the study, or in any of its scenes with any of its particle counts.
+    `overrides` replaces top-level keys; seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError,
+    one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
     """
     mapping, file = reading.read_yaml(path, MOST_STUDY_BYTES), str(path)
     if isinstance(mapping, dict) and not is_study(mapping) and mapping.keys() & set(SCENE_KEYS):
@@ -63,7 +66,9 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
             f"{path}: is a scene, not a study; run it with brownpipe simulate {path}, or list it in a study"
         )
     if overrides and isinstance(mapping, dict):
-        mapping, file = mapping | overrides, f"{path} with {', '.join(map(str, overrides))} replaced"
+        gone = [key for new, old in REPLACED.items() if overrides.get(new) is not None for key in old]
+        mapping, file = _without(mapping, gone) | overrides, f"{path} with {', '.join(map(str, overrides))} replaced"
+    _refuse_keys_of_scenes(Entry(mapping, file))
     entries = reading.fields(_with_new_names(Entry(mapping, file)), ("scenes",), DEFAULTS)
     scenes = _scenes(entries["scenes"], Path(path).parent)
     cases = _cases(scenes, entries["particles"])
@@ -96,6 +101,34 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     if jobs > MOST_JOBS:
         must_be(entries["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
     return study
+
+
+def from_command_line(values: Mapping[str, object], where: str = "--config") -> dict[str, object]:
+    """Return the values of `snakemake --config KEY=VALUE` with the types that they would have in a study file.
+
+    Snakemake reads numbers inside lists and mappings, null, true and false as text. A key that takes a list takes a
+    text with commas, too: particles=50,150. Raises RequestError, naming `where` and the key.
+    """
+    entries = {key: Entry(_listed(key, value), where, (key,)) for key, value in values.items()}
+    return {key: reading.with_types(entry) for key, entry in entries.items()}
+
+
+def _listed(key: str, value: object) -> object:
+    """Return the parts of a text with commas as a list, if the key takes a list; otherwise the value."""
+    if key in LISTS and isinstance(value, str) and "," in value and value[0] not in "[{":
+        return [part.strip() for part in value.split(",")]
+    return value
+
+
+def _without(mapping: dict, keys: Collection[str]) -> dict:
+    return {key: value for key, value in mapping.items() if key not in keys}
+
+
+def _refuse_keys_of_scenes(entry: Entry) -> None:
+    """Refuse a key at the head of a study that belongs into a scene."""
+    unknown = set(entry.value if isinstance(entry.value, dict) else ()) - {*DEFAULTS, "name"}
+    for key in sorted(unknown & key_names(scene_schema())):
+        refuse(entry, f"unknown key '{key}'; it is a key of scenes: write it in a scene file, and that under scenes")
 
 
 def _with_new_names(entry: Entry) -> Entry:
@@ -273,7 +306,7 @@ def _windows(entry: Entry, cases: tuple[Scene, ...]) -> tuple[tuple[float, float
 def _displacement_times(entry: Entry, cases: tuple[Scene, ...]) -> tuple[float, ...]:
     """Return the times of the displacement distribution; each is a sample time of at least one scene."""
     times: list[float] = []
-    for item in reading.items(entry):
+    for item in reading.items(entry) if entry.value == [] else _one_or_more(entry):
         time = reading.number(item, above=0)
         if not any(np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in cases):
             must_be(item, "a sample time of some scene")
