@@ -7,6 +7,10 @@ from collections import Counter
 from types import SimpleNamespace
 
 import pytest
+from snakemake.cli import parse_config
+from snakemake.common.configfile import load_configfile
+from snakemake.exceptions import format_exception_to_string
+from snakemake_interface_common.exceptions import WorkflowError
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from snakemake_logger_plugin_brownpipe import LogHandler, progress
@@ -154,3 +158,48 @@ def test_after_an_interruption_no_job_is_blamed(monkeypatch):
 def test_several_rules_at_once():
     text = progress(Counter(simulate=2), Counter(simulate=2), 10, {"aggregate", "tradeoff"}, 3.4, None)
     assert text == "aggregate: 3 s after the start; tradeoff: 3 s after the start"
+
+
+# -- files and keys that Snakemake refuses before the Snakefile is read ---------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot be read: No such file or directory"),
+        (b"", "empty; must be a mapping of keys to values"),
+        (b"\x89HDF\r\n\x1a\n", "not text: byte 0 is not UTF-8; it is an HDF5 file"),
+        ("café: 1\n".encode("latin-1"), "not text: byte 3 is not UTF-8; save it in UTF-8"),
+        (b"seeds: [1\n", "line 2: not valid YAML: "),
+        (b"seeds: 1\n\tbatch: 1\n", "line 2: not valid YAML: "),
+        (b"[1, 2]\n", "must be a mapping with the keys scenes, seeds,"),
+    ],
+)
+def test_a_file_that_snakemake_cannot_read_as_a_study(content, message, monkeypatch, tmp_path):
+    path = tmp_path / "study.yaml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises((OSError, ValueError, WorkflowError), match=r"Config file|No such file|utf-8") as refused:
+        load_configfile(path)
+    for arguments in (["--configfile", str(path)], [f"--configfile={path}"], ["-j2", "--configfiles", str(path), "-n"]):
+        monkeypatch.setattr("sys.argv", ["snakemake", *arguments])
+        handler, screen = display(monkeypatch, dryrun=True)
+        send(handler, LogEvent.ERROR, format_exception_to_string(refused.value), logging.ERROR)
+        assert screen.getvalue().startswith(f"brownpipe: {path}: {message}")
+        assert screen.getvalue().count("\n") == 1
+
+
+@pytest.mark.parametrize("entry", ["box.x=3", "seeds", "9=1"])
+def test_a_key_that_snakemake_refuses(entry, monkeypatch):
+    with pytest.raises(ValueError, match="Invalid config definition") as refused:
+        parse_config([entry])
+    handler, screen = display(monkeypatch)
+    send(handler, LogEvent.ERROR, format_exception_to_string(refused.value), logging.ERROR)
+    assert screen.getvalue() == "brownpipe: --config: must be KEY=VALUE, with a key of the study, like seeds=100\n"
+
+
+def test_other_errors_are_shown_as_they_are(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["snakemake", "--configfile", "absent.yaml"])
+    handler, screen = display(monkeypatch)
+    send(handler, LogEvent.ERROR, "LockException: ...", logging.ERROR)
+    assert screen.getvalue() == "LockException: ...\n"

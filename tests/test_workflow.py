@@ -396,6 +396,24 @@ def test_a_wrong_study_is_refused_in_one_line(tmp_path, arguments, message):
     assert not (tmp_path / "study" / "results").exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--configfile", "study.yaml", "latin1.yaml"], "latin1.yaml: not text: byte 3 is not UTF-8"),
+        (["--configfile", "scenes/hot.yaml"], "hot.yaml: is a scene, not a study; run it with brownpipe simulate "),
+        (["--config", "box.x=3"], "--config: must be KEY=VALUE, with a key of the study, like seeds=100"),
+    ],
+)
+def test_what_is_no_study_is_refused_in_one_line(tmp_path, arguments, message):
+    """Before the Snakefile is read (the first and the last), and by it; others: test_screen.py."""
+    folder = write_study(tmp_path / "study")
+    (folder / "latin1.yaml").write_bytes("café: 1\n".encode("latin-1"))
+    done = forked.snakemake(*SNAKEMAKE[len(PROGRAM) :], "-n", *arguments, cwd=folder, env=environment())
+    lines = [line for line in done.printed.splitlines() if not line.startswith("Using ")]
+    assert done.returncode != 0 and len(lines) == 1, done.printed
+    assert lines[0].startswith("brownpipe: ") and message in lines[0]
+
+
 def test_a_failed_job_says_why(tmp_path):
     folder = write_study(tmp_path / "study")
     crowd = "particles: [170]\nseeds: 1\nscenes: scenes/hot.yaml\n"  # they would fit, but not at random

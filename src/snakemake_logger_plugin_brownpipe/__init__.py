@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -79,7 +79,9 @@ class LogHandler(LogHandlerBase):
     def emit(self, record: Message) -> None:  # type: ignore[override]  # Snakemake's records only
         """Evaluate a message of Snakemake; show it if it concerns the user."""
         event = getattr(record, "event", None)
-        if self.verbatim:
+        if event == LogEvent.ERROR and (mistake := mistake_in(sys.argv[1:], record.getMessage())):
+            self.write(f"brownpipe: {mistake}")
+        elif self.verbatim:
             self.write(self.format(record))
         elif event == LogEvent.RUN_INFO:
             self.start(record.stats)
@@ -179,6 +181,37 @@ class LogHandler(LogHandlerBase):
                 self.write(text)
             self.failures, self.interrupted = [], False
         super().close()
+
+
+def mistake_in(arguments: Sequence[str], message: str) -> str | None:
+    """Return the mistake in --config or --configfile that Snakemake's message is about; None if it is none of these.
+
+    Snakemake shows a traceback for most of them. A study file is read again by brownpipe, which says what is wrong.
+    """
+    if "Invalid config definition" in message:
+        return "--config: must be KEY=VALUE, with a key of the study, like seeds=100"
+    if "load_configfile" in message or "Config file" in message:
+        from brownpipe.errors import RequestError
+        from brownpipe.study import read_study
+
+        for path in configfiles(arguments):
+            try:
+                read_study(path)
+            except RequestError as mistake:
+                return str(mistake)
+    return None
+
+
+def configfiles(arguments: Sequence[str]) -> Iterator[str]:
+    """Yield the values of --configfile."""
+    is_value = False
+    for word in arguments:
+        if word.startswith("-"):
+            option, _, value = word.partition("=")
+            is_value = option in ("--configfile", "--configfiles")
+            yield from [value] if is_value and value else []
+        elif is_value:
+            yield word
 
 
 def job_of(record: Message) -> RunningJob:
