@@ -22,6 +22,7 @@ from brownpipe.verbs import VERBS
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
 SCENE = str(SCENES / "harrison2020.yaml")
+STUDY = str(SCENES.parent / "small.yaml")
 STEP, LANGEVIN = ["--engine", "timestep", "--time-step", "0.01"], ["--engine", "langevin", "--friction"]
 
 
@@ -356,6 +357,37 @@ def test_inputs_and_devices_are_not_replaced(runs, capsys):
     assert Path("pipe").is_fifo()
 
 
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["simulate", SCENE, "--output", "x.nc"], "x.nc: the output must end in .h5 or .hdf5, not '.nc'"),
+        (["simulate", SCENE, "--output", "new/x.csv"], "new/x.csv: the output must end in .h5 or .hdf5, not '.csv'"),
+        (["aggregate", "RUNS", "--output", "x.h5"], "x.h5: the output must end in .nc, not '.h5'"),
+        (["tradeoff", STUDY, "--output", "x.csv"], "x.csv: the output must end in .nc, not '.csv'"),
+        (["movie", "RUNS", "--output", "x.jpg"], "x.jpg: the output must end in .gif, .mp4 or .png, not '.jpg'"),
+        (["movie", "RUNS", "--output", "x"], "x: the output must end in .gif, .mp4 or .png, not ''"),
+        (
+            ["plan", STUDY, "--tolerance", "2%", "--write", "x.txt"],
+            "x.txt: the output must end in .yaml or .yml, not '.txt'",
+        ),
+        (
+            ["figures", "x.nc", "--output", "msd.png"],
+            "msd.png: the output must be a folder, not a name that ends in .png",
+        ),
+    ],
+)
+def test_an_output_of_another_kind_is_refused_before_anything_is_done(argv, message, capsys, runs, tmp_path):
+    argv = [runs if word == "RUNS" else word for word in argv]
+    assert said(capsys, *argv) == (WRONG_REQUEST, "", f"brownpipe: {message}\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dot_in_a_name_is_no_suffix(capsys):
+    for name in ("mass_0.5", "plain", "T1.5.h5", "LARGE.H5"):
+        assert said(capsys, "simulate", SCENE, "--particles", 10, "--output", name)[0] == DONE
+        assert Path(name).is_file()
+
+
 def test_a_link_is_followed(capsys):
     os.symlink("there.h5", "link.h5")
     assert said(capsys, "simulate", SCENE, "--particles", 10, "--output", "link.h5")[0] == DONE
@@ -482,7 +514,6 @@ def test_files_are_read_without_numba(runs, argv):
 
 # -- a scene in place of a study, and the reverse -------------------------------------------------------------------
 
-STUDY = str(SCENES.parent / "small.yaml")
 RUN_IT = f"{STUDY}: is a study, not a scene; run it with brownpipe run {STUDY}"
 SIMULATE_IT = f"{SCENE}: is a scene, not a study; run it with brownpipe simulate {SCENE}, or list it in a study"
 NO_RESULTS = (

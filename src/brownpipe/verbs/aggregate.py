@@ -4,7 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE
-from brownpipe.verbs.output import writable
+from brownpipe.verbs.output import NETCDF, writable
 from brownpipe.verbs.values import positive, rings, window
 
 EXAMPLE = "results/small/simulate/*/*/*/*.h5 --output small.nc"
@@ -28,7 +28,7 @@ def aggregate(arguments: Namespace) -> int:
     from brownpipe import analysis
     from brownpipe.storage import write_dataset
 
-    output = writable(arguments.output, *arguments.files)
+    output = writable(arguments.output, *arguments.files, kinds=NETCDF)
     settings = (arguments.fit_windows, arguments.ring_width, arguments.rings, arguments.displacement_times)
     write_dataset(output, analysis.aggregate(arguments.files, *settings))
     return DONE

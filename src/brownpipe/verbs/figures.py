@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.figures.catalogue import FIGURES
+from brownpipe.verbs.output import folder
 from brownpipe.verbs.values import integer
 
 EXAMPLE = "small.nc --output figures"
@@ -28,12 +29,13 @@ def figures(arguments: Namespace) -> int:
     from brownpipe.storage import read_dataset, write_file
     from brownpipe.tradeoff import is_tradeoff
 
+    output = folder(arguments.output)
     dataset = read_dataset(arguments.dataset)
     if is_tradeoff(dataset):
         if arguments.figures or arguments.particles is not None:
             raise FigureError(f"{arguments.dataset}: a trade-off; it is shown as a whole")
-        tradeoff.render(dataset, arguments.output)
+        tradeoff.render(dataset, output)
         return DONE
-    render(dataset, arguments.output, arguments.figures, arguments.particles)
-    write_file(Path(arguments.output) / "summary.txt", summary(dataset).encode())
+    render(dataset, output, arguments.figures, arguments.particles)
+    write_file(Path(output) / "summary.txt", summary(dataset).encode())
     return DONE

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.errors import DONE
-from brownpipe.verbs.output import number, writable
+from brownpipe.verbs.output import number, suffix, writable
 from brownpipe.verbs.values import frames, integer, positive
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
@@ -25,13 +25,13 @@ def movie(arguments: Namespace) -> int:
 
     The file must have been recorded with `--record all`. The picture shows the end of the run.
     """
+    from brownpipe.figures.movie import SUFFIXES, samples_shown
     from brownpipe.figures.movie import movie as moving
-    from brownpipe.figures.movie import samples_shown
     from brownpipe.formatting import in_bytes
     from brownpipe.storage import read_trajectories, write_file
 
-    output = writable(arguments.output or f"{Path(arguments.file).stem}.gif", arguments.file)
-    trajectories, kind = read_trajectories(arguments.file), Path(output).suffix
+    output = writable(arguments.output or f"{Path(arguments.file).stem}.gif", arguments.file, kinds=SUFFIXES)
+    trajectories, kind = read_trajectories(arguments.file), suffix(output)
     contents = moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps)
     write_file(output, contents)
     count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1

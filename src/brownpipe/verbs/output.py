@@ -2,9 +2,15 @@
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from brownpipe.errors import RequestError
+
+HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
+YAML = (".yaml", ".yml")
+NETCDF = (".nc", "")  # of datasets
+FILES = (".png", ".svg", ".pdf", ".jpg", ".jpeg", ".gif", ".csv", ".txt", ".nc", ".h5")  # no suffixes of folders
 
 
 def say(message: str, status: int) -> int:
@@ -18,13 +24,17 @@ def number(count: int, name: str) -> str:
     return f"{count:,} {name}{'' if count == 1 else 's'}"
 
 
-def writable(path: str, *inputs: str) -> str:
+def writable(path: str, *inputs: str, kinds: Sequence[str]) -> str:
     """Return the path of an output file, links resolved, and make its folder.
 
-    Called before anything is computed. Raises OSError or RequestError if the file could not be written afterwards.
+    `kinds` has the suffixes that the file may have, with "" if it may have none. Called before anything is computed.
+    Raises OSError or RequestError if the file could not be written afterwards.
     """
     path = os.path.realpath(path) if os.path.islink(path) else path
     _refuse_to_replace(path, inputs)
+    if suffix(path) not in kinds:
+        allowed = " or ".join(", ".join(filter(None, kinds)).rsplit(", ", 1))
+        raise RequestError(f"{path}: the output must end in {allowed}, not {Path(path).suffix!r}")
     if Path(path).is_dir():
         raise IsADirectoryError(f"{path}: is a folder; choose the name of a file")
     try:
@@ -33,6 +43,21 @@ def writable(path: str, *inputs: str) -> str:
         raise OSError(f"{path}: its folder cannot be made: {error.strerror}; choose another place") from error
     if not os.access(Path(path).parent, os.W_OK):
         raise PermissionError(f"{path}: its folder cannot be written to; choose another place")
+    return path
+
+
+def suffix(path: str) -> str:
+    """Return the suffix of a file name in small letters, "" for none; the end of a number is none: mass_0.5."""
+    end = Path(path).suffix.lower()
+    return end if end[1:2].isalpha() else ""
+
+
+def folder(path: str) -> str:
+    """Return the path of an output folder; raise RequestError for a path that is meant as a file."""
+    if suffix(path) in FILES and not Path(path).is_dir():
+        raise RequestError(f"{path}: the output must be a folder, not a name that ends in {suffix(path)}")
+    if Path(path).exists() and not Path(path).is_dir():
+        raise RequestError(f"{path}: is a file; choose the name of a folder")
     return path
 
 

@@ -5,7 +5,7 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE, FAILED, RequestError
-from brownpipe.verbs.output import say, writable
+from brownpipe.verbs.output import YAML, say, writable
 from brownpipe.verbs.values import seconds
 
 EXAMPLE = "config/harrison2020.yaml --tolerance 2% --write my_study.yaml"
@@ -37,7 +37,7 @@ def plan(arguments: Namespace) -> int:
         tolerance = planning.tolerance_of(arguments.tolerance)
     if tolerance is None and budget is None:
         raise RequestError("--tolerance: missing; must be given, or --budget")
-    output = None if arguments.write is None else writable(arguments.write, arguments.study)
+    output = None if arguments.write is None else writable(arguments.write, arguments.study, kinds=YAML)
     cases = performance.performance_of(study, target)
     print(planning.describe(cases, target, tolerance, budget))
     best = next(iter(offers(cases, tolerance, budget)), None)

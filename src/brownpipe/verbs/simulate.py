@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from brownpipe.errors import DONE, FAILED, RequestError
-from brownpipe.verbs.output import number, say, writable
+from brownpipe.verbs.output import HDF5, number, say, writable
 from brownpipe.verbs.values import SCENE, integer, observables, positive
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def simulate(arguments: Namespace) -> int:
     measures = _measures(arguments, scene)
     engine.refuse_unfit(scene, record)
     forecast.refuse_too_large(scene, len(seeds), record, **measures)
-    output = writable(arguments.output or f"{scene.name}.h5", arguments.scene)
+    output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, kinds=HDF5)
 
     from brownpipe import progress
     from brownpipe.scene.seeds import seed_text

@@ -4,7 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE
-from brownpipe.verbs.output import writable
+from brownpipe.verbs.output import NETCDF, writable
 from brownpipe.verbs.values import window
 
 EXAMPLE = "config/tradeoff.yaml"
@@ -32,6 +32,6 @@ def tradeoff(arguments: Namespace) -> int:
     study = read_study(arguments.study)
     results = f"results/{study.name}"
     files = arguments.files or [f"{results}/simulate/{job.file}" for job in study.jobs()]
-    output = writable(arguments.output or f"{results}/tradeoff/{study.name}.nc", arguments.study, *files)
+    output = writable(arguments.output or f"{results}/tradeoff/{study.name}.nc", arguments.study, *files, kinds=NETCDF)
     write_dataset(output, comparison.measure(files, dict(study.instead_of), arguments.fit_window))
     return DONE
