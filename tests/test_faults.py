@@ -297,6 +297,70 @@ def test_scene_of_species_is_refused(tmp_path, old, new, message):
     assert refusal(changed(tmp_path, SPECIES, old, new)).startswith(message)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("duration: 1", "duration: 10 s", "duration: must be a finite number > 0, not '10 s'; without a unit"),
+        ("duration: 1", "duration: '1'", "duration: must be a finite number > 0, not '1'; without quotes"),
+        ("duration: 1", "duration: 0,5", "duration: must be a finite number > 0, not '0,5'; with a decimal point"),
+        (
+            "duration: 1",
+            "duration: \N{MINUS SIGN}1",
+            "must be a finite number > 0, not '\N{MINUS SIGN}1'; with the sign - for minus",
+        ),
+        ("particles: 150", "particles: 1e2", "particles: must be an integer from 0 to 10000000, not 100.0; write 100"),
+        ("particles: 150", "particles: 1_50", "must be an integer from 0 to 10000000, not '1_50'; write 150"),
+        ("particles: 150", "particles: 50, 100", "not '50, 100'; a list has brackets: [50, 100]"),
+        ("particles: 150", "particles: (50, 100)", "not '(50, 100)'; a list has brackets: [50, 100]"),
+        ("particles: 150", "N: 150", "unknown key 'N'; did you mean particles? allowed: "),
+        ("temperature: 1.6", "kT: 1.6", "velocities: unknown key 'kT'; did you mean temperature? allowed: "),
+        ("radius: 0.3", "radius: 0,3", "disks.tracer: unknown key '3'; a number has a decimal point"),
+        ("x: [-3, 3]", "x: (-3, 3), z: (-2, 3)", "line 1: duplicate key '3)'; a list has brackets: [low, high]"),
+        ("duration: 1", "duration:1", "line 8: not valid YAML: must be KEY: VALUE, with a blank after the colon"),
+        ("duration: 1", "duration = 1", "line 8: not valid YAML: must be KEY: VALUE, with a blank after the colon"),
+        ("duration: 1", "\tduration: 1", "line 8: not valid YAML: a tab; must be blanks"),
+        (
+            "duration: 1",
+            "  duration: 1",
+            "line 8: not valid YAML: a key is expected here; is the line indented like the others?",
+        ),
+        ("duration: 1", "duration: 1\nsamples: 100", "not 100; equal steps of time are sample_interval"),
+        ("{name: bath,", "{name: bath, name2: [1], ", "disks.species[0]: unknown key 'name2'; did you mean name?"),
+    ],
+)
+def test_common_mistakes_are_named(tmp_path, old, new, message):
+    assert message in refusal(changed(tmp_path, SPECIES + "sample_interval: 0.1\n" * ("samples" not in new), old, new))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("runs: 10", "unknown key 'runs'; did you mean seeds? allowed: "),
+        (
+            "figures: msd, health",
+            "figures: 'msd, health' is unknown; a list has brackets: [msd, health]; must be msd or",
+        ),
+        ("figures: [MSD]", "figures[0]: 'MSD' is unknown; did you mean msd? must be msd or"),
+        ("record: true", "record: must be tracer or none, not true"),
+        ("engines: [timestep: {time_step: 1e-3}]", "engines[0].name: missing; must be given, as in {name: exact}"),
+        (
+            "engines: [{name: timestep, time_step: 1 ms}]",
+            "time_step: must be a finite number > 0, not '1 ms'; without a",
+        ),
+        ("batch: 1e2", "batch: must be an integer from 1 to 10000000, not 100.0; write 100"),
+    ],
+)
+def test_common_mistakes_in_a_study_are_named(tmp_path, text, message):
+    (tmp_path / "scene.yaml").write_text(SPECIES)
+    (tmp_path / "study.yaml").write_text(f"scenes: scene.yaml\nseeds: 3\n{text}\n")
+    assert message in refusal(tmp_path / "study.yaml", read_study)
+
+
+def test_a_name_without_its_suffix_is_completed(tmp_path):
+    (tmp_path / "scene.yaml").write_text(SPECIES)
+    assert refusal(tmp_path / "scene") == "cannot be read: No such file or directory; did you mean scene.yaml?"
+
+
 def test_the_scenes_that_are_changed_above_are_right(tmp_path):
     assert read_scene(changed(tmp_path, EXPLICIT, "radius: 0.1", "radius: 0.2")).particles == 1
     assert read_scene(changed(tmp_path, SPECIES, "radius: 0.1", "radius: 0.05")).particles == 150

@@ -105,6 +105,8 @@ def read_engine(entry: Entry) -> Engine:
     """Return the engine of a study: its name, or a mapping with name and settings. Raises RequestError."""
     mapping = entry.value if isinstance(entry.value, dict) else {"name": entry.value}
     name = Entry(mapping.get("name"), entry.file, (*entry.path, "name"))
+    if "name" not in mapping:
+        reading.refuse(name, f"missing; must be given, as in {{name: {next(iter(DEFINITIONS))}}}")
     definition = DEFINITIONS[reading.choice(name, tuple(DEFINITIONS))]
     defaults = _defaults(definition)
     required = tuple(key for key in definition.settings if key not in defaults)

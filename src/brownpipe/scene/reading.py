@@ -22,6 +22,8 @@ _DEEPEST = 10  # levels of nesting; a scene needs 4
 _LONGEST_NUMBER = 64  # characters
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|0o[0-7]+|0x[0-9a-fA-F]+")
+_LIST = "a list has brackets: [{}]"
+_SYNONYMS = {"runs": ["seeds"], "n": ["particles"], "kt": ["temperature"], "dt": ["time_step", "sample_interval"]}
 _WORDS = dict.fromkeys(("", "~", "null", "Null", "NULL"))
 _WORDS |= {word: word[0] in "tT" for word in ("true", "True", "TRUE", "false", "False", "FALSE")}
 _WORDS |= {sign + word: float(sign + "inf") for sign in ("", "+", "-") for word in (".inf", ".Inf", ".INF")}
@@ -41,10 +43,21 @@ def read_yaml(path: str | Path, most_bytes: int) -> object:
     try:
         return _document(str(path), yaml.parse(text, Loader=loader))
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
-        line = f"line {mark.line + 1}: " if mark else ""
-        raise RequestError(f"{path}: {line}not valid YAML: {problem}") from None
+        raise RequestError(f"{path}: {_why_not_yaml(error, text)}") from None
+
+
+def _why_not_yaml(error: yaml.YAMLError, text: str) -> str:
+    """Return the line and the problem of a text that cannot be parsed, common ones in words."""
+    mark = getattr(error, "problem_mark", None)
+    problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
+    line = text.splitlines()[mark.line] if mark and mark.line < len(text.splitlines()) else ""
+    if problem == "could not find expected ':'":
+        mark, problem = error.context_mark, "must be KEY: VALUE, with a blank after the colon"  # type: ignore[attr-defined]
+    elif "cannot start any token" in problem and "\t" in line[: mark.column + 1]:
+        problem = "a tab; must be blanks"
+    elif problem == "did not find expected key":
+        problem = "a key is expected here; is the line indented like the others?"
+    return f"{f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}"
 
 
 def _text(path: str | Path, most_bytes: int) -> str:
@@ -53,7 +66,8 @@ def _text(path: str | Path, most_bytes: int) -> str:
         with open(path, "rb") as stream:
             data = stream.read(most_bytes + 1)
     except OSError as error:
-        raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
+        hint = f"; did you mean {Path(path).name}.yaml?" if Path(f"{path}.yaml").is_file() else ""
+        raise RequestError(f"{path}: cannot be read: {error.strerror}{hint}") from None
     except ValueError as error:  # a file name that no system allows
         raise RequestError(f"{str(path)!r}: cannot be read: {error}") from None
     if data.startswith(_HDF5):
@@ -111,7 +125,8 @@ def _key(file: str, event: yaml.Event, mapping: dict) -> str:
     if not isinstance(event, yaml.ScalarEvent) or event.anchor is not None or event.tag is not None:
         _refuse_line(file, event, "a key must be a plain word")
     if event.value in mapping:
-        _refuse_line(file, event, f"duplicate key {_shown(event.value)}; must be given once")
+        cure = "a list has brackets: [low, high]" if event.value.endswith(")") else "must be given once"
+        _refuse_line(file, event, f"duplicate key {_shown(event.value)}; {cure}")
     return event.value
 
 
@@ -189,9 +204,9 @@ def refuse(entry: Entry, problem: str) -> NoReturn:
     raise RequestError(": ".join(part for part in (entry.file, entry.key, problem) if part))
 
 
-def must_be(entry: Entry, allowed: str) -> NoReturn:
-    """Raise RequestError with file, key, the allowed values and the value."""
-    refuse(entry, f"must be {allowed}, not {_shown(entry.value)}")
+def must_be(entry: Entry, allowed: str, hint: str = "") -> NoReturn:
+    """Raise RequestError with file, key, the allowed values, the value, and a hint that follows it."""
+    refuse(entry, f"must be {allowed}, not {_shown(entry.value)}{hint}")
 
 
 def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] | None = None) -> dict[str, Entry]:
@@ -201,7 +216,8 @@ def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] 
         must_be(entry, f"a mapping with the keys {', '.join(allowed)}")
     for key in entry.value:
         if key not in allowed:
-            refuse(entry, f"unknown key {_shown(key)}; {_did_you_mean(key, allowed)}allowed: {', '.join(allowed)}")
+            hint = "a number has a decimal point; " if key.isdigit() else _did_you_mean(key, allowed)
+            refuse(entry, f"unknown key {_shown(key)}; {hint}allowed: {', '.join(allowed)}")
     for key in required:
         if key not in entry.value:
             refuse(Entry(None, entry.file, (*entry.path, key)), "missing; must be given")
@@ -221,7 +237,7 @@ def number(entry: Entry, above: float | None = None, least: float | None = None)
     value = entry.value
     bound = f" > {above:g}" if above is not None else f" >= {least:g}" if least is not None else ""
     if isinstance(value, bool) or not isinstance(value, int | float):
-        must_be(entry, f"a finite number{bound}")
+        must_be(entry, f"a finite number{bound}", _number_hint(value))
     try:
         value = float(value) + 0.0
     except OverflowError:
@@ -234,7 +250,7 @@ def integer(entry: Entry, least: int, most: int, otherwise: str = "") -> int:
     """Return an int from `least` to `most`; `otherwise` adds further allowed values to the refusal."""
     value = entry.value
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        must_be(entry, f"an integer from {least} to {most}{otherwise}")
+        must_be(entry, f"an integer from {least} to {most}{otherwise}", _integer_hint(value))
     return value
 
 
@@ -245,8 +261,14 @@ def flag(entry: Entry) -> bool:
 
 def choice(entry: Entry, options: tuple[str, ...]) -> str:
     """Return a str that is one of the options."""
-    if not isinstance(entry.value, str) or entry.value not in options:
-        hint = _did_you_mean(entry.value, options)
+    if not isinstance(entry.value, str):
+        must_be(entry, " or ".join(options))
+    if entry.value not in options:
+        hint = (
+            f"{_LIST.format(entry.value)}; "
+            if entry.file and "," in entry.value
+            else _did_you_mean(entry.value, options)
+        )
         refuse(entry, f"{_shown(entry.value)} is unknown; {hint}must be {' or '.join(options)}")
     return entry.value
 
@@ -276,8 +298,33 @@ def pair(entry: Entry) -> tuple[float, float]:
 
 def _did_you_mean(word: object, options: tuple[str, ...]) -> str:
     """Return a question about the most similar option, "" if none is similar."""
-    near = difflib.get_close_matches(str(word)[:80], options, n=1)
+    near = [name for name in _SYNONYMS.get(str(word).lower(), ()) if name in options]
+    near += difflib.get_close_matches(str(word)[:80].lower(), options, n=1)
     return f"did you mean {near[0]}? " if near else ""
+
+
+def _number_hint(value: object) -> str:
+    """Return what to change in a text that is nearly a number, "" otherwise."""
+    text = value if isinstance(value, str) else ""
+    if _NUMBER.fullmatch(text):
+        return "; without quotes"
+    if _NUMBER.fullmatch(text.replace("\N{MINUS SIGN}", "-")):
+        return "; with the sign - for minus"
+    if _NUMBER.fullmatch(text.replace(",", ".", 1)):
+        return "; with a decimal point"
+    if re.fullmatch(rf"({_NUMBER.pattern}) ?[^\W\d]+", text):
+        return "; without a unit: all quantities are in reduced units"
+    return ""
+
+
+def _integer_hint(value: object) -> str:
+    """Return what to write in place of a value that is nearly an integer or a list of them, "" otherwise."""
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return f"; write {int(value)}"
+    text = value.strip("() ") if isinstance(value, str) else ""
+    if re.fullmatch(r"[0-9]+(_[0-9]+)+", text):
+        return f"; write {text.replace('_', '')}"
+    return f"; {_LIST.format(text)}" if re.fullmatch(r"[0-9]+( *, *[0-9]+)+", text) else ""
 
 
 def _shown(value: object) -> str:

@@ -68,6 +68,8 @@ def read_samples(entry: Entry, interval: Entry, duration: float) -> Samples | No
         return None
     if interval.value is not None:
         refuse(entry, "must not be given with sample_interval; give one of the two")
+    if isinstance(entry.value, int | float):
+        must_be(entry, "a mapping with the keys per_decade, first", "; equal steps of time are sample_interval")
     fields = reading.fields(entry, ("per_decade",), {"first": duration * 1e-4})
     first = reading.number(fields["first"], above=SMALLEST_TIME)
     if first >= duration:
