@@ -363,7 +363,7 @@ def test_inputs_and_devices_are_not_replaced(runs, capsys):
         (["simulate", SCENE, "--output", "x.nc"], "x.nc: the output must end in .h5 or .hdf5, not '.nc'"),
         (["simulate", SCENE, "--output", "new/x.csv"], "new/x.csv: the output must end in .h5 or .hdf5, not '.csv'"),
         (["aggregate", "RUNS", "--output", "x.h5"], "x.h5: the output must end in .nc, not '.h5'"),
-        (["tradeoff", STUDY, "--output", "x.csv"], "x.csv: the output must end in .nc, not '.csv'"),
+        (["tradeoff", STUDY, "--files", "RUNS", "--output", "x.csv"], "x.csv: the output must end in .nc, not '.csv'"),
         (["movie", "RUNS", "--output", "x.jpg"], "x.jpg: the output must end in .gif, .mp4 or .png, not '.jpg'"),
         (["movie", "RUNS", "--output", "x"], "x: the output must end in .gif, .mp4 or .png, not ''"),
         (
@@ -551,3 +551,57 @@ def test_results_are_no_scene(runs, capsys):
     for verb in ("simulate", "check", "plan", "tradeoff"):
         status, _, err = said(capsys, verb, runs)
         assert (status, f"it is an HDF5 file: brownpipe inspect {runs}" in err) == (WRONG_REQUEST, True)
+
+
+# -- mistakes in the command itself ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["simulat", SCENE], "invalid choice: 'simulat'; did you mean simulate? (choose from "),
+        (
+            ["simulate", SCENE, "--sedes", "3"],
+            "brownpipe simulate: unrecognized arguments: --sedes 3; did you mean --seeds?",
+        ),
+        (
+            ["simulate", SCENE, "--dt", "3"],
+            "brownpipe simulate: unrecognized arguments: --dt 3 (see brownpipe simulate --h",
+        ),
+        (
+            ["simulate", SCENE, "--seeds", "0-9", "17"],
+            "arguments: 17; several values of an option are joined by commas",
+        ),
+        (["simulate", SCENE, "--record", "all", "events"], "events; several values of an option are joined by commas"),
+        (["simulate", SCENE, "--time-step", "10ms"], "must be a finite number > 0, not '10ms'; without a unit"),
+        (["simulate", SCENE, "--time-step", "0,01"], "must be a finite number > 0, not '0,01'; with a decimal point"),
+        (["figures", "a.nc", "--output", "f", "--figures", "MSD"], "invalid choice: 'MSD'; did you mean msd? (choose"),
+        (
+            ["figures", "a.nc", "--output", "f", "--figures", "msd,health"],
+            "'msd,health'; several are separated by blanks",
+        ),
+        (
+            ["figures", "--output", "f", "--figures", "msd", "a.nc"],
+            "'a.nc'; files are given before the options (choose",
+        ),
+        (
+            ["aggregate", "--output", "a.nc", "--fit-windows", "0:1", "x.h5"],
+            "not 'x.h5'; files are given before the opt",
+        ),
+        (
+            ["tradeoff", STUDY],
+            f"{STUDY}: has no results yet; run it first: brownpipe run {STUDY} (results/small/simulate/",
+        ),
+        (["plan", STUDY, "--tolerance", "2%", "--write", "my study.yaml"], "--write: must be a name: letters, digits,"),
+    ],
+)
+def test_common_mistakes_in_a_command_are_named(argv, message, capsys, tmp_path):
+    status, out, err = said(capsys, *argv)
+    assert (status, out) == (WRONG_REQUEST, "")
+    assert message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_blanks_after_the_commas_of_a_list_do_no_harm(capsys):
+    names = "species_energy, square_displacement"
+    assert said(capsys, "simulate", SCENE, "--particles", 10, "--observables", names, "--output", "x.h5")[0] == DONE

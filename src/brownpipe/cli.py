@@ -5,7 +5,9 @@ stderr that a name has been replaced by a newer one.
 """
 
 import argparse
+import difflib
 import os
+import re
 import signal
 import sys
 from argparse import Namespace
@@ -15,6 +17,8 @@ from typing import NoReturn
 from brownpipe.errors import FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
+
+JOINED = "several values of an option are joined by commas"
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -64,15 +68,35 @@ def build_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
         subparser = subparsers.add_parser(name, help=brief, description=verb.__doc__, epilog=epilog)
         subparser.set_defaults(verb=verb)
         if name in argv[:1]:
+            parser.of_verb = subparser
             module.add_arguments(subparser.add_argument)
     return parser
 
 
 class _Parser(argparse.ArgumentParser):
-    """An argparse parser whose error messages are one line."""
+    """An argparse parser whose error messages are one line, with a hint for common mistakes."""
+
+    of_verb: argparse.ArgumentParser | None = None  # of the verb that is given
 
     def error(self, message: str) -> NoReturn:
-        self.exit(WRONG_REQUEST, f"{self.prog}: {' '.join(message.split())} (see {self.prog} --help)\n")
+        parser = self.of_verb or self
+        hinted = _with_hint(" ".join(message.split()), [name for one in parser._actions for name in one.option_strings])
+        self.exit(WRONG_REQUEST, f"{parser.prog}: {hinted} (see {parser.prog} --help)\n")
+
+
+def _with_hint(message: str, options: Sequence[str]) -> str:
+    """Return a message of argparse with what was probably meant; `options` are those of the verb."""
+    if found := re.fullmatch(r"unrecognized arguments: (\S+).*", message):
+        near = difflib.get_close_matches(found[1], options, n=1) if found[1].startswith("-") else []
+        is_file = "." in found[1] or found[1].startswith("-")
+        return message + (f"; did you mean {near[0]}?" if near else "" if is_file else f"; {JOINED}")
+    if re.search(r"\.(h5|nc|ya?ml)'", message) and "argument --" in message:
+        return re.sub(r"(\.(?:h5|nc|ya?ml)')", r"\1; files are given before the options", message)
+    if found := re.search(r"(invalid choice: '([^']+)') \(choose from (.*)\)", message):
+        near = difflib.get_close_matches(found[2].lower(), re.findall(r"\w+", found[3]), n=1)
+        hint = "several are separated by blanks" if "," in found[2] else f"did you mean {near[0]}?" if near else ""
+        return message.replace(found[1], f"{found[1]}; {hint}") if hint else message
+    return message
 
 
 class _Version(argparse.Action):

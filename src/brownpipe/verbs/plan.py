@@ -3,6 +3,7 @@
 import argparse
 from argparse import Namespace
 from collections.abc import Callable
+from pathlib import Path
 
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.verbs.output import YAML, say, writable
@@ -27,6 +28,8 @@ def plan(arguments: Namespace) -> int:
 
     Uses stored results of `brownpipe tradeoff` that have the same scenes, otherwise pilot runs of some seconds.
     """
+    from brownpipe.scene.reading import Entry
+    from brownpipe.scene.reading import name as read_name
     from brownpipe.study import performance, read_study, writing
     from brownpipe.study import plan as planning
     from brownpipe.study.offers import offers
@@ -37,6 +40,8 @@ def plan(arguments: Namespace) -> int:
         tolerance = planning.tolerance_of(arguments.tolerance)
     if tolerance is None and budget is None:
         raise RequestError("--tolerance: missing; must be given, or --budget")
+    if arguments.write is not None:
+        read_name(Entry(Path(arguments.write).stem, "", ("--write",)))  # of the new study
     output = None if arguments.write is None else writable(arguments.write, arguments.study, kinds=YAML)
     cases = performance.performance_of(study, target)
     print(planning.describe(cases, target, tolerance, budget))

@@ -2,8 +2,9 @@
 
 from argparse import Namespace
 from collections.abc import Callable
+from pathlib import Path
 
-from brownpipe.errors import DONE
+from brownpipe.errors import DONE, RequestError
 from brownpipe.verbs.output import NETCDF, writable
 from brownpipe.verbs.values import window
 
@@ -32,6 +33,10 @@ def tradeoff(arguments: Namespace) -> int:
     study = read_study(arguments.study)
     results = f"results/{study.name}"
     files = arguments.files or [f"{results}/simulate/{job.file}" for job in study.jobs()]
+    missing = [file for file in files if not Path(file).exists()]
+    if missing and not arguments.files:
+        first = f"brownpipe run {arguments.study} ({missing[0]} is missing)"
+        raise RequestError(f"{arguments.study}: has no results yet; run it first: {first}")
     output = writable(arguments.output or f"{results}/tradeoff/{study.name}.nc", arguments.study, *files, kinds=NETCDF)
     write_dataset(output, comparison.measure(files, dict(study.instead_of), arguments.fit_window))
     return DONE

@@ -13,7 +13,7 @@ def observables(text: str) -> str:
     from brownpipe.observables import RENAMED
     from brownpipe.scene.reading import Entry, current_name
 
-    names = (current_name(Entry(name, "", ("--observables",)), RENAMED) for name in text.split(","))
+    names = (current_name(Entry(name.strip(), "", ("--observables",)), RENAMED) for name in text.split(","))
     return ",".join(str(name.value) for name in names)
 
 
@@ -35,7 +35,9 @@ def positive(text: str) -> float:
     except ValueError:
         value = float("nan")
     if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be a finite number > 0, not {text!r}")
+        hint = "; without a unit" if text[:1].isdigit() and text[-1:].isalpha() else ""
+        hint = "; with a decimal point" if "," in text else hint
+        raise argparse.ArgumentTypeError(f"must be a finite number > 0, not {text!r}{hint}")
     return value
 
 
