@@ -203,3 +203,19 @@ def test_other_errors_are_shown_as_they_are(monkeypatch):
     handler, screen = display(monkeypatch)
     send(handler, LogEvent.ERROR, "LockException: ...", logging.ERROR)
     assert screen.getvalue() == "LockException: ...\n"
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_nothing_is_coloured(terminal, monkeypatch):
+    """On a terminal the line of progress is erased before the next one; no other control sequence is written."""
+    handler, screen = display(monkeypatch, terminal=terminal)
+    send(handler, LogEvent.RUN_INFO, stats=STATS)
+    begin(handler, 1)
+    send(handler, LogEvent.JOB_ERROR, rule_name="simulate", shellcmd="brownpipe simulate", log=[])
+    send(handler, LogEvent.ERROR, "LockException: ...", logging.ERROR)
+    send(handler, None, "a warning", logging.WARNING)
+    handler.close()
+    text = screen.getvalue()
+    assert "a warning" in text and "the rule simulate failed" in text
+    assert ("\r\033[K" in text) == terminal
+    assert "\033" not in text.replace("\r\033[K", "")
