@@ -36,6 +36,7 @@ ROOMS = (  # each may import those before it
     "study",
     "interface",
     "verbs",
+    "completion",
     "cli",
     "__main__",
 )

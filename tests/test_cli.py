@@ -1,5 +1,6 @@
 """The command line: what it does, what it says, and with which status it ends."""
 
+import argparse
 import errno
 import itertools
 import os
@@ -605,3 +606,48 @@ def test_common_mistakes_in_a_command_are_named(argv, message, capsys, tmp_path)
 def test_blanks_after_the_commas_of_a_list_do_no_harm(capsys):
     names = "species_energy, square_displacement"
     assert said(capsys, "simulate", SCENE, "--particles", 10, "--observables", names, "--output", "x.h5")[0] == DONE
+
+
+# -- completion -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def completed(tmp_path_factory):
+    """The completions of a command line that ends where the cursor is, as bash asks for them."""
+    script = tmp_path_factory.mktemp("bash") / "brownpipe"
+    with script.open("w") as file:
+        subprocess.run([sys.executable, "-m", "brownpipe", "--completion"], stdout=file, check=True)
+
+    def completions(*words):
+        asked = f'source {script}; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _brownpipe; echo "${{COMPREPLY[@]}}"'
+        done = subprocess.run(["bash", "-c", asked, "bash", *words], capture_output=True, text=True, check=True)
+        assert done.stderr == ""
+        return done.stdout.split()
+
+    return completions
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_bash_completes_verbs_and_their_options(completed, verb):
+    assert completed("brownpipe", verb[:3]) == [name for name in VERBS if name.startswith(verb[:3])]
+    actions = [action for action in build_parser([verb]).of_verb._actions if action.help != argparse.SUPPRESS]
+    options = [action.option_strings[-1] for action in actions if action.option_strings]
+    assert "--help" in options and completed("brownpipe", verb, "x", "--") == options
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["simulate", "x.yaml", "--engine", ""], ["exact", "timestep", "langevin"]),
+        (["simulate", "x.yaml", "--friction", "e"], ["enskog"]),
+        (["simulate", "x.yaml", "--observables", "v"], ["velocity_autocorrelation", "velocity_distribution"]),
+        (["simulate", "x.yaml", "--average", ""], ["runs", "origins", "disks"]),
+        (["simulate", "x.yaml", "--time-s"], ["--time-step"]),
+        (["figures", "x.nc", "--figures", "m"], ["msd"]),
+        (["plan", "x.yaml", "--o"], []),
+        (["schema", ""], ["scene", "study"]),
+        (["simulate", ""], []),
+    ],
+)
+def test_bash_completes_words_and_leaves_files_to_itself(completed, words, expected):
+    assert completed("brownpipe", *words) == expected

@@ -14,6 +14,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from typing import NoReturn
 
+from brownpipe.completion import bash_script
 from brownpipe.errors import FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
@@ -54,13 +55,14 @@ def _divide(argv: list[str]) -> tuple[list[str], list[str]]:
     return argv[:end], argv[end + 1 :]
 
 
-def build_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
+def build_parser(argv: Sequence[str]) -> "_Parser":
     """Return the parser of a command line.
 
     Only the verb that `argv` begins with gets its arguments: those of `simulate` take time, as they import all engines.
     """
     parser = _Parser("brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones.")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    parser.add_argument("--completion", action=_Completion, nargs=0, help="print the completion script for bash")
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
     for name, module in VERBS.items():
         verb = getattr(module, name)
@@ -97,6 +99,15 @@ def _with_hint(message: str, options: Sequence[str]) -> str:
         hint = "several are separated by blanks" if "," in found[2] else f"did you mean {near[0]}?" if near else ""
         return message.replace(found[1], f"{found[1]}; {hint}") if hint else message
     return message
+
+
+class _Completion(argparse.Action):
+    """Print the script; only now are the arguments of all verbs made."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        parsers = {name: build_parser([name]).of_verb for name in VERBS}
+        print(bash_script(parsers), end="")
+        parser.exit()
 
 
 class _Version(argparse.Action):

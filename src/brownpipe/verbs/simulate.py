@@ -25,10 +25,11 @@ def add_arguments(add: Callable) -> None:
     add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
     add("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default: 0)")
     _add_engines(add)
-    add("--record", default="tracer", metavar="WHAT", help="tracer (default), all, events, none; all,events")
+    what = "tracer (default), all, events, none; all,events"
+    add("--record", default="tracer", metavar="WHAT", help=what).words = RECORDS
     _add_observables(add)
     over = "runs (default), or all time origins or equal disks of a run"
-    add("--average", default="runs", metavar="OVER", help=over)
+    add("--average", default="runs", metavar="OVER", help=over).words = _averages()
     add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
     add("--checkpoint-every", type=positive, metavar="SECONDS", help="store checkpoints, to resume a killed run")
 
@@ -38,7 +39,13 @@ def _add_observables(add: Callable) -> None:
     from brownpipe.observables import OBSERVABLES
 
     measured = f"what to measure in each run, with commas: some of {', '.join(OBSERVABLES)}"
-    add("--observables", type=observables, metavar="NAMES", help=measured)
+    add("--observables", type=observables, metavar="NAMES", help=measured).words = tuple(OBSERVABLES)
+
+
+def _averages() -> tuple[str, ...]:
+    from brownpipe.observables import AVERAGES
+
+    return AVERAGES
 
 
 def _add_engines(add: Callable) -> None:
@@ -47,11 +54,12 @@ def _add_engines(add: Callable) -> None:
 
     first, *others = DEFINITIONS.values()
     names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
-    add("--engine", default=first.name, metavar="NAME", help="; ".join(names))
+    add("--engine", default=first.name, metavar="NAME", help="; ".join(names)).words = tuple(DEFINITIONS)
     for definition in DEFINITIONS.values():
         for key, setting in definition.settings.items():
             read = positive if setting.is_positive else str
-            add(option(key), type=read, metavar=setting.metavar, help=f"of {definition.name}: {setting.help}")
+            action = add(option(key), type=read, metavar=setting.metavar, help=f"of {definition.name}: {setting.help}")
+            action.words = setting.words  # for completion; the engine checks them
 
 
 def simulate(arguments: Namespace) -> int:
