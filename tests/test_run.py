@@ -154,6 +154,7 @@ def test_the_report_is_written_after_a_run_that_succeeds(capsys, study, started,
         (["absent.yaml"], "absent.yaml: cannot be read: No such file or directory"),
         (["my studies/first_scene.yaml"], "my studies/first_scene.yaml: .*"),
         (["my studies/first.yaml", "--report", "page.pdf"], "--report page.pdf: must end in .html or .zip"),
+        (["my studies/first.yaml", "--report", "absent/page.html"], "--report absent/page.html: its folder is .*"),
         (["my studies/first.yaml", "-n", "--report"], "--report report.html: must not be given with -n, .*"),
     ],
 )

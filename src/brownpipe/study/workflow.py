@@ -44,6 +44,8 @@ def run_study(
         raise RequestError(f"--report {report}: must not be given with -n, which runs nothing")
     if report is not None and Path(report).suffix not in PAGES:
         raise RequestError(f"--report {report}: must end in {' or '.join(PAGES)}")
+    if report is not None and not os.access(Path(report).parent, os.W_OK):
+        raise RequestError(f"--report {report}: its folder is missing or cannot be written to; choose another place")
     for folder in filter(os.path.exists, WRITTEN):
         if not os.access(folder, os.W_OK):
             where = Path.cwd() if folder == "." else folder
