@@ -295,7 +295,7 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
         "tracer.h5: seed 17 is not in it; its runs have the seeds 1": (tracer, "csv", "--seed", 17),
         "empty.h5: holds no trajectories; make it again: brownpipe simulate SCENE --record all": (empty, "csv"),
         "bare.h5: its scene has no disks": (bare, "csv"),
-        "--output run.xyz: must end in .gsd": (walled, "gsd", "--output", "run.xyz"),
+        "run.xyz: the output must end in .gsd, not '.xyz'": (walled, "gsd", "--output", "run.xyz"),
         "is an input": (walled, "gsd", "--output", walled),
     }
     for message, (path, form, *options) in asked.items():

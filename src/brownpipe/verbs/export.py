@@ -33,7 +33,8 @@ def export(arguments: Namespace) -> int:
     from brownpipe.storage import read_trajectories
     from brownpipe.storage.export import export as exported
 
-    output = writable(arguments.output or f"{Path(arguments.file).stem}.{arguments.to}", arguments.file)
+    kind = f".{arguments.to}"
+    output = writable(arguments.output or f"{Path(arguments.file).stem}{kind}", arguments.file, kinds=(kind,))
     written = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
     for remark in written.remarks:
         say(f"{output}: {remark}", DONE)

@@ -20,32 +20,22 @@ EXAMPLE = f"{SCENE} --seeds 17 --record all --output seed17.h5"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
+    """Add the arguments of the verb; `add` is `add_argument` of its parser. `words` are for completion only."""
+    from brownpipe.engines import RECORDS
+    from brownpipe.observables import AVERAGES, OBSERVABLES
+
     add("scene", metavar="SCENE", help="scene file (YAML)")
     add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
     add("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default: 0)")
     _add_engines(add)
     what = "tracer (default), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what).words = RECORDS
-    _add_observables(add)
-    over = "runs (default), or all time origins or equal disks of a run"
-    add("--average", default="runs", metavar="OVER", help=over).words = _averages()
-    add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
-    add("--checkpoint-every", type=positive, metavar="SECONDS", help="store checkpoints, to resume a killed run")
-
-
-def _add_observables(add: Callable) -> None:
-    """Add the option --observables, with the names of all of them in its help."""
-    from brownpipe.observables import OBSERVABLES
-
     measured = f"what to measure in each run, with commas: some of {', '.join(OBSERVABLES)}"
     add("--observables", type=observables, metavar="NAMES", help=measured).words = tuple(OBSERVABLES)
-
-
-def _averages() -> tuple[str, ...]:
-    from brownpipe.observables import AVERAGES
-
-    return AVERAGES
+    over = "runs (default), or all time origins or equal disks of a run"
+    add("--average", default="runs", metavar="OVER", help=over).words = AVERAGES
+    add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
+    add("--checkpoint-every", type=positive, metavar="SECONDS", help="store checkpoints, to resume a killed run")
 
 
 def _add_engines(add: Callable) -> None:
