@@ -99,6 +99,27 @@ def test_rings_suit_the_data_where_none_are_given(tmp_path):
             assert (one.p_value.sel(model="msd") > 1e-4) and one.degrees_of_freedom.sel(model="msd") > 5
 
 
+def test_rings_are_chosen_from_more_than_a_first_block_of_one_run(tmp_path):
+    """Runs are read in blocks of 1,024 seeds; the first of these blocks ends after seed 24,575 and has a single run.
+
+    This run ends at a twelfth of the rms displacement; of rings up to three times as far, 190 of 200 runs were beyond.
+    """
+    found = aggregate([write(tmp_path, make_runs(make_scene(), range(24575, 24775)))]).squeeze()
+    assert 3 * np.sqrt(found.msd[-1]) <= found.r_outer[-1]
+    assert found.displacement_overflow <= 2
+
+
+def test_a_few_percent_of_runs_are_beyond_the_last_ring_however_they_are_distributed(tmp_path):
+    """One run in twelve goes 9.9 times as far as the others, 3.3 rms displacements: beyond three of them."""
+    trajectories = make_runs(make_scene(boundary="periodic"), range(240))
+    track = trajectories.ensemble.tracer.position
+    track /= np.hypot(*track[-1].T)[:, None]
+    track[:, ::12] *= 9.9
+    found = aggregate([write(tmp_path, trajectories)]).squeeze()
+    assert 3 * np.sqrt(found.msd[-1].item()) < 9.9 < found.r_outer[-1]
+    assert found.displacement_overflow <= 0.03 * 240
+
+
 def test_rings_do_not_depend_on_files(tmp_path):
     scene = make_scene()
     (tmp_path / "one").mkdir()

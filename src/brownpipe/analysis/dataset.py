@@ -1,7 +1,7 @@
 """One labelled dataset from the trajectory files of a study: all estimates for each scene, particle count, engine."""
 
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +28,7 @@ ESTIMATORS = tuple(
 ALL_VARIABLES = VARIABLES | {name: one for estimator in ESTIMATORS for name, one in estimator.variables.items()}
 ALL_COORDINATES = COORDINATES | {name: text for estimator in ESTIMATORS for name, text in estimator.coordinates.items()}
 HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")
+RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 WIDEST = 1000.0  # ring, in units of the longer side of the box
 
 
@@ -103,14 +104,21 @@ def _refuse_unsampled(cases: Sequence[Case], times: Sequence[float]) -> None:
 def _results(case: Case, group: Group) -> Part:
     """Return the values of all variables for one group."""
     averages, health, masks = NO_RUNS, [], []
-    for runs in blocks_of(group):
-        bad = np.asarray(runs.observables["failed"], bool)
-        masks.append(bad)
-        health.append(np.stack([runs.observables.get(name, np.full(len(bad), np.nan)) for name in HEALTH]))
-        if not bad.all():
-            good = select(runs, ~bad) if bad.any() else runs
-            case = case if case.edges else case._replace(edges=rings_of(case, good))
-            averages = add_runs(averages, good.seeds, _columns(case, good))
+
+    def good_runs() -> Iterator[RunBlock]:
+        """Yield the runs that have not failed, block by block."""
+        for runs in blocks_of(group):
+            bad = np.asarray(runs.observables["failed"], bool)
+            masks.append(bad)
+            health.append(np.stack([runs.observables.get(name, np.full(len(bad), np.nan)) for name in HEALTH]))
+            if not bad.all():
+                yield select(runs, ~bad) if bad.any() else runs
+
+    blocks = good_runs()
+    first = _enough_for_rings(blocks)
+    case = case._replace(edges=rings_of(case, first))
+    for runs in chain(first, blocks):
+        averages = add_runs(averages, runs.seeds, _columns(case, runs))
     averages = with_estimates(averages)
     failed = np.concatenate(masks)
     values: dict[str, ArrayLike] = {
@@ -127,6 +135,14 @@ def _results(case: Case, group: Group) -> Part:
             values |= estimates
             axes |= estimator.axes(case, averages)
     return Part(values, axes)
+
+
+def _enough_for_rings(blocks: Iterator[RunBlock]) -> list[RunBlock]:
+    """Return the next blocks up to RUNS_FOR_RINGS runs or more, all if there are fewer."""
+    first: list[RunBlock] = []
+    while sum(len(runs.seeds) for runs in first) < RUNS_FOR_RINGS and (runs := next(blocks, None)) is not None:
+        first.append(runs)
+    return first
 
 
 def _columns(case: Case, runs: RunBlock) -> Columns:

@@ -5,6 +5,8 @@ over directions. K rings, D times, M models, n runs. Lengths and times in the re
 docs/theory.md, sections 2 and 5.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -18,6 +20,7 @@ from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Variable, estima
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
 RINGS, REACH = 32, 3.0  # default rings: at most RINGS, out to REACH rms displacements
+BEYOND = 0.02  # of the runs that default rings are chosen from: the largest share beyond the last ring
 STEP = 1e-4  # of ln D, for derivatives of the expected counts
 
 
@@ -60,22 +63,24 @@ def chosen_times(case: Case) -> np.ndarray:
     return nearest[np.abs(case.times[nearest] - times) <= SAME_TIME * times]
 
 
-def rings_of(case: Case, runs: RunBlock) -> tuple[np.ndarray, ...]:
+def rings_of(case: Case, blocks: Sequence[RunBlock]) -> tuple[np.ndarray, ...]:
     """Return the edges (K + 1,) of the rings at each of the D times: `options.edges`, else chosen from these runs.
 
-    The runs are the first block of a case. The width is then a power of two, so that rings of two times or scenes
-    either coincide or have different centres. RINGS/2 to RINGS rings extend to REACH rms displacements.
+    RINGS/2 to RINGS rings extend to REACH rms displacements, or further if more than BEYOND of the runs end beyond
+    (for a Gaussian in the plane, eq. (18), these are exp(-REACH^2) = 0.01 %). Their width is a power of two, so that
+    rings of two times or scenes either coincide or have different centres.
     """
     at = chosen_times(case)
     if case.options.edges is not None:
         return (case.options.edges,) * len(at)
-    squared = tracer_square_displacement(case, runs)
-    if squared is None:
+    squared = [tracer_square_displacement(case, runs) for runs in blocks]
+    if not squared or squared[0] is None:
         return ()
     size = max(case.scene.box.width, case.scene.box.height)
     edges = []
-    for column in squared[:, at].T:
-        reach = REACH * np.sqrt(np.mean(column)) or size
+    for column in np.concatenate([of_block[:, at] for of_block in squared]).T:
+        nearly_all = np.sqrt(np.quantile(column, 1 - BEYOND, method="higher"))
+        reach = max(REACH * np.sqrt(np.mean(column)), nearly_all) or size
         width = np.ldexp(1.0, int(np.ceil(np.log2(reach / RINGS))))
         edges.append(ring_edges(width, int(np.ceil(reach / width))))
     return tuple(edges)
