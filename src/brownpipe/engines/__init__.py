@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from importlib import import_module
 from typing import NamedTuple
 
+from brownpipe.engines.compiled import seconds_to_compile
 from brownpipe.engines.definition import Definition
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import Cost
@@ -57,6 +58,11 @@ class Engine(NamedTuple):
     ) -> Cost:
         """Return the forecast for one run of a scene that the engine does not refuse."""
         return self.definition.forecast(scene, dict(self.settings), record, observables, average)
+
+    def seconds_to_compile(self, scene: Scene) -> dict[str, float]:
+        """Return the CPU seconds to compile each kernel that has no machine code yet, by its name and types."""
+        simulation = import_module(self.definition.simulation)
+        return seconds_to_compile(simulation.kernel_calls(scene, **dict(self.settings)))
 
     def simulate(
         self,

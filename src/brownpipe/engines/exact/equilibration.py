@@ -7,8 +7,11 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
+from brownpipe.engines.compiled import KernelCall
+from brownpipe.engines.exact import run
 from brownpipe.engines.exact.run import PreparedScene, RunState, beginning, evolve, never, prepare_scene, uninterrupted
 from brownpipe.engines.initial_state import draw, without_total_momentum
+from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.state import State
 from brownpipe.errors import RunError
 from brownpipe.scene import Scene
@@ -28,6 +31,13 @@ def states(scene: Scene) -> Callable[[int], State]:
 def prepare_equilibration(scene: Scene) -> PreparedScene | None:
     """Return what equilibrates the states of a scene; None if it has no time to equilibrate."""
     return prepare_scene(scene, scene.tracer_while_equilibrating == "pinned") if scene.equilibrate > 0 else None
+
+
+def kernel_calls(scene: Scene) -> list[KernelCall]:
+    """Return the calls that compile the kernels for the states of a scene at t = 0."""
+    if scene.equilibrate == 0:
+        return [warm_up_call()]
+    return run.kernel_calls(scene, scene.tracer_while_equilibrating == "pinned")
 
 
 def equilibrate(

@@ -11,11 +11,12 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from brownpipe.engines.batch import RunResult
+from brownpipe.engines.compiled import KernelCall, compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare
 from brownpipe.engines.exact.recording import joined, logged, new_recorder, report_of
-from brownpipe.engines.insertion import warm_up
+from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.kernels import one_compiler
 from brownpipe.engines.recording import tracer_track, whole_track
 from brownpipe.engines.state import Events, State
@@ -23,6 +24,7 @@ from brownpipe.engines.units import Frame, frame_of, motion_of
 from brownpipe.errors import RunError
 from brownpipe.scene import Scene
 
+SECONDS_TO_COMPILE = 7.0  # of CPU
 EVENTS_PER_CALL = 2_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
 SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
 SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", "whole_image")  # of a Recorder
@@ -66,9 +68,19 @@ def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
     with one_compiler(w):
-        advance(w, new_recorder(frame, w, scene.times[:0], ()), 0)
-        warm_up()
+        compile_all(_calls(frame, w))
     return PreparedScene(scene, frame, w, pinned)
+
+
+def kernel_calls(scene: Scene, pinned: bool = False) -> list[KernelCall]:
+    """Return the calls that compile the kernels for a scene, as `prepare_scene` makes them."""
+    frame = frame_of(scene)
+    return _calls(frame, prepare(scene, frame, pinned))
+
+
+def _calls(frame: Frame, w: ws.Workspace) -> list[KernelCall]:
+    no_events = (w, new_recorder(frame, w, np.zeros(0), ()), 0)
+    return [KernelCall(advance, no_events, SECONDS_TO_COMPILE), warm_up_call()]
 
 
 def beginning(prepared: PreparedScene, state: State) -> RunState:

@@ -7,12 +7,19 @@ Each run is drawn from its seed (`initial_state`), equilibrated (`equilibration`
 from collections.abc import Callable, Collection, Generator, Sequence
 
 from brownpipe.engines.batch import add_run, errors_name_run, new_batch
+from brownpipe.engines.compiled import KernelCall
+from brownpipe.engines.exact import equilibration, run
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, complete
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.exact.run import RunState, beginning, evolve, prepare_scene
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.state import Ensemble
 from brownpipe.scene import Scene
+
+
+def kernel_calls(scene: Scene) -> list[KernelCall]:
+    """Return the calls that compile the kernels for a scene."""
+    return run.kernel_calls(scene) + equilibration.kernel_calls(scene)
 
 
 def simulate(

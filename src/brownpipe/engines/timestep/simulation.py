@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines.batch import RunResult, add_run, errors_name_run, new_batch
+from brownpipe.engines.compiled import KernelCall, compile_all
+from brownpipe.engines.exact.equilibration import kernel_calls as states_calls
 from brownpipe.engines.exact.equilibration import states
 from brownpipe.engines.kernels import one_compiler
 from brownpipe.engines.recording import tracer_track, whole_track
@@ -27,6 +29,7 @@ from brownpipe.scene import Scene
 
 __all__ = ["SteppingSetup", "largest_step", "prepared", "run", "simulate", "smallest_step"]
 
+SECONDS_TO_COMPILE = 7.0  # of CPU
 DISK_STEPS_PER_CALL = 100_000_000  # between two chances for Python to handle signals
 
 
@@ -80,8 +83,20 @@ def prepared(
     frame = frame_of(scene)
     w = prepare(scene, frame, time_step, precision, collisions)
     with one_compiler(w):
-        advance(w, recorder(scene, frame, time_step, scene.times[:0], ()), 0)
+        compile_all([_call(scene, frame, time_step, w)])
     return SteppingSetup(scene, frame, time_step, precision, collisions, w)
+
+
+def kernel_calls(scene: Scene, time_step: float, precision: str, collisions: str) -> list[KernelCall]:
+    """Return the calls that compile the kernels for a scene."""
+    frame = frame_of(scene)
+    w = prepare(scene, frame, time_step, precision, collisions)
+    return [_call(scene, frame, time_step, w), *states_calls(scene)]
+
+
+def _call(scene: Scene, frame: Frame, time_step: float, w: ws.Workspace) -> KernelCall:
+    no_steps = (w, recorder(scene, frame, time_step, scene.times[:0], ()), 0)
+    return KernelCall(advance, no_steps, SECONDS_TO_COMPILE)
 
 
 def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> RunResult:
