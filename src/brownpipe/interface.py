@@ -113,7 +113,7 @@ def simulate(
     refuse_repetition([scene], numbers)
     refuse_unfit(scene, names, average)
     chosen.refuse_unfit(scene, recorded)
-    forecast.refuse_too_large(scene, len(numbers), recorded, names, average)
+    forecast.refuse_too_large(scene, len(numbers), chosen.forecast(scene, recorded, names, average))
     with nullcontext() if quiet else progress.shown(_say):
         ensemble = chosen.simulate(scene, numbers, recorded, observables=names, average=average)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(simulation_of(chosen.name))))

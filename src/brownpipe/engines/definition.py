@@ -40,4 +40,6 @@ class Definition(NamedTuple):
     # Settings that `brownpipe plan` tries, of which `check` shows the first, for any scene, also one that is refused
     # later. Never empty: [{}] for an engine without settings.
     candidates: Callable[[Scene], list[dict]]
+    # (scene, settings): the scene whose disks are placed and moved; None if the engine needs no disk but the tracer
+    scene_with_disks: Callable[[Scene, dict], Scene | None] = lambda scene, settings: scene
     keeps_checkpoints: bool = False

@@ -32,12 +32,17 @@ SLOWER = (1.0, 1.2, 1.6, 2.1)  # factor on the cost of collisions and crossings 
 PATH_PER_BLOCK = 1024.0  # as in engines.exact.layout: contact distances that a disk moves in a block of time
 SECONDS_PER_BLOCK = 1.5e-7  # CPU seconds to predict the events of one disk afresh, at the start of a block
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time, if all are recorded
-BYTES_PER_DISK = 250  # working memory of the engine
-BYTES_PER_EVENT = 32
+SECONDS_PER_SAMPLE = 1e-7  # CPU seconds to record the tracer at one sample time
+SECONDS_PER_BYTE = 4e-8  # CPU seconds to compress, write and verify a byte of a file
+PROCESS = 175e6  # bytes of memory of a process besides its runs: Python, packages, kernels
+BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the engine
+BYTES_PER_SAMPLE = 120  # of a disk that is recorded, during its run: its samples, sorted by disk, intermediate arrays
+BYTES_PER_EVENT = 32  # of a collision in memory
+EVENT_IN_FILE = 22  # bytes of a collision, compressed
 COMPRESSED = 0.95  # size of compressed random coordinates, relative to the bytes of the numbers
 BYTES_PER_NUMBER = 8
-BYTES_PER_SAMPLE = 120  # of one disk in a run that is measured: recorded, sorted by disk, and intermediate arrays
-COPIES = 4  # of what is recorded, while it is written and verified
+MOST_RUNS = 10**9  # of one process
+COPIES_KEPT, COPIES_WRITTEN = 2, 3  # of what is recorded, as arrays and as a file, while it is written and verified
 
 
 class Cost(NamedTuple):
@@ -46,8 +51,10 @@ class Cost(NamedTuple):
     pair_collisions: float
     wall_collisions: float
     seconds: float  # CPU time
-    recorded: float  # bytes in memory until they are written, and in the file
+    recorded: float  # bytes in the file
+    kept: float  # bytes in memory until they are written
     working: float  # bytes of memory besides, used by one run at a time
+    storing: float = 0.0  # CPU seconds besides, to sample the tracer and to write what is recorded
     once: float = 0.0  # CPU seconds in each process before its first run, besides START_UP
 
 
@@ -76,13 +83,10 @@ def of_run(
     wall_collisions = time * wall_rate(scene, mixture)
     events = pair_collisions + wall_collisions
     slower = float(np.interp(np.log(max(scene.particles, 1)), np.log(DISKS), SLOWER))
-    samples = len(scene.times) * (("tracer" in record) * 16 + ("all" in record) * 32 * scene.particles)
-    recorded = COMPRESSED * samples + ("events" in record) * BYTES_PER_EVENT * events
-    recorded += BYTES_PER_NUMBER * measures.numbers_in(scene, observables)
-    working = BYTES_PER_DISK * scene.particles
+    recorded, kept = _bytes_of_record(scene, record, observables, events)
     every_disk = measures.needs_every_disk(scene, observables, average)
-    if every_disk:
-        working += BYTES_PER_SAMPLE * len(scene.times) * scene.particles
+    disks_recorded = 1 + (scene.particles if every_disk or "all" in record else 0)
+    working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * len(scene.times) * disks_recorded
     seconds = EACH_RUN + SECONDS_PER_BLOCK * scene.particles * blocks(time, mixture)
     seconds += slower * SECONDS_PER_COLLISION * events
     seconds += slower * SECONDS_PER_CROSSING * time * crossing_rate(scene, mixture)
@@ -90,7 +94,30 @@ def of_run(
         seconds += SECONDS_PER_DISK_SAMPLE * len(scene.times) * scene.particles
     bath = len(bath_disks(scene))
     seconds += sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average, bath) for name in observables)
-    return Cost(pair_collisions, wall_collisions, seconds, recorded, working)
+    storing = SECONDS_PER_SAMPLE * len(scene.times) + SECONDS_PER_BYTE * recorded
+    return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working, storing)
+
+
+def _bytes_of_record(
+    scene: Scene, record: Collection[str], observables: Collection[str], events: float
+) -> tuple[float, float]:
+    """Return the bytes of what is recorded and measured of a run with so many events: in the file, and in memory."""
+    coordinates = 2 * BYTES_PER_NUMBER
+    images = 8 if scene.box.periodic else 0  # which take next to nothing in a file
+    tracer = len(scene.times) if "tracer" in record else 0
+    every_disk = len(scene.times) * scene.particles if "all" in record else 0
+    logged = events if "events" in record else 0.0
+    measured = BYTES_PER_NUMBER * measures.numbers_in(scene, observables)
+    changed = min(2 * events, every_disk)  # velocities, as those between two collisions of a disk are the same
+    recorded = COMPRESSED * coordinates * (tracer + every_disk + changed) + EVENT_IN_FILE * logged + measured
+    kept = (coordinates + images) * tracer + (2 * coordinates + images) * every_disk
+    return recorded, kept + BYTES_PER_EVENT * logged + measured
+
+
+def memory(cost: Cost, runs: int) -> float:
+    """Return the peak memory [bytes] of a process that makes and writes so many runs."""
+    written = COPIES_KEPT * cost.kept + COPIES_WRITTEN * cost.recorded
+    return PROCESS + max(cost.working + runs * cost.kept, runs * written)
 
 
 def seconds_to_measure_tracer(scene: Scene, observables: Iterable[str], average: str) -> float:
@@ -114,19 +141,25 @@ def _seconds_to_measure(scene: Scene, observable: Observable, average: str, bath
     return seconds + (0.0 if observable.seconds_per_sample is None else samples * observable.seconds_per_sample(scene))
 
 
-def refuse_too_large(
-    scene: Scene,
-    runs: int,
-    record: Collection[str] = frozenset({"tracer"}),
-    observables: Collection[str] = (),
-    average: str = "runs",
-) -> None:
-    """Raise RequestError if the records of all runs and the working memory of one exceed this machine's memory."""
-    cost = of_run(scene, record, observables, average)
-    needed = COPIES * runs * cost.recorded + cost.working
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > memory:
-        cure = f"this machine has {memory / 1e9:.3g} GB: take fewer seeds a call, fewer samples, or record less"
+def machine_memory() -> int:
+    """Return the memory [bytes] of this machine."""
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+def most_runs(cost: Cost) -> int:
+    """Return how many runs of this cost one process can make and write in this machine's memory; 0 for none."""
+    low, high = 0, MOST_RUNS
+    while low < high:
+        middle = (low + high + 1) // 2
+        low, high = (middle, high) if memory(cost, middle) <= machine_memory() else (low, middle - 1)
+    return low
+
+
+def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
+    """Raise RequestError if so many runs of a scene, each of this cost, in one process exceed this machine's memory."""
+    needed, available = memory(cost, runs), machine_memory()
+    if needed > available:
+        cure = f"this machine has {available / 1e9:.3g} GB: take fewer seeds a call, fewer samples, or record less"
         raise RequestError(f"{scene.name}: {runs} runs need some {needed / 1e9:.3g} GB of memory, and {cure}")
 
 

@@ -54,7 +54,7 @@ def read_original(path: str | Path, seed: int | None = None) -> Original:
     record = frozenset(name for name, is_recorded in parts.items() if is_recorded) or frozenset({"none"})
     observables = observables_making(ensemble.observables)
     engine.refuse_unfit(scene, record)
-    forecast.refuse_too_large(scene, len(seeds), record, observables, ensemble.average)
+    forecast.refuse_too_large(scene, len(seeds), engine.forecast(scene, record, observables, ensemble.average))
     return Original(scene, engine, ensemble, tuple(seeds.tolist()), record, observables, _changes(read_header(path)))
 
 

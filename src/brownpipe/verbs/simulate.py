@@ -76,7 +76,7 @@ def simulate(arguments: Namespace) -> int:
     refuse_repetition([scene], seeds)
     measures = _measures(arguments, scene)
     engine.refuse_unfit(scene, record)
-    forecast.refuse_too_large(scene, len(seeds), record, **measures)
+    forecast.refuse_too_large(scene, len(seeds), engine.forecast(scene, record, **measures))
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, kinds=HDF5)
 
     from brownpipe import progress

@@ -27,6 +27,7 @@ RATE_RUNS = 8  # of the exact engine that share these collisions
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
 EACH_RUN = 4.5e-5  # CPU seconds, most of them to set up two random number generators
 SECONDS_PER_SAMPLE = 1.3e-7  # CPU seconds
+BYTES_PER_SAMPLE = 180  # of memory, during a run: random numbers, the path and intermediate arrays
 FRICTIONS = ("enskog", "boltzmann", "measured")
 
 
@@ -86,10 +87,18 @@ def _forecast(scene: Scene, settings: dict, record, observables, average: str) -
     """Return the cost of a run; measuring the friction by runs of the exact engine costs once per process."""
     seconds = EACH_RUN + SECONDS_PER_SAMPLE * len(scene.times)
     seconds += forecast.seconds_to_measure_tracer(scene, observables, average)
-    rate_scene = scene_to_measure_rate(scene) if settings["friction"] == "measured" else None
+    exact = forecast.of_run(scene, record, observables, average)
+    rate_scene = scene_with_disks(scene, settings)
     once = 0.0 if rate_scene is None else RATE_RUNS * forecast.of_run(rate_scene).seconds
-    recorded = forecast.of_run(scene, record, observables, average).recorded
-    return forecast.Cost(0.0, 0.0, seconds, recorded, 0.0, once)
+    working = 0.0 if rate_scene is None else forecast.of_run(rate_scene).working
+    working = max(working, BYTES_PER_SAMPLE * len(scene.times))
+    storing = forecast.SECONDS_PER_BYTE * exact.recorded
+    return forecast.Cost(0.0, 0.0, seconds, exact.recorded, exact.kept, working, storing, once)
+
+
+def scene_with_disks(scene: Scene, settings: dict) -> Scene | None:
+    """Return the scene in which the collision rate is measured; None for a friction that needs no disks."""
+    return scene_to_measure_rate(scene) if settings["friction"] == "measured" else None
 
 
 def _candidates(scene: Scene) -> list[dict]:
@@ -126,5 +135,6 @@ LANGEVIN = Definition(
     refuse_unfit=refuse_unfit,
     caution=caution,
     forecast=_forecast,
+    scene_with_disks=scene_with_disks,
     candidates=_candidates,
 )

@@ -17,17 +17,19 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from brownpipe.engines.batch import RunResult, add_run, new_batch
+from brownpipe.engines.compiled import KernelCall, compile_all
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
 from brownpipe.engines.kernels import one_compiler
-from brownpipe.engines.langevin import RATE_RUNS, refuse_unfit, scene_to_measure_rate
+from brownpipe.engines.langevin import RATE_RUNS, refuse_unfit, scene_with_disks
 from brownpipe.engines.langevin.step import follow, step_weights
 from brownpipe.engines.state import Ensemble, Track
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
 from brownpipe.scene import Scene
 
+SECONDS_TO_COMPILE = 0.1  # of CPU
 MOST_BOXES = 2.0**30  # greatest distance of the free path from the box, in sides of the box
 
 
@@ -57,7 +59,7 @@ def simulate(
     batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
     with one_compiler():
-        follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4)))
+        compile_all([_call()])
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         path = _path(scene, mass, seed, weights)
         report: dict[str, float | np.uint8] = {"friction_rate": gamma, "failed": np.uint8(not is_known(scene, path))}
@@ -65,9 +67,19 @@ def simulate(
     return batch.ensemble
 
 
+def kernel_calls(scene: Scene, friction: str) -> list[KernelCall]:
+    """Return the calls that compile the kernels for a scene, with those of the exact engine if it measures the rate."""
+    rate_scene = scene_with_disks(scene, {"friction": friction})
+    return [_call(), *([] if rate_scene is None else exact.kernel_calls(rate_scene))]
+
+
+def _call() -> KernelCall:
+    return KernelCall(follow, (np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))), SECONDS_TO_COMPILE)
+
+
 def rate_of(scene: Scene, friction: str) -> float:
     """Return gamma [1/time] as `friction.friction_rate` does; for `measured`, after runs of the exact engine."""
-    rate_scene = scene_to_measure_rate(scene) if friction == "measured" else None
+    rate_scene = scene_with_disks(scene, {"friction": friction})
     return friction_rate(scene, friction, None if rate_scene is None else _collision_rate(rate_scene))
 
 
