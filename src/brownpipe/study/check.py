@@ -10,6 +10,7 @@ from dataclasses import replace
 from brownpipe import observables
 from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
 from brownpipe.engines.exact.layout import prepare
+from brownpipe.engines.saturation import placement_caution
 from brownpipe.engines.units import frame_of
 from brownpipe.errors import RequestError
 from brownpipe.formatting import in_bytes, in_time
@@ -18,8 +19,9 @@ from brownpipe.scene.scene_file import MOST_BYTES, is_study
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_count import assumed_runs
 from brownpipe.study.study import REFERENCE
-from brownpipe.study.workload import describe_workload, recording_of, workloads
+from brownpipe.study.workload import LONG, EngineWorkload, cautions, describe_workload, recording_of, workloads
 
+RUNS = 100  # of a scene, for which its placement should succeed
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 
 
@@ -43,10 +45,12 @@ def _scene(scene: Scene) -> list[str]:
         f"run       from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
         f"engine    exact: {_exact_model(scene)}",
         f"expected  {_collisions(scene, cost)}",
-        f"cost      some {in_time(cost.seconds)} of CPU per run, after {forecast.START_UP:g} s to start;"
-        f" {in_bytes(cost.working)} of memory, {in_bytes(cost.recorded)} of file per run",
+        f"cost      some {in_time(cost.seconds + cost.storing)} of CPU per run, after {forecast.START_UP:g} s to start;"
+        f" {in_bytes(forecast.memory(cost, 1))} of memory for one run, {in_bytes(cost.recorded)} of file per run",
+        *_kernels([(REFERENCE, scene)]),
         *_observables(scene, cost),
         *_cautions(REFERENCE, [scene]),
+        *_foreseen(scene, cost),
         *_approximate_engines(scene),
     ]
 
@@ -122,6 +126,38 @@ def _approximate_engines(scene: Scene) -> list[str]:
     return lines
 
 
+def _kernels(runs: Sequence[tuple[Engine, Scene]]) -> list[str]:
+    """Return whether the machine code for these engines and scenes is there, or how long compiling it will take."""
+    missing: dict[str, float] = {}
+    for engine, scene in runs:
+        if scene.particles:
+            missing |= engine.seconds_to_compile(scene)
+    if not missing:
+        return ["kernels   compiled"]
+    once = "once per machine and version of the source"
+    return [f"kernels   to be compiled first: about {in_time(sum(missing.values()))} of CPU, {once}"]
+
+
+def _foreseen(scene: Scene, cost: forecast.Cost) -> list[str]:
+    """Return a line for each reason why a run of the exact engine will fail or take days."""
+    reasons = [_placement(REFERENCE, scene, RUNS)]
+    try:
+        forecast.refuse_too_large(scene, 1, cost)
+    except RequestError as error:
+        reasons.append(str(error))
+    seconds = cost.seconds + cost.storing
+    if seconds >= LONG:
+        interrupted = "`simulate --checkpoint-every` lets it be interrupted"
+        reasons.append(f"{scene.name}: a run takes some {in_time(seconds)} of CPU on one core; {interrupted}")
+    return [f"caution   {reason}" for reason in reasons if reason is not None]
+
+
+def _placement(engine: Engine, scene: Scene, runs: int) -> str | None:
+    """Return one line of caution if the disks that an engine needs are likely to find no places in some of the runs."""
+    placed = engine.definition.scene_with_disks(scene, dict(engine.settings))
+    return None if placed is None else placement_caution(placed, runs)
+
+
 def _cautions(engine: Engine, scenes: Sequence[Scene]) -> list[str]:
     """Return a line for each limit of the engine's results in these scenes, each once."""
     cautions = dict.fromkeys(engine.definition.caution(scene) for scene in scenes)
@@ -132,18 +168,36 @@ def _study(study: Study) -> list[str]:
     """Return the lines of the report on a study: a table of its cases, its engines and the whole workload."""
     study, seeds = _with_seeds(study)
     width = max(len(case.name) for case in study.cases)
+    parts = workloads(study)
     lines = [f"{'scene':<{width}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  per run"]
     for case in study.cases:
-        cost = forecast.of_run(case, *recording_of(study))
-        collisions = _rounded(cost.pair_collisions + cost.wall_collisions)
-        row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {collisions:>11} {in_time(cost.seconds):>9}"
-        lines.append(f"{case.name:<{width}}  {row} {in_bytes(cost.recorded):>9}")
-    for part in workloads(study):
+        engine, cost = _first_engine(study, parts, case)
+        collisions = _rounded(cost.pair_collisions + cost.wall_collisions) if cost.pair_collisions else "-"
+        seconds = in_time(cost.seconds + cost.storing)
+        row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {collisions:>11} {seconds:>9}"
+        by = "" if engine == REFERENCE else f"  {engine.label}"
+        lines.append(f"{case.name:<{width}}  {row} {in_bytes(cost.recorded):>9}{by}")
+    for part in parts:
         names = ", ".join(dict.fromkeys(case.name for case in part.cases))
         where = "" if len(part.cases) == len(study.cases) else f" in {names}"
         model = f"{part.engine.model(part.cases)}; some {in_time(part.seconds)} of CPU"
         lines += [f"engine    {part.engine.label}{where}: {model}", *_cautions(part.engine, part.cases)]
+    lines += _kernels([(part.engine, case) for part in parts for case in part.cases])
+    placements = [_placement(part.engine, case, len(part.seeds)) for part in parts for case in part.cases]
+    foreseen = dict.fromkeys([*filter(None, placements), *cautions(study)])
+    lines += [f"caution   {reason}" for reason in foreseen]
     return [*lines, *seeds, f"total     {describe_workload(study)}", f"figures   {', '.join(study.figures)}"]
+
+
+def _first_engine(study: Study, parts: Sequence[EngineWorkload], case: Scene) -> tuple[Engine, forecast.Cost]:
+    """Return the first engine of a study that runs a case, the exact one if none does, and the cost of a run."""
+    used = (
+        (part.engine, cost)
+        for part in parts
+        for scene, cost in zip(part.cases, part.costs, strict=True)
+        if scene is case
+    )
+    return next(used, (REFERENCE, forecast.of_run(case, *recording_of(study))))
 
 
 def _with_seeds(study: Study) -> tuple[Study, list[str]]:
