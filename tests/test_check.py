@@ -459,8 +459,12 @@ def test_kernels_that_are_not_compiled_are_said(tmp_path, monkeypatch):
 def test_a_file_that_is_no_scene_is_named_with_what_is_expected(tmp_path):
     runs = tmp_path / "runs.h5"
     runs.write_bytes(HDF5 + b"0")
-    for path, what in ((runs, "is an HDF5 file"), (tmp_path, "is a folder"), (tmp_path / "a", "no such file")):
-        with pytest.raises(RequestError, match=rf"^{re.escape(str(path))}: .*{what}.*must be a scene or study file"):
+    for path, what in (
+        (runs, "it is an HDF5 file: brownpipe inspect"),
+        (tmp_path, "Is a directory"),
+        (tmp_path / "a", "No such file"),
+    ):
+        with pytest.raises(RequestError, match=rf"^{re.escape(str(path))}: .*{what}"):
             describe(path)
     with pytest.raises(RequestError, match=r"`brownpipe inspect .*runs.h5` shows what it contains$"):
         describe(runs)
