@@ -23,6 +23,7 @@ ROOMS = (  # each may import those before it
     "errors",
     "formatting",
     "provenance",
+    "stages",
     "theory",
     "scene",
     "observables",
@@ -43,6 +44,7 @@ ROOMS = (  # each may import those before it
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
 HEAVY = {
     "importlib",
+    "tqdm",
     "numba",
     "h5py",
     "scipy",

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from brownpipe import stages
 from brownpipe.cli import build_parser, main
-from brownpipe.engines import batch, inlining, kernels
+from brownpipe.engines import inlining, kernels
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
 from brownpipe.storage import read_dataset, read_trajectories
@@ -141,33 +142,36 @@ def test_a_long_batch_is_counted_on_a_terminal_alone(capsys, monkeypatch):
     """A clock that goes on by a second whenever it is read: every run is shown."""
     asked = ["simulate", SCENE, "--particles", "10", "--seeds", "0-3"]
     assert main(asked) == DONE
-    assert "runs done" not in capsys.readouterr().err
+    assert "4 runs" not in capsys.readouterr().err
     ticks = itertools.count()
+    monkeypatch.setattr("brownpipe.progress.Display.tick", lambda _: None)
+    monkeypatch.setattr("brownpipe.progress._in_notebook", lambda: True)  # the calculation draws, not a thread
     monkeypatch.setattr("brownpipe.progress.time.monotonic", lambda: next(ticks))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
     assert main(asked) == DONE
-    shown = capsys.readouterr().err.split("\r\033[K")[1:]
-    first, *others = [text for text in shown if "runs done" in text]
-    assert first == "1 of 4 runs done"
-    assert others == [f"{k} of 4 runs done, about {left} to go" for k, left in ((2, "2 s"), (3, "1 s"), (4, "0 ms"))]
+    shown = [text.strip() for text in capsys.readouterr().err.split("\r")]
+    assert [text for text in dict.fromkeys(shown) if "runs" in text] == [
+        "simulate: 1 of 4 runs (25 %), 2 s |██▌       |",
+        "simulate: 2 of 4 runs (50 %), 4 s, about 3 s to go |█████     |",
+        "simulate: 3 of 4 runs (75 %), 6 s, about 1 s to go |███████▌  |",
+        "simulate: 4 of 4 runs (100 %), 8 s |██████████|",
+    ]
     assert shown[-1] == ""
-    assert batch.on_entry == []
+    assert stages.listeners == stages.remark_listeners == []
 
 
 def test_what_is_compiled_is_said(capsys, monkeypatch, runs):
-    hooks = []
-
     def simulate(*_, **__):
-        for tell in hooks:
+        for tell in kernels.on_compile:
             tell("compiling the kernels for this kind of scene, once per machine: about 8 s")
         return read_trajectories(runs).ensemble
 
-    monkeypatch.setattr(kernels, "on_compile", hooks, raising=False)
     monkeypatch.setattr(exact, "simulate", simulate)
     assert main(["simulate", SCENE, "--particles", "10", "--seeds", "0-2"]) == DONE
     line = "brownpipe: compiling the kernels for this kind of scene, once per machine: about 8 s\n"
     assert capsys.readouterr().err == line
-    assert hooks == []
+    assert stages.remark_listeners == []
 
 
 def test_record_none_keeps_the_observables(capsys):

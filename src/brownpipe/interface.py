@@ -6,9 +6,7 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 `brownpipe.errors`, a ValueError of one line that names the argument, before anything is computed.
 """
 
-import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -114,7 +112,7 @@ def simulate(
     refuse_unfit(scene, names, average)
     chosen.refuse_unfit(scene, recorded)
     forecast.refuse_too_large(scene, len(numbers), chosen.forecast(scene, recorded, names, average))
-    with nullcontext() if quiet else progress.shown(_say):
+    with progress.shown("simulate", silent=quiet):
         ensemble = chosen.simulate(scene, numbers, recorded, observables=names, average=average)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(simulation_of(chosen.name))))
 
@@ -143,7 +141,8 @@ def analyse(
     windows = None if fit_windows is None else [_window(entry) for entry in _items("fit_windows", fit_windows)]
     width, count = read_rings(Entry(_plain(rings), "", ("rings",)))
     times = [reading.number(entry, above=0) for entry in _items("displacement_times", displacement_times)]
-    return aggregate(sources, windows, width, count, times)
+    with progress.shown("analyse"):
+        return aggregate(sources, windows, width, count, times)
 
 
 def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) -> "Figure":
@@ -226,7 +225,3 @@ def _seeds(value: Any) -> Sequence[int]:
 
 def _is_analysis(data: object) -> bool:
     return isinstance(data, Dataset) and "failed_runs" in data
-
-
-def _say(message: str) -> None:
-    print("brownpipe:", message, file=sys.stderr)

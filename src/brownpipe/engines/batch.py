@@ -1,19 +1,20 @@
 """A batch of runs: the ensemble that an engine fills run by run; what of each run is recorded and measured."""
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe import observables
+from brownpipe import observables, stages
+from brownpipe.engines import kernels
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import RequestError, RunError
 from brownpipe.scene import Scene
 
 SMALLEST_SQUARE = float(np.finfo(float).smallest_normal)
-on_entry: list[Callable[[int, int], object]] = []  # called with (finished runs, all runs) whenever a batch gets a run
+kernels.on_compile.append(stages.remark)
 
 
 class RunResult(NamedTuple):
@@ -75,17 +76,18 @@ def add_run(batch: Batch, column: int, result: RunResult) -> None:
         ensemble.whole[seed] = result.whole
     if result.events is not None:
         ensemble.events[seed] = result.events
-    for listener in on_entry:
-        listener(column + 1, len(ensemble.seeds))
+    stages.report("runs", column + 1, len(ensemble.seeds))
 
 
 @contextmanager
-def errors_name_run(scene: Scene, seed: int) -> Iterator[None]:
-    """Put the scene's name, N and the seed before the message of a RunError or RequestError."""
+def making_run(batch: Batch, column: int) -> Iterator[None]:
+    """Begin a run, and put the scene's name, N and the seed before the message of its RunError or RequestError."""
+    scene, seeds = batch.scene, batch.ensemble.seeds
+    stages.begin_piece("runs", column, len(seeds))
     try:
         yield
     except (RunError, RequestError) as error:
-        raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
+        raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seeds[column]}: {error}") from None
 
 
 def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float | np.uint8]:

@@ -4,10 +4,13 @@ import math
 
 import numpy as np
 
+from brownpipe import stages
 from brownpipe.engines.insertion import OUT_OF_NUMBERS, STUCK, TRIES, insert, register
 from brownpipe.engines.units import common_radius
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
+
+TRIES_PER_CALL = 1_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
 
 
 def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.ndarray:
@@ -56,7 +59,12 @@ def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator
     outcome = OUT_OF_NUMBERS
     while outcome == OUT_OF_NUMBERS:
         numbers = stream.random((2 * n + 64, 2))
-        outcome = insert(position, radius, common, big, size, scene.box.periodic, numbers, grid, following, progress)
+        for first in range(0, len(numbers), TRIES_PER_CALL):
+            tried = numbers[first : first + TRIES_PER_CALL]
+            outcome = insert(position, radius, common, big, size, scene.box.periodic, tried, grid, following, progress)
+            if outcome != OUT_OF_NUMBERS:
+                break
+            stages.report("disks placed", int(progress[0]), n)
     if outcome == STUCK:
         raise RequestError(
             f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "

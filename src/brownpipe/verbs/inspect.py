@@ -4,7 +4,6 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE, FAILED, RequestError
-from brownpipe.verbs.output import say
 from brownpipe.verbs.values import seed
 
 EXAMPLE = "seed17.h5 --seed 17"
@@ -57,7 +56,7 @@ def _reproduce(arguments: Namespace) -> int:
 
     original = reproduction.read_original(arguments.file, arguments.seed)
     print(*reproduction.announcement(original), sep="\n", flush=True)
-    with progress.shown(lambda text: say(text, DONE)):
+    with progress.shown("inspect"):
         found = reproduction.differences(original)
     print(reproduction.verdict(original, found))
     return FAILED if found else DONE

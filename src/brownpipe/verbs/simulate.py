@@ -87,7 +87,7 @@ def simulate(arguments: Namespace) -> int:
         say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
-    with progress.shown(lambda text: say(text, DONE)):
+    with progress.shown("simulate"):
         ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
     write_trajectories(output, scene, engine, ensemble)
     if arguments.checkpoint_every is not None:

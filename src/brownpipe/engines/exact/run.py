@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from brownpipe import stages
 from brownpipe.engines.batch import RunResult
 from brownpipe.engines.compiled import KernelCall, compile_all
 from brownpipe.engines.exact import workspace as ws
@@ -117,7 +118,7 @@ def evolve(
             w = prepare(scene, frame, pinned, start.slots)
         recorder = new_recorder(frame, w, times, record)
         logs = _restore(start, w, recorder)
-        if (yield from _to_last_sample(frame, w, recorder, start, logs, due)):
+        if (yield from _to_last_sample(prepared, w, recorder, start, logs, due)):
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
     report = report_of(scene, frame, w, start.first[:, 2:])
@@ -134,9 +135,15 @@ def uninterrupted(stages: Generator[RunState, None, Outcome]) -> Outcome:
 
 
 def _to_last_sample(
-    frame: Frame, w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: list[Events], due: Callable[[], bool]
+    prepared: PreparedScene,
+    w: ws.Workspace,
+    recorder: ws.Recorder,
+    start: RunState,
+    logs: list[Events],
+    due: Callable[[], bool],
 ) -> Generator[RunState, None, bool]:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
+    scene, frame = prepared.scene, prepared.frame
     while True:
         w.progress[ws.STOP] = due()
         before = _block_and_time(w)
@@ -144,6 +151,7 @@ def _to_last_sample(
         if outcome in (ws.PAUSED, ws.LOG_FULL):
             events = EVENTS_PER_CALL if outcome == ws.PAUSED else len(recorder.log_time)
             _refuse_standstill(w, frame, before, events)
+            stages.within(_fraction(scene, frame, w, start.equilibrating))
         if len(recorder.log_time):
             logs.append(logged(recorder, w, frame))
             w.progress[ws.LOGGED] = 0
@@ -187,6 +195,14 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
 def _block_and_time(w: ws.Workspace) -> tuple[int, float]:
     """Return the number of the current block and the time within it [engine's units]."""
     return int(w.progress[ws.BLOCK]), float(w.tally[ws.NOW])
+
+
+def _fraction(scene: Scene, frame: Frame, w: ws.Workspace, equilibrating: bool) -> float:
+    """Return the fraction of a run that is done, in simulated time with that to equilibrate."""
+    block, time = _block_and_time(w)
+    elapsed = (block * w.calendar.block + time) * frame.time
+    before = 0.0 if equilibrating else scene.equilibrate
+    return (before + elapsed) / (scene.equilibrate + scene.duration)
 
 
 def _refuse_standstill(w: ws.Workspace, frame: Frame, before: tuple[int, float], events: int) -> None:

@@ -6,7 +6,7 @@ Each run is drawn from its seed (`initial_state`), equilibrated (`equilibration`
 
 from collections.abc import Callable, Collection, Generator, Sequence
 
-from brownpipe.engines.batch import add_run, errors_name_run, new_batch
+from brownpipe.engines.batch import add_run, making_run, new_batch
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.exact import equilibration, run
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, complete
@@ -48,7 +48,7 @@ def simulate(
     def make_run(column: int, stored: RunState | None, due: Callable[[], bool]) -> Generator[RunState, None, None]:
         """Make one run of the batch, or finish a stored one; yield its state whenever a checkpoint is due."""
         seed = int(batch.ensemble.seeds[column])
-        with errors_name_run(scene, seed):
+        with making_run(batch, column):
             start = stored
             if start is None or start.equilibrating:
                 state = draw(scene, seed)

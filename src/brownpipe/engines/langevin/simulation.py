@@ -16,6 +16,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from brownpipe import stages
 from brownpipe.engines.batch import RunResult, add_run, new_batch
 from brownpipe.engines.compiled import KernelCall, compile_all
 from brownpipe.engines.exact import simulation as exact
@@ -88,7 +89,8 @@ def _collision_rate(scene: Scene) -> float:
 
     The rate of each run is scaled from the run's own temperature to the scene's: rates are proportional to sqrt(kT).
     """
-    reports = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"})).observables
+    with stages.counted_as("runs that measure the friction"):
+        reports = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"})).observables
     if reports["failed"].any():
         raise RunError(f"{scene.name}: the runs that measure the friction failed their health check")
     heat = reports["kinetic_energy"] / (scene.particles * scene.velocities.temperature)  # kT of a run / kT of the scene

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.batch import RunResult, add_run, errors_name_run, new_batch
+from brownpipe import stages
+from brownpipe.engines.batch import RunResult, add_run, making_run, new_batch
 from brownpipe.engines.compiled import KernelCall, compile_all
 from brownpipe.engines.exact.equilibration import kernel_calls as states_calls
 from brownpipe.engines.exact.equilibration import states
@@ -70,7 +71,7 @@ def simulate(
     initial_state = states(scene)
     setup = prepared(scene, time_step, precision, collisions)
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
-        with errors_name_run(scene, seed):
+        with making_run(batch, column):
             add_run(batch, column, run(setup, initial_state(seed), scene.times, batch.needed_record))
     return batch.ensemble
 
@@ -107,6 +108,8 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
     first_velocity = np.stack([w.vx, w.vy], axis=1).astype(float)
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
     while (outcome := advance(w, samples, steps)) != ws.DONE:
+        elapsed = int(w.counters[ws.STEP]) * setup.time_step
+        stages.within((scene.equilibrate + elapsed) / (scene.equilibrate + scene.duration))
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
     report = report_of(scene, frame, w, first_velocity)
