@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from brownpipe import stages
 from brownpipe.analysis import conditions, displacement, distribution, pairs, thermodynamics, velocity
 from brownpipe.analysis.displacement import labels
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
@@ -63,7 +64,11 @@ def aggregate(
     cases = [_case(group, options) for group in groups]
     _refuse_out_of_reach(cases, windows or (), dr or 0.0)
     _refuse_unsampled(cases, options.displacement_times)
-    parts = [_results(case, group) for case, group in zip(cases, groups, strict=True)]
+    ends = np.cumsum([len(group.seeds) for group in groups]).tolist()
+    parts = [
+        _results(case, group, before, ends[-1])
+        for case, group, before in zip(cases, groups, [0, *ends[:-1]], strict=True)
+    ]
     seeds = np.unique(np.concatenate([group.seeds for group in groups]))
     for part, group in zip(parts, groups, strict=True):
         part.values["missing_seeds"] = len(seeds) - len(group.seeds)
@@ -101,8 +106,8 @@ def _refuse_unsampled(cases: Sequence[Case], times: Sequence[float]) -> None:
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
 
-def _results(case: Case, group: Group) -> Part:
-    """Return the values of all variables for one group."""
+def _results(case: Case, group: Group, before: int, total: int) -> Part:
+    """Return the values of all variables for one group; report how many runs are analysed, `before` it and of all."""
     averages, health, masks = NO_RUNS, [], []
 
     def good_runs() -> Iterator[RunBlock]:
@@ -113,6 +118,7 @@ def _results(case: Case, group: Group) -> Part:
             health.append(np.stack([runs.observables.get(name, np.full(len(bad), np.nan)) for name in HEALTH]))
             if not bad.all():
                 yield select(runs, ~bad) if bad.any() else runs
+            stages.report("runs", before + sum(map(len, masks)), total)
 
     blocks = good_runs()
     first = _enough_for_rings(blocks)

@@ -16,6 +16,7 @@ from brownpipe.engines import Engine
 from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
+from brownpipe.stages import tracked
 from brownpipe.storage import Outline, Trajectories, read_outline, read_trajectories
 
 LOADED = 2  # files kept in memory; enough to read each batch of consecutive seeds only once
@@ -72,7 +73,7 @@ def groups_of(sources: Iterable[str | Path | Trajectories]) -> list[Group]:
     Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
     files), and what `storage.read_outline` raises.
     """
-    files = [_described(number, source) for number, source in enumerate(sources)]
+    files = [_described(number, source) for number, source in enumerate(tracked([*sources], "files verified"))]
     if not files:
         raise AnalysisError("no trajectory files: nothing to analyse")
     groups = [_group([file for file in files if file.key == key]) for key in sorted({file.key for file in files})]

@@ -17,6 +17,7 @@ import numpy as np
 from brownpipe.errors import FigureError
 from brownpipe.figures.snapshot import COLOURS, WholeRun, scenery_of, snapshot, whole_run
 from brownpipe.figures.style import drawing
+from brownpipe.stages import tracked
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -71,7 +72,7 @@ def _frames(run: WholeRun, shown: np.ndarray) -> Iterator[np.ndarray]:
         artist.set_animated(True)
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
-    for k in shown:
+    for k in tracked(shown, "frames"):
         canvas.restore_region(background)
         show(k)
         for artist in moving:

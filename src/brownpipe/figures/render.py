@@ -13,6 +13,7 @@ from brownpipe.figures.catalogue import Figure as Entry
 from brownpipe.figures.style import drawing, image_bytes
 from brownpipe.figures.summary import summary_table
 from brownpipe.figures.tables import to_csv
+from brownpipe.stages import tracked
 from brownpipe.storage import write_file
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def render(
         _refuse_lacking(name, shown)
     files: dict[str, bytes] = {}
     with drawing():
-        for name in names or [name for name, cases in shown.items() if cases]:
+        for name in tracked(names or [name for name, cases in shown.items() if cases], "figures"):
             module, cases = module_of(name), shown[name]
             figure = module.draw(cases)
             files |= {f"{name}.{suffix}": image_bytes(figure, suffix) for suffix in ("png", "svg")}

@@ -15,6 +15,7 @@ import numpy as np
 from brownpipe.figures.cases import plus_minus
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, image_bytes, log_axis
 from brownpipe.figures.tables import Table, aligned, to_csv
+from brownpipe.stages import tracked
 from brownpipe.storage import write_file
 from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
 
@@ -245,7 +246,7 @@ def render(dataset: Dataset, folder: str | Path) -> list[Path]:
     """Write tradeoff_SCENE.png and .svg for every scene, tradeoff.csv and tradeoff.txt; return the paths."""
     files: dict[str, bytes] = {}
     with drawing():
-        for scene in _scenes(dataset):
+        for scene in tracked([*_scenes(dataset)], "figures"):
             figure = draw(dataset, scene)
             files |= {f"tradeoff_{scene}.{suffix}": image_bytes(figure, suffix) for suffix in ("png", "svg")}
     files |= {"tradeoff.csv": to_csv(table(dataset)), "tradeoff.txt": summary(dataset).encode()}

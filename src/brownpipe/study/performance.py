@@ -11,6 +11,7 @@ import numpy as np
 from brownpipe.engines import DEFINITIONS, Engine, configured, recorded
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
+from brownpipe.stages import tracked
 from brownpipe.storage import read_dataset
 from brownpipe.study.pilot import pilot_runs, run_pilot
 from brownpipe.study.study import REFERENCE, Study
@@ -54,7 +55,7 @@ def performance_of(study: Study, target: str, results: str | Path = "results") -
     window = study.fit_windows[0]
     return [
         stored_performance(scene, target, window, results) or pilot_performance(scene, target, window)
-        for scene in study.cases
+        for scene in tracked(study.cases, "cases")
     ]
 
 
@@ -89,12 +90,13 @@ def _from_dataset(of_scene: "xarray.Dataset", target: str) -> list[EnginePerform
 
 def pilot_performance(scene: Scene, target: str, window: tuple[float, float]) -> CasePerformance:
     """Measure the exact engine and the candidates by pilot runs; a candidate that costs more is not compared."""
-    exact = run_pilot(scene, REFERENCE)
-    exact_seconds = timing.seconds_per_run(REFERENCE, scene, repeats=TIMING_REPEATS)
-    performances = [_performance(REFERENCE, compare(exact, exact, window, exact_seconds), target)]
-    for engine in candidates(scene):
+    performances: list[EnginePerformance] = []
+    for engine in tracked([REFERENCE, *candidates(scene)], "engines"):
         seconds = timing.seconds_per_run(engine, scene, repeats=TIMING_REPEATS)
-        if seconds < exact_seconds:
+        if engine == REFERENCE:
+            exact, exact_seconds = run_pilot(scene, engine), seconds
+            performances.append(_performance(engine, compare(exact, exact, window, seconds), target))
+        elif seconds < exact_seconds:
             values = compare(run_pilot(scene, engine), exact, window, seconds)
             performances.append(_performance(engine, values, target))
         else:

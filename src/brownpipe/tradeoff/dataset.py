@@ -12,6 +12,7 @@ from brownpipe.analysis.variables import SAME_TIME
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
+from brownpipe.stages import tracked
 from brownpipe.storage import made_by
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import CURVE, compare, curve_times
@@ -54,7 +55,7 @@ def measure(
     if lacking:
         raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
     parts = []
-    for exact in references:
+    for exact in tracked(references, "cases"):
         comparisons = _comparisons(exact, groups, (instead_of or {}).get(exact.scene.name, ()))
         settings = _settings(exact, comparisons, _window(exact, window), seconds_per_run)
         of_scene = _scene(exact, _window(exact, window))
@@ -118,7 +119,7 @@ def _settings(
 ) -> dict[str, dict]:
     """The variables of every setting of a scene: label -> values."""
     unit, settings = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene), {}
-    for label, runs, paired in comparisons:
+    for label, runs, paired in tracked(comparisons, "settings"):
         cost = _cost(runs, exact, unit, seconds_per_run)
         settings[label] = compare(runs, exact, window, unit * cost.ratio, paired) | {
             "cost_ratio": cost.ratio,

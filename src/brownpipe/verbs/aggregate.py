@@ -25,10 +25,12 @@ def add_arguments(add: Callable) -> None:
 
 def aggregate(arguments: Namespace) -> int:
     """Analyse trajectory files: one dataset of displacements, fits and distributions, with their errors over runs."""
-    from brownpipe import analysis
+    from brownpipe import analysis, progress
     from brownpipe.storage import write_dataset
 
     output = writable(arguments.output, *arguments.files, kinds=NETCDF)
     settings = (arguments.fit_windows, arguments.ring_width, arguments.rings, arguments.displacement_times)
-    write_dataset(output, analysis.aggregate(arguments.files, *settings))
+    with progress.shown("aggregate"):
+        dataset = analysis.aggregate(arguments.files, *settings)
+    write_dataset(output, dataset)
     return DONE

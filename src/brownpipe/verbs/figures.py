@@ -22,6 +22,7 @@ def add_arguments(add: Callable) -> None:
 
 def figures(arguments: Namespace) -> int:
     """Draw the figures of a dataset, each with a table of its numbers, and write the summary."""
+    from brownpipe import progress
     from brownpipe.errors import DONE, FigureError
     from brownpipe.figures import tradeoff
     from brownpipe.figures.render import render
@@ -34,8 +35,10 @@ def figures(arguments: Namespace) -> int:
     if is_tradeoff(dataset):
         if arguments.figures or arguments.particles is not None:
             raise FigureError(f"{arguments.dataset}: a trade-off; it is shown as a whole")
-        tradeoff.render(dataset, output)
+        with progress.shown("figures"):
+            tradeoff.render(dataset, output)
         return DONE
-    render(dataset, output, arguments.figures, arguments.particles)
+    with progress.shown("figures"):
+        render(dataset, output, arguments.figures, arguments.particles)
     write_file(Path(output) / "summary.txt", summary(dataset).encode())
     return DONE

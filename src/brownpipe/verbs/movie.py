@@ -25,6 +25,7 @@ def movie(arguments: Namespace) -> int:
 
     The file must have been recorded with `--record all`. The picture shows the end of the run.
     """
+    from brownpipe import progress
     from brownpipe.figures.movie import SUFFIXES, samples_shown
     from brownpipe.figures.movie import movie as moving
     from brownpipe.formatting import in_bytes
@@ -32,7 +33,8 @@ def movie(arguments: Namespace) -> int:
 
     output = writable(arguments.output or f"{Path(arguments.file).stem}.gif", arguments.file, kinds=SUFFIXES)
     trajectories, kind = read_trajectories(arguments.file), suffix(output)
-    contents = moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps)
+    with progress.shown("movie"):
+        contents = moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps)
     write_file(output, contents)
     count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
     print(f"{output}: {number(count, 'frame')}, {in_bytes(len(contents))}")

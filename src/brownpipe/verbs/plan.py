@@ -28,6 +28,7 @@ def plan(arguments: Namespace) -> int:
 
     Uses stored results of `brownpipe tradeoff` that have the same scenes, otherwise pilot runs of some seconds.
     """
+    from brownpipe import progress
     from brownpipe.scene.reading import Entry
     from brownpipe.scene.reading import name as read_name
     from brownpipe.study import performance, read_study, writing
@@ -43,7 +44,8 @@ def plan(arguments: Namespace) -> int:
     if arguments.write is not None:
         read_name(Entry(Path(arguments.write).stem, "", ("--write",)))  # of the new study
     output = None if arguments.write is None else writable(arguments.write, arguments.study, kinds=YAML)
-    cases = performance.performance_of(study, target)
+    with progress.shown("plan"):
+        cases = performance.performance_of(study, target)
     print(planning.describe(cases, target, tolerance, budget))
     best = next(iter(offers(cases, tolerance, budget)), None)
     if output is not None and best is not None:

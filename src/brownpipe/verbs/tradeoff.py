@@ -26,6 +26,7 @@ def tradeoff(arguments: Namespace) -> int:
     Compares the trajectory files of the study, or those given by --files, and runs each engine for some seconds to
     measure its cost. `brownpipe figures` draws the figures and tables of the dataset.
     """
+    from brownpipe import progress
     from brownpipe import tradeoff as comparison
     from brownpipe.storage import write_dataset
     from brownpipe.study import read_study
@@ -38,5 +39,7 @@ def tradeoff(arguments: Namespace) -> int:
         first = f"brownpipe run {arguments.study} ({missing[0]} is missing)"
         raise RequestError(f"{arguments.study}: has no results yet; run it first: {first}")
     output = writable(arguments.output or f"{results}/tradeoff/{study.name}.nc", arguments.study, *files, kinds=NETCDF)
-    write_dataset(output, comparison.measure(files, dict(study.instead_of), arguments.fit_window))
+    with progress.shown("tradeoff"):
+        dataset = comparison.measure(files, dict(study.instead_of), arguments.fit_window)
+    write_dataset(output, dataset)
     return DONE
