@@ -49,7 +49,10 @@ rule all:
 onstart:
     from brownpipe.study.workload import describe_workload
 
-    logger.info(f"brownpipe: the study {study.name}: {describe_workload(study)}", extra={"forecast": True})
+    to_do = [job.wildcards for job in workflow.dag.needrun_jobs() if job.rule.name == "simulate"]
+    runs = sum(int(seeds.last) - int(seeds.first) + 1 for seeds in to_do)
+    workload = f"brownpipe: the study {study.name}: {describe_workload(study)}"
+    logger.info(workload, extra={"forecast": True, "runs": runs})
 
 
 include: "workflow/rules/simulate.smk"

@@ -1,9 +1,11 @@
 """What a study shows on the screen while it runs, from messages as Snakemake sends them."""
 
 import io
+import json
 import logging
+import os
 import time
-from collections import Counter
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -13,7 +15,8 @@ from snakemake.exceptions import format_exception_to_string
 from snakemake_interface_common.exceptions import WorkflowError
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from snakemake_logger_plugin_brownpipe import LogHandler, progress
+from brownpipe.progress import NOTES
+from snakemake_logger_plugin_brownpipe import LogHandler
 
 
 class Screen(io.StringIO):
@@ -27,9 +30,27 @@ class Screen(io.StringIO):
         return self.terminal
 
 
-def display(monkeypatch, terminal=False, **changed):
+@pytest.fixture(autouse=True)
+def notes(monkeypatch, tmp_path):
+    """The folder in which jobs note their progress."""
+    folder = tmp_path / "notes"
+    folder.mkdir()
+    monkeypatch.setenv(NOTES, str(folder))
+    return folder
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The time of the display, in its attribute `now` [s]."""
+    time_now = SimpleNamespace(now=time.monotonic())
+    monkeypatch.setattr("time.monotonic", lambda: time_now.now)
+    return time_now
+
+
+def display(monkeypatch, terminal=False, term="xterm", **changed):
     """A display and its screen. It looks at running jobs only when it is told to."""
     screen = Screen(terminal)
+    monkeypatch.setenv("TERM", term)
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setattr("sys.stdout", screen)
     monkeypatch.setattr("threading.Thread", lambda **_: SimpleNamespace(start=lambda: None))
@@ -51,22 +72,53 @@ def begin(handler, number, rule="simulate", log=(), first=0):
 STATS = {"simulate": 4, "aggregate": 1, "all": 1, "total": 6}
 
 
-def test_jobs_are_counted_and_forecast(monkeypatch):
-    handler, screen = display(monkeypatch, terminal=True)
-    now = time.monotonic()
-    monkeypatch.setattr("time.monotonic", lambda: now)
+def start(handler, runs=400):
+    """Announce the jobs of a study, and then their runs as the Snakefile does."""
     send(handler, LogEvent.RUN_INFO, "Job stats: ...", stats=STATS)
+    send(handler, message="brownpipe: the study", forecast=True, runs=runs)
+
+
+def note(notes, job, done, left=None, title="simulate", unit="runs", total=100):
+    """Note the progress of a job as `progress.shown` does in it."""
+    (notes / str(job)).write_text(json.dumps([title, left, unit, done, total]))
+
+
+def last_line(screen):
+    return screen.getvalue().rpartition("\r\033[K")[2]
+
+
+def test_runs_are_counted_while_the_first_job_is_running(monkeypatch, clock, notes):
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler, runs=7_200)
     begin(handler, 1)
     begin(handler, 2)
-    now += 6.0
+    assert last_line(screen) == "simulate: 0 of 7,200 runs, 1 s"
+    clock.now += 6.0
+    note(notes, 1, 50.7)
+    note(notes, 2, 10)
+    note(notes, 3, 5, unit="runs that measure the friction")
+    handler.show()
+    assert last_line(screen) == "simulate: 60 of 7,200 runs, 6 s, about 12 min to go"  # 6 s / 60 x 7,140
+    (notes / "1").unlink()
+    handler.show()
+    assert last_line(screen).startswith("simulate: 60 of "), "a job that has ended, which Snakemake has not said yet"
     send(handler, LogEvent.JOB_FINISHED, job_id=1)
-    # one job took 6 s; of the other three one is under way, on average half done: 2.5 x 6 s by one at a time
-    assert screen.getvalue().endswith("\r\033[Ksimulate: 1 of 4 jobs (100 runs) done in 6 s, about 15 s to go")
+    assert last_line(screen).startswith("simulate: 110 of 7,200 runs, ")
 
 
-def test_a_job_that_waited_for_the_compiler_says_nothing_of_the_others(monkeypatch, tmp_path):
-    handler, screen = display(monkeypatch)
-    send(handler, LogEvent.RUN_INFO, stats=STATS)
+def test_runs_of_an_earlier_study_do_not_count(monkeypatch, clock):
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler, runs=100)
+    begin(handler, 1)
+    clock.now += 3.0
+    send(handler, LogEvent.JOB_FINISHED, job_id=1)
+    begin(handler, 2)
+    assert last_line(screen) == "simulate: 100 of 100 runs, 3 s"
+
+
+def test_the_time_for_compiling_is_no_time_per_run(monkeypatch, clock, notes, tmp_path):
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler)
     log = tmp_path / "1.log"
     line = "brownpipe: compiling the kernels for this kind of scene, once per machine: about 8 s"
     log.write_text(f"something else\n{line}\n")
@@ -74,26 +126,38 @@ def test_a_job_that_waited_for_the_compiler_says_nothing_of_the_others(monkeypat
     begin(handler, 2, log=log)
     handler.listen()
     handler.listen()
-    send(handler, LogEvent.JOB_FINISHED, job_id=1)
-    assert handler.left() is None
     assert screen.getvalue().count(line) == 1
     assert "something else" not in screen.getvalue()
+    for seconds, done in ((50.0, 0), (10.0, 20), (10.0, 60)):
+        clock.now += seconds
+        note(notes, 1, done)
+        handler.show()
+    assert last_line(screen) == "simulate: 60 of 400 runs, 70 s, about 85 s to go"  # 10 s / 40 x 340
 
 
-def test_without_a_terminal_a_stage_is_said_once_and_then_seldom(monkeypatch):
+def test_without_a_terminal_a_stage_is_said_once_and_then_seldom(monkeypatch, clock):
     handler, screen = display(monkeypatch)
-    now = time.monotonic()
-    monkeypatch.setattr("time.monotonic", lambda: now)
-    send(handler, LogEvent.RUN_INFO, stats=STATS)
+    start(handler)
     for number in range(3):
         begin(handler, number)
         send(handler, LogEvent.JOB_FINISHED, job_id=number)
     begin(handler, 3)
-    assert screen.getvalue() == "simulate: 0 of 4 jobs (0 runs) done in 0 s\n"
-    now += 11.0
+    assert screen.getvalue() == "brownpipe: the study\nsimulate: 0 of 400 runs, 1 s\n"
+    clock.now += 29.0
     handler.show()
-    assert screen.getvalue().endswith("\nsimulate: 3 of 4 jobs (300 runs) done in 11 s, about 0 s to go\n")
     assert screen.getvalue().count("\n") == 2
+    clock.now += 2.0
+    handler.show()
+    assert screen.getvalue().endswith("\nsimulate: 300 of 400 runs, 31 s\n")
+    assert screen.getvalue().count("\n") == 3
+
+
+def test_a_dumb_terminal_gets_lines(monkeypatch, clock):
+    handler, screen = display(monkeypatch, terminal=True, term="dumb")
+    start(handler)
+    begin(handler, 1)
+    handler.close()
+    assert screen.getvalue() == "brownpipe: the study\nsimulate: 0 of 400 runs, 1 s\n"
 
 
 def test_nothing_is_written_while_the_answer_is_printed(monkeypatch):
@@ -155,9 +219,27 @@ def test_after_an_interruption_no_job_is_blamed(monkeypatch):
     assert screen.getvalue().splitlines()[1:] == ["brownpipe: interrupted; the same command goes on from here"]
 
 
-def test_several_rules_at_once():
-    text = progress(Counter(simulate=2), Counter(simulate=2), 10, {"aggregate", "tradeoff"}, 3.4, None)
-    assert text == "aggregate: 3 s after the start; tradeoff: 3 s after the start"
+def test_several_rules_at_once(monkeypatch, clock, notes):
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler)
+    begin(handler, 1, "tradeoff")
+    clock.now += 2.0
+    begin(handler, 2, "aggregate")
+    clock.now += 3.4
+    note(notes, 2, 7_200, 5.2, "aggregate", "runs", 19_200)
+    (notes / "3").write_text('["aggregate", 5.')  # is being written
+    handler.show()
+    assert last_line(screen) == "aggregate: 7,200 of 19,200 runs, 3 s, about 5 s to go; tradeoff: 5 s"
+
+
+def test_the_folder_of_notes_is_there_while_a_study_is_running(monkeypatch):
+    monkeypatch.delenv(NOTES)
+    handler, _ = display(monkeypatch)
+    start(handler)
+    folder = Path(os.environ[NOTES])
+    assert folder.is_dir()
+    handler.close()
+    assert not folder.exists() and NOTES not in os.environ
 
 
 # -- files and keys that Snakemake refuses before the Snakefile is read ---------------------------------------------

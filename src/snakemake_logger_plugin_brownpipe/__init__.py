@@ -1,24 +1,31 @@
-"""What a study shows on the screen while Snakemake runs it: progress, time left, and errors.
+"""What a study shows on the screen while Snakemake runs it: progress in runs, time left, and errors.
 
 Snakemake finds this package by its name; profiles/default selects it. Snakemake's own messages, with every command, go
 to its log file below .snakemake/log; warnings and errors are shown here, too. With -n or --verbose all messages are
 shown as Snakemake formats them.
+
+Jobs note their progress in a folder (`brownpipe.progress`), so that it is known before the first of them has ended.
 """
 
+import json
 import logging
 import os
 import shutil
 import sys
+import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
+
+from brownpipe.progress import LINE_INTERVAL, NOTES, Pace, line
+from brownpipe.stages import Stage
 
 CHATTER = ("Assuming unrestricted", "Building DAG", "Using shell", "Select jobs", "Execute ", "Complete log", "Elapsed")
 ANSWER_RULES = ("all", "tradeoff_figures")  # rules that print results: no progress is shown while one runs
@@ -28,7 +35,6 @@ LOCKED = (
     " or the machine went down, first remove its lock: {}"
 )
 LOOK_INTERVAL = 0.5  # seconds between two looks at the logs of running jobs
-LINE_INTERVAL = 10.0  # seconds between two lines of progress if the output is no terminal
 
 
 class RunningJob(NamedTuple):
@@ -40,10 +46,19 @@ class RunningJob(NamedTuple):
     started: float  # time.monotonic() [s]
 
 
+class Note(NamedTuple):
+    """What a running job has noted of its progress."""
+
+    rule: str
+    stage: Stage
+    left: float | None  # time [s]
+
+
 class Message(logging.LogRecord):
     """A message of Snakemake, which adds attributes to the record: each event has some of these."""
 
     stats: dict[str, int]  # RUN_INFO: planned jobs by rule
+    runs: int  # to be simulated, from the Snakefile
     jobid: int  # JOB_INFO
     job_id: int  # JOB_FINISHED
     rule_name: str  # JOB_INFO, JOB_ERROR, like the next
@@ -62,14 +77,15 @@ class LogHandler(LogHandlerBase):
         settings = self.common_settings
         self.verbatim = settings.dryrun or settings.verbose or settings.debug_dag
         self.stream = sys.stdout if settings.stdout else sys.stderr
-        self.terminal = self.stream.isatty()
+        self.terminal = self.stream.isatty() and os.environ.get("TERM") != "dumb"
         self.planned: Counter[str] = Counter()  # jobs by rule
-        self.done: Counter[str] = Counter()
-        self.runs = 0  # simulated by finished jobs
+        self.runs = 0  # to be simulated
+        self.runs_of_finished = 0  # simulated by finished jobs
+        self.runs_done = 0  # also those that running jobs have noted
+        self.pace: Pace | None = None  # of the runs; None while kernels are compiled
         self.running: dict[int, RunningJob] = {}  # by Snakemake's number of the job
-        self.durations: list[float] = []  # of simulate jobs that did not wait for the compiler [s]
         self.started = self.last_line = time.monotonic()
-        self.last_compilation = 0.0  # when a job last announced one: jobs started before it take longer than others
+        self.notes: tempfile.TemporaryDirectory | None = None
         self.remarks: set[str] = set()  # shown before
         self.shown_rules: set[str] = set()  # rules that had a line of progress, if the output is no terminal
         self.failures: list[str] = []  # explanations, shown at the end
@@ -93,6 +109,7 @@ class LogHandler(LogHandlerBase):
         elif event == LogEvent.JOB_ERROR:
             self.failures.append(failure(record))
         elif record.levelno > logging.INFO or event in (None, LogEvent.GROUP_ERROR, LogEvent.ERROR):
+            self.runs = getattr(record, "runs", self.runs)
             if getattr(record, "forecast", False) and not self.planned["simulate"]:
                 return
             text = self.format(record)
@@ -106,6 +123,10 @@ class LogHandler(LogHandlerBase):
         """Start to count jobs and to watch the logs of running ones; `stats` has the planned jobs of each rule."""
         self.planned = Counter({rule: count for rule, count in stats.items() if rule != "total"})
         self.started = self.last_line = time.monotonic()
+        self.pace = Pace()
+        if NOTES not in os.environ:
+            self.notes = tempfile.TemporaryDirectory(prefix="brownpipe-progress-")
+            os.environ[NOTES] = self.notes.name
         threading.Thread(target=self.watch, daemon=True).start()
 
     def watch(self) -> None:
@@ -117,22 +138,19 @@ class LogHandler(LogHandlerBase):
 
     def listen(self) -> None:
         """Show the remarks in the logs of running jobs, identical ones once."""
-        for line in (line for job in self.running.values() for line in remarks_of(job)):
-            if line not in self.remarks:
-                self.remarks.add(line)
-                self.write(line)
-                if "compiling" in line:
-                    self.last_compilation = time.monotonic()
+        for remark in (remark for job in self.running.values() for remark in remarks_of(job)):
+            if remark not in self.remarks:
+                self.remarks.add(remark)
+                self.write(remark)
+                if "compiling" in remark:
+                    self.pace = None
 
     def finish(self, number: int) -> None:
         """Count a finished job."""
         self.listen()
         job = self.running.pop(number, None)
         if job is not None:
-            self.done[job.rule] += 1
-            self.runs += job.runs
-            if job.rule == "simulate" and job.started > self.last_compilation:
-                self.durations.append(time.monotonic() - job.started)
+            self.runs_of_finished += job.runs
         self.show()
 
     def show(self) -> None:
@@ -141,8 +159,7 @@ class LogHandler(LogHandlerBase):
         if not rules or rules & set(ANSWER_RULES):
             self.erase()
             return
-        seconds = time.monotonic() - self.started
-        text = progress(self.planned, self.done, self.runs, rules, seconds, self.left())
+        text = self.progress()
         if self.terminal:
             self.stream.write(f"\r\033[K{text[: shutil.get_terminal_size().columns - 1]}")
             self.stream.flush()
@@ -151,13 +168,32 @@ class LogHandler(LogHandlerBase):
             self.shown_rules |= rules
             self.last_line = time.monotonic()
 
-    def left(self) -> float | None:
-        """Return the time left for the simulations [s], from the mean duration of finished jobs; None if unknown."""
-        running = sum(job.rule == "simulate" for job in self.running.values())
-        if not self.durations or not running:
-            return None
-        jobs = self.planned["simulate"] - self.done["simulate"] - running / 2  # running ones are half done on average
-        return jobs / running * sum(self.durations) / len(self.durations)
+    def progress(self) -> str:
+        """Return a line on the running rules: how much is done, the time taken and, if known, the time left."""
+        now, notes = time.monotonic(), notes_of_jobs()
+        started = {job.rule: job.started for job in self.running.values()}
+        parts = []
+        if started.pop("simulate", None) is not None:
+            runs, left = self.count(now, notes)
+            parts.append(line("simulate", runs, now - self.started, left))
+        for rule, then in sorted(started.items()):
+            stage, left = next(((note.stage, note.left) for note in notes if note.rule == rule), (None, None))
+            parts.append(line(rule, stage, now - then, left))
+        return "; ".join(parts)
+
+    def count(self, now: float, notes: Iterable[Note]) -> tuple[Stage, float | None]:
+        """Return how many runs are done and the time left for the others [s], None if it is unknown.
+
+        The number never falls, although a job removes its note shortly before Snakemake says that the job is finished.
+        """
+        noted = sum(int(note.stage.done) for note in notes if (note.rule, note.stage.unit) == ("simulate", "runs"))
+        done = max(self.runs_done, self.runs_of_finished + noted)
+        if self.pace is None and done > self.runs_done:
+            self.pace = Pace()
+        self.runs_done, runs = done, max(self.runs, done)
+        if self.pace is not None:
+            self.pace.update(now, done)
+        return Stage("runs", done, runs), None if self.pace is None else self.pace.left(now, runs)
 
     def write(self, text: str) -> None:
         """Write a line in place of the line of progress."""
@@ -180,6 +216,10 @@ class LogHandler(LogHandlerBase):
             for text in [INTERRUPTED] if self.interrupted else self.failures:
                 self.write(text)
             self.failures, self.interrupted = [], False
+        if self.notes is not None:
+            os.environ.pop(NOTES, None)
+            self.notes.cleanup()
+            self.notes = None
         super().close()
 
 
@@ -229,16 +269,14 @@ def remarks_of(job: RunningJob) -> Iterator[str]:
             yield from (line for line in text.splitlines() if line.startswith("brownpipe: "))
 
 
-def progress(
-    planned: Counter[str], done: Counter[str], runs: int, rules: set[str], seconds: float, left: float | None
-) -> str:
-    """Return a line on the running rules: jobs and runs that are done, time since the start and time left [s]."""
-    parts = []
-    if "simulate" in rules:
-        jobs = f"{done['simulate']} of {planned['simulate']} jobs ({runs:,} runs)"
-        to_go = "" if left is None else f", about {left:.0f} s to go"
-        parts.append(f"simulate: {jobs} done in {seconds:.0f} s{to_go}")
-    return "; ".join([*parts, *(f"{rule}: {seconds:.0f} s after the start" for rule in sorted(rules - {"simulate"}))])
+def notes_of_jobs() -> list[Note]:
+    """Return what running jobs have noted; a note that is being written is left out."""
+    notes = []
+    for path in Path(os.environ.get(NOTES, os.devnull)).glob("*"):
+        with suppress(OSError, ValueError):
+            rule, left, *stage = json.loads(path.read_text())
+            notes.append(Note(rule, Stage(*stage), left))
+    return notes
 
 
 def failure(record: Message) -> str:
