@@ -466,5 +466,3 @@ def test_a_file_that_is_no_scene_is_named_with_what_is_expected(tmp_path):
     ):
         with pytest.raises(RequestError, match=rf"^{re.escape(str(path))}: .*{what}"):
             describe(path)
-    with pytest.raises(RequestError, match=r"`brownpipe inspect .*runs.h5` shows what it contains$"):
-        describe(runs)

@@ -283,8 +283,8 @@ def test_a_key_that_snakemake_refuses(entry, monkeypatch):
 def test_other_errors_are_shown_as_they_are(monkeypatch):
     monkeypatch.setattr("sys.argv", ["snakemake", "--configfile", "absent.yaml"])
     handler, screen = display(monkeypatch)
-    send(handler, LogEvent.ERROR, "LockException: ...", logging.ERROR)
-    assert screen.getvalue() == "LockException: ...\n"
+    send(handler, LogEvent.ERROR, "IncompleteFilesException: ...", logging.ERROR)
+    assert screen.getvalue() == "IncompleteFilesException: ...\n"
 
 
 @pytest.mark.parametrize("terminal", [False, True])
