@@ -75,6 +75,13 @@ def make_dataset():
     return xarray.Dataset(data, coords, {"title": "a study", "Conventions": "CF-1.11"})
 
 
+def write_by_xarray(path, dataset):
+    """Write a dataset as brownpipe once did, by the libraries for netCDF."""
+    encoding = {name: {"zlib": True} for name, variable in dataset.variables.items() if variable.dtype.kind == "f"}
+    image = dataset.assign_attrs(seal=files.BLANK_SEAL).to_netcdf(engine="h5netcdf", encoding=encoding)
+    path.write_bytes(files.seal(bytes(image)))
+
+
 CASES = {
     "tracer": (make_scene(), {}),
     "whole runs and events": (make_scene(), {"whole": (7, 1), "events": ((0, 12), (2, 0))}),
@@ -224,6 +231,31 @@ def test_dataset_round_trip(tmp_path):
         assert file["msd"].fletcher32 and file["msd"].shuffle and file["msd"].compression_opts == 4
     storage.write_dataset(tmp_path / "again.nc", storage.read_dataset(path))
     assert (tmp_path / "again.nc").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("write", [storage.write_dataset, write_by_xarray])
+def test_netcdf_gives_back_what_is_written_here_and_the_reverse(write, tmp_path):
+    """Dimensions without coordinates, missing values, flags and texts; all in the same order, of the same types."""
+    more = {
+        "verdict": (("scene", "sample"), [["yes", "µ"], ["", "no"]]),
+        "missing": (("sample", "scene"), [[np.nan, 1.0], [-0.0, np.inf]], {"units": "length"}),
+        "flag": (("scene",), [True, False]),
+        "status": (("scene",), np.array([0, 3], np.int8), {"flag_values": np.array([0, 3], np.int8), "one": 1.5}),
+        "label": ((), "a word"),
+    }
+    written = make_dataset().assign(more).assign_coords(area=("scene", [0.1, 0.2]))
+    write(tmp_path / "study.nc", written)
+    found = [storage.read_dataset(tmp_path / "study.nc")]
+    with xarray.open_dataset(tmp_path / "study.nc", engine="h5netcdf") as opened:
+        found.append(opened.load().drop_encoding())
+    del found[1].attrs["seal"]
+    for dataset in found:
+        assert dataset.identical(written)
+        assert [*dataset.data_vars] == [*written.data_vars]
+        for name, variable in written.variables.items():
+            assert dataset[name].dtype.kind == variable.dtype.kind and [*dataset[name].attrs] == [*variable.attrs]
+    assert found[0].sizes == found[1].sizes
 
 
 # -- the same bytes -------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ class Node(NamedTuple):
     attributes: dict
     dims: tuple[str, ...] = ()  # names of its scales, datasets in the same group; a scale is its own dimension
     chunk_axes: tuple[int, ...] | None = None  # order in which axes are filled by a chunk; None: the last axis first
+    scale_name: str = ""  # what HDF5 stores as the name of a scale besides that of its dataset
 
 
 class Link(NamedTuple):
@@ -62,18 +63,21 @@ def _add(total: "hashlib._Hash", name: str, value: Any) -> None:
 # -- encoding -------------------------------------------------------------------------------------------------------
 
 
-def to_bytes(nodes: Mapping[str, Node | Link], compress: bool = True) -> bytes:
-    """Return the bytes of an HDF5 file with these nodes. Equal nodes give equal bytes: no time stamps are stored."""
-    with h5py.File.in_memory(block_size=2**20) as file:
+def to_bytes(nodes: Mapping[str, Node | Link], compress: bool = True, track_order: bool = False) -> bytes:
+    """Return the bytes of an HDF5 file with these nodes. Equal nodes give equal bytes: no time stamps are stored.
+
+    With `track_order`, readers find nodes and attributes in the order given here, otherwise in that of their names.
+    """
+    with h5py.File.in_memory(block_size=2**20, track_order=track_order) as file:
         for path, node in nodes.items():
-            _create(file, path, node, compress)
+            _create(file, path, node, compress, track_order)
         for path, node in nodes.items():
             _attach_scales(file, path, node)
         file.flush()
         return file.id.get_file_image()
 
 
-def _create(file: h5py.File, path: str, node: Node | Link, compress: bool) -> None:
+def _create(file: h5py.File, path: str, node: Node | Link, compress: bool, track_order: bool) -> None:
     """Create a group, dataset, scale or hard link in a file."""
     if isinstance(node, Link):
         file[path] = file[node.target]
@@ -81,11 +85,12 @@ def _create(file: h5py.File, path: str, node: Node | Link, compress: bool) -> No
     if node.value is None:
         target = file.require_group(path)
     else:
-        target = file.create_dataset(path, data=node.value, track_times=False, **(_filters(node) if compress else {}))
+        filters = _filters(node) if compress else {}
+        target = file.create_dataset(path, data=node.value, track_times=False, track_order=track_order, **filters)
     for name, value in node.attributes.items():
         target.attrs[name] = value
     if _is_scale(path, node):
-        target.make_scale()
+        target.make_scale(node.scale_name)
 
 
 def _filters(node: Node) -> dict:
@@ -134,18 +139,19 @@ def from_bytes(image: bytes) -> dict[str, Node]:
 def some_from_bytes(image: bytes, paths: Iterable[str]) -> dict[str, Node]:
     """Return the nodes of an HDF5 file at those `paths` that it has; no other dataset is decompressed."""
     with h5py.File.in_memory(image) as file:
-        return {path: Node(_value(file[path]), _attributes(file[path])) for path in paths if path in file}
+        return {path: Node(value_of(file[path]), attributes_of(file[path])) for path in paths if path in file}
 
 
 def _collect(group: h5py.Group, prefix: str, nodes: dict[str, Node]) -> None:
     """Add all nodes below a group, whose path is `prefix`, to `nodes`."""
     for name, item in group.items():
-        nodes[prefix + name] = Node(_value(item), _attributes(item))
+        nodes[prefix + name] = Node(value_of(item), attributes_of(item))
         if isinstance(item, h5py.Group):
             _collect(item, f"{prefix}{name}/", nodes)
 
 
-def _value(item: h5py.Group | h5py.Dataset) -> Any:
+def value_of(item: h5py.Group | h5py.Dataset) -> Any:
+    """Return the array, number or text of a dataset, None for a group."""
     if isinstance(item, h5py.Group):
         return None
     if h5py.check_string_dtype(item.dtype):
@@ -153,5 +159,6 @@ def _value(item: h5py.Group | h5py.Dataset) -> Any:
     return item[()]
 
 
-def _attributes(item: h5py.Group | h5py.Dataset) -> dict:
+def attributes_of(item: h5py.Group | h5py.Dataset) -> dict:
+    """Return the attributes of a group or dataset without those by which HDF5 stores dimension scales."""
     return {name: item.attrs[name] for name in item.attrs if name not in SCALE_ATTRIBUTES}
