@@ -34,11 +34,13 @@ def long_table(cases: list[Dataset], dims: Sequence[str], names: Sequence[str]) 
     rows = []
     for case in cases:
         label = tuple(case[name].item() for name in EACH)
-        columns = [case[name].broadcast_like(case[names].to_array()[0]).transpose(*dims).values for name in names]
+        shape = case[names].to_array()[0]
+        columns = [case[name].broadcast_like(shape).transpose(*dims).values for name in names]
+        places = [case[dim].values for dim in dims]
         for at in np.ndindex(columns[0].shape):
             values = [column[at] for column in columns]
             if not all(map(_is_nan, values)):
-                rows.append((*label, *(case[dim].values[k] for dim, k in zip(dims, at, strict=True)), *values))
+                rows.append((*label, *(place[k] for place, k in zip(places, at, strict=True)), *values))
     return Table((*EACH, *dims, *names), rows)
 
 
