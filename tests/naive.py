@@ -11,12 +11,17 @@ import numpy as np
 LEFT, RIGHT, BOTTOM, TOP = -1, -2, -3, -4
 
 
+def dot(u, v):
+    """Scalar products of vectors (..., 2); np.sum takes several times as long over an axis of two."""
+    return u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1]
+
+
 def pair_time(r, v, sigma):
     """Eqs. (1)-(3): when abs(r + v t) = sigma, for r = r_a - r_b and v = v_a - v_b, (..., 2); inf if never.
 
     One departure: eq. (1) gives a negative time to an approaching pair that round-off left overlapped. It is 0 here.
     """
-    rv, vv, rr = np.sum(r * v, axis=-1), np.sum(v * v, axis=-1), np.sum(r * r, axis=-1)
+    rv, vv, rr = dot(r, v), dot(v, v), dot(r, r)
     root = rv**2 - vv * (rr - sigma**2)
     with np.errstate(invalid="ignore", divide="ignore"):
         t = (-rv - np.sqrt(root)) / vv

@@ -68,6 +68,7 @@ def twin(state, box, dt, steps, collisions):
     x, v, radius, mass = (column.copy() for column in state)
     size, low = np.array((box.width, box.height)), np.array((box.x[0], box.y[0]))
     images = [(a, u) for a in (-1, 0, 1) for u in (-1, 0, 1)] if box.periodic else [(0, 0)]
+    first, second = np.triu_indices(len(x), 1)
     pairs, walls, course, late = 0, 0, np.zeros(len(x)), collisions == "late"
 
     def meeting(i, k, image, now):
@@ -93,7 +94,10 @@ def twin(state, box, dt, steps, collisions):
         x += v * dt
         if box.periodic:
             x -= np.floor((x - low) / size) * size
-        met = [(i, k, image) for i in range(len(x)) for k in range(i + 1, len(x)) for image in images]
+        # A pair that meets overlaps, or met within two steps and has not gone further since.
+        apart = np.linalg.norm((x[second] - x[first])[:, None] + np.array(images) * size, axis=-1)
+        furthest = (radius[first] + radius[second] + 5 * dt * np.linalg.norm(v, axis=1).max())[:, None]
+        met = [(first[pair], second[pair], images[image]) for pair, image in np.argwhere(apart < furthest)]
         met = sorted((-since, *one) for one in met for *_, hit, since in [meeting(*one, now)] if hit or late)
         for _, i, k, image in met:
             rx, ry, ux, uy, hit, since = meeting(i, k, image, now)
