@@ -55,7 +55,7 @@ CASES = {  # some blocks each, and samples that do not fall on their ends
     ),
     "crowded": (make(W, (3, 2), [(60, 0.14, 1)], 10.0, placement="lattice"), {"tracer", "events"}),
     "crowded-mixture": (
-        make(P, (2.5, 2), [(13, 0.2, 1), (13, 0.19, 0.3)], 20.0, placement="lattice", sample_interval=1.0),
+        make(P, (2.5, 2), [(15, 0.2, 1), (14, 0.165, 0.3)], 10.0, placement="lattice", sample_interval=1.0),
         {"tracer", "all"},
     ),
     "pinned": (

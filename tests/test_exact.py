@@ -154,12 +154,12 @@ SCENES = {
     # crowded, where the engine keeps neighbour lists
     "walls-crowded": crowded(box(3, 2, W), [(65, 0.14, 1)], 0.4),
     "walls-crowded-aside": crowded(box(3, 2, W, (-0.01, 0.005)), [(65, 0.14, 1)], 0.4),
-    "walls-crowded-mixture": crowded(box(3, 2, W), [(40, 0.14, 1), (25, 0.12, 3)], 0.4),
+    "walls-crowded-mixture": crowded(box(3, 2, W), [(42, 0.14, 1), (28, 0.11, 3)], 0.4),
     "periodic-crowded": crowded(box(2.5, 2, P), [(57, 0.14, 1)], 0.3),
     "periodic-crowded-narrowest": make(box(1, 1, P), [(3, 0.249, 1)], 4.0),
     "periodic-crowded-few": crowded(box(1.1, 1.1, P), [(4, 0.25, 1)], 4.0),
     "periodic-crowded-12": crowded(box(1.5, 1.4, P, (3.0, 1.0)), [(12, 0.19, 1)], 0.7),
-    "periodic-crowded-mixture": crowded(box(2.5, 2, P), [(30, 0.14, 1), (27, 0.12, 0.2)], 0.3),
+    "periodic-crowded-mixture": crowded(box(2.5, 2, P), [(32, 0.14, 1), (30, 0.11, 0.2)], 0.3),
     "periodic-crowded-unlike": interstitial(4, 0.3),
     # big ones among small ones
     "note": note_scene(0.35),
