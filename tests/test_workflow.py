@@ -297,7 +297,8 @@ def test_a_changed_version_runs_its_step_again(study, tmp_path, package, jobs):
 
 def test_more_seeds_leave_the_files_of_the_others_alone(study):
     before = {path: path.stat().st_mtime_ns for path in study.rglob("*.h5")}
-    snakemake(study, "--cores", "2", "--until", "simulate", "--config", "seeds=24")
+    one_case = ("scenes=scenes/hot.yaml", "particles=8")  # has two batches, as each of the others
+    snakemake(study, "--cores", "2", "--until", "simulate", "--config", "seeds=24", *one_case)
     after = {path: path.stat().st_mtime_ns for path in study.rglob("*.h5")}
     assert {path.name for path in after.keys() - before.keys()} == {"20-23.h5"}
     assert before.items() <= after.items()
@@ -370,7 +371,7 @@ def test_a_list_of_disks_in_a_folder_with_spaces(tmp_path):
     folder = tmp_path / "study"
     (folder / "my scenes; false").mkdir(parents=True)
     shutil.copy(ROOT / "tests" / "scenes" / "pair_head_on.yaml", folder / "my scenes; false" / "pair.yaml")
-    (folder / "study.yaml").write_text("scenes: my scenes; false/pair.yaml\nseeds: 1\n")
+    (folder / "study.yaml").write_text("scenes: my scenes; false/pair.yaml\nseeds: 1\nfigures: [health]\n")
     snakemake(folder, "--cores", "1")
     assert (folder / "results/study/simulate/pair/N2/exact/0-0.h5").is_file()
     assert re.search(r"^pair +2 +1 ", (folder / "results/study/figures/summary.txt").read_text(), re.MULTILINE)
