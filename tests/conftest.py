@@ -11,7 +11,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 FIRST = (
     "exact",
     *("figures", "goodness", "streaming", "analysis"),
-    *("workflow", "checkpoint", "benchmarks", "prices", "estimators", "timestep"),
+    *("workflow", "wheel", "checkpoint", "benchmarks", "prices", "estimators", "timestep", "export", "inspection"),
 )
 RANK = {f"test_{name}.py": rank for rank, name in enumerate(FIRST)}
 
