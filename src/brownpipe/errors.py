@@ -10,7 +10,7 @@ class BrownpipeError(Exception):
 
     exit_status = FAILED
 
-    def __init__(self, message: str):
+    def __init__(self, message: str) -> None:
         super().__init__(" ".join(message.splitlines()))
 
 

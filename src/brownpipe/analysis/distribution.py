@@ -6,6 +6,7 @@ docs/theory.md, sections 2 and 5.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -107,7 +108,7 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     low, high = resampling.wilson_interval(counts, averages.runs)
     of_shape = kurtosis(averages)
     p_values = [goodness.kurtosis_p_value(value, averages.runs) for value in of_shape.mean]
-    values = {
+    values: dict[str, Any] = {
         "displacement_counts": _on_axis(edges, counts),
         "displacement_counts_low": _on_axis(edges, low),
         "displacement_counts_high": _on_axis(edges, high),
@@ -120,7 +121,7 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     return values | {"expected_counts": _on_axis(edges, values["expected_counts"])}
 
 
-def _on_axis(edges, values):
+def _on_axis(edges: Sequence[np.ndarray], values: Sequence[ArrayLike] | np.ndarray) -> np.ndarray:
     """Values (..., >= K) at each of D times on the common axis of rings (R,): (D, ..., R), NaN for rings of others."""
     axis, rows = _axis(edges)[0], []
     for own, row in zip(edges, map(np.asarray, values), strict=True):
@@ -130,13 +131,13 @@ def _on_axis(edges, values):
     return np.array(rows)
 
 
-def _axis(edges):
+def _axis(edges: Sequence[np.ndarray]) -> np.ndarray:
     """Middle, inner and outer radius (R,) of the rings of all times."""
     rings = np.unique(np.concatenate([np.stack([(e[1:] + e[:-1]) / 2, e[:-1], e[1:]], axis=1) for e in edges]), axis=0)
     return rings.T
 
 
-def _models(case, averages, k):
+def _models(case: Case, averages: Averages, k: int) -> list[tuple[float, float | None, goodness.Estimated]]:
     """D, half-width of the reflecting square or None, and source of D, of every model at the k-th time.
 
     D is NaN if it is not positive. The sources are `goodness.Estimated`, whose `change` is filled in by `_tests`.
@@ -150,6 +151,7 @@ def _models(case, averages, k):
         sources = [goodness.Estimated(None, *pair) for pair in zip(shares, variances / means**2, strict=True)]
         diffusion = means / np.array([4 * t, *np.full(len(means) - 1, 4.0)])
     known = np.where((diffusion > 0.0) & (t > 0.0), diffusion, np.nan)
+    models: list[tuple[float, float | None, goodness.Estimated]]
     models = [(d, None, source) for d, source in zip(known, sources, strict=True)]
     if np.isfinite(half_width):
         d, raised = (
@@ -160,7 +162,7 @@ def _models(case, averages, k):
     return models
 
 
-def _tests(case, averages, k, kurtosis_p):
+def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, list]:
     """Tests of every model (M,) against the counts (K + 1,) at the k-th time: variable -> M values."""
     edges, counts = case.edges[k], averages.counts["rings"][k][: len(case.edges[k])]
     t, runs, tests = case.times[chosen_times(case)[k]], counts.sum(), []
@@ -221,7 +223,9 @@ def kurtosis(averages: Averages) -> resampling.Estimate:
     return resampling.Estimate(mean, mean * error / (3 * cube), low, high)
 
 
-def _inverse_cube(m2, m4, m6, variance2, variance4):
+def _inverse_cube(
+    m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, variance2: np.ndarray, variance4: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """(m4 / (2 m2^2))^-3, and the square of its standard error times n - 1; NaN at t = 0."""
     m2, m4 = np.where(m2 > 0.0, m2, np.nan), np.where(m4 > 0.0, m4, np.nan)
     covariance = (m6 - m2 * m4) / (m2 * m4)

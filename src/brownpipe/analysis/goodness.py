@@ -77,7 +77,7 @@ def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = K
     ones, first, second = weights = _weights(expected, source, pools, runs)
     b, c, v = _vectors(expected, source, pools, runs)
 
-    def covariance(h):
+    def covariance(h: np.ndarray) -> np.ndarray:
         root = np.sqrt(expected / runs)
         return h - root * (root * h).sum() - b * (c * h).sum() - c * (b * h).sum() + v * b * (b * h).sum()
 
@@ -108,7 +108,9 @@ def _pooled(values: np.ndarray, pools: list[int]) -> np.ndarray:
     return np.add.reduceat(np.asarray(values, float), pools)
 
 
-def _vectors(expected, source, pools, runs):
+def _vectors(
+    expected: np.ndarray, source: Estimated | None, pools: list[int], runs: float
+) -> tuple[np.ndarray, np.ndarray, float]:
     """B (K,), C (K,) and v of the module's head, for an estimated D; zeros for a known one."""
     if source is KNOWN:
         return np.zeros(len(expected)), np.zeros(len(expected)), 0.0
@@ -117,7 +119,7 @@ def _vectors(expected, source, pools, runs):
     return change / root, shared / root / runs, source.elasticity**2 * source.variance / runs
 
 
-def _weights(expected, source, pools, runs):
+def _weights(expected: np.ndarray, source: Estimated | None, pools: list[int], runs: float) -> tuple[int, float, float]:
     """Weights of the chi-squares that X^2 is a sum of: K - 3, the number of those with weight 1, and l_1, l_2."""
     b, c, v = _vectors(expected, source, pools, runs)
     bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
@@ -193,7 +195,7 @@ def _lognormal(runs: int) -> tuple[float, float, float]:
 def _greenwood(n: int) -> tuple[float, float, float]:
     """Mean, variance and skewness of n/2 times the sum of squares of n random parts of 1, in exact fractions."""
 
-    def rising(k):
+    def rising(k: int) -> Fraction:
         return Fraction(int(np.prod([n + j for j in range(k)], dtype=object)))
 
     first = Fraction(2 * n) / rising(2)

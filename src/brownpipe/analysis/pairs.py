@@ -84,7 +84,7 @@ def contact_weights(edges: np.ndarray, contact: float, decay: float) -> np.ndarr
     return weights
 
 
-def _bin_averages(low, high, degree, decay):
+def _bin_averages(low: np.ndarray, high: np.ndarray, degree: int, decay: float) -> np.ndarray:
     """Averages over the areas of bins of x^degree (1 + decay x/16)^-16, by three-point Gauss-Legendre quadrature."""
     total = np.zeros(len(low))
     for node, weight in ((-np.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (np.sqrt(0.6), 5 / 18)):
@@ -148,7 +148,7 @@ def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, dura
     return chi
 
 
-def _by_rate(case, runs):
+def _by_rate(case: Case, runs: RunBlock) -> dict[str, np.ndarray]:
     """Columns of contact values from collisions; none if the runs are not in equilibrium from t = 0."""
     scene, seen = case.scene, runs.observables
     if not is_stationary(scene) or not scene.particles:
@@ -160,8 +160,8 @@ def _by_rate(case, runs):
     return {"contact_value_rate": contact_from_rate(scene, collisions, kt, case.times[-1])}
 
 
-def _edges(case):
-    middle = observables.axes(case.scene, "pair_counts")["distance"]
+def _edges(case: Case) -> np.ndarray:
+    middle = np.asarray(observables.axes(case.scene, "pair_counts")["distance"])
     return np.arange(len(middle) + 1) * (2 * middle[0])
 
 
@@ -174,7 +174,7 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     contacts = [kinds.radius[a] + kinds.radius[b] for a, b, _ in pairs]
     weights = [contact_weights(edges, *pair) for pair in zip(contacts, decays(case.scene), strict=True)]
 
-    def at_contact(g, suffix=""):
+    def at_contact(g: np.ndarray, suffix: str = "") -> dict[str, np.ndarray]:
         values = {}
         for name, of_order in zip(
             ("contact_value", "contact_value_following"), np.swapaxes(weights, 0, 1), strict=True
@@ -192,7 +192,7 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns(means, {"pair_distribution_ideal": around} | at_contact(around, "_ideal"))
 
 
-def _over(number, expected):
+def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
     return np.divide(number, expected, out=np.full(number.shape, np.nan), where=expected > 0)
 
 

@@ -3,7 +3,7 @@
 The only reader of studies: `analysis.dataset` and `tradeoff.runs` both take their runs from here.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -160,7 +160,7 @@ def _run_block(trajectories: Trajectories) -> RunBlock:
     return RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables)
 
 
-def _refuse_unlike(file: TrajectoryFile, runs: RunBlock, first: TrajectoryFile, names) -> None:
+def _refuse_unlike(file: TrajectoryFile, runs: RunBlock, first: TrajectoryFile, names: Set[str]) -> None:
     if not np.array_equal(runs.seeds, file.outline.seeds):
         raise AnalysisError(f"{file.path}: was replaced while it was read; start again")
     if runs.observables.keys() != names:

@@ -124,7 +124,9 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns(means)
 
 
-def _of_temperature(case, observables, kt, means):
+def _of_temperature(
+    case: Case, observables: dict[str, np.ndarray], kt: np.ndarray, means: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """Quantities that need the temperatures kT (n,) of the runs; NaN where nothing moves."""
     scene, values = case.scene, {"kinetic_temperature": kt}
     hot = np.where(kt > 0, kt, np.nan)

@@ -127,8 +127,8 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns(means)
 
 
-def _width(case, counts):
-    values = observables.axes(case.scene, counts)[observables.ARRAYS[counts].dims[-1]]
+def _width(case: Case, counts: str) -> float:
+    values = np.asarray(observables.axes(case.scene, counts)[observables.ARRAYS[counts].dims[-1]])
     return values[1] - values[0]
 
 

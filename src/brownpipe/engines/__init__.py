@@ -69,7 +69,7 @@ class Engine(NamedTuple):
         scene: Scene,
         seeds: Sequence[int],
         record: Collection[str],
-        *checkpoints,
+        *checkpoints: object,
         observables: Collection[str] = (),
         average: str = "runs",
     ) -> Ensemble:
@@ -90,7 +90,7 @@ def read_record(text: str, option: str) -> frozenset[str]:
     return names if "none" in names else names | TRACER
 
 
-def configured(name: str, **settings) -> Engine:
+def configured(name: str, **settings: object) -> Engine:
     """Return an engine with some settings given, unchecked, and the others at their defaults."""
     definition = DEFINITIONS[name]
     values = _defaults(definition) | settings

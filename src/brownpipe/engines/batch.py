@@ -103,7 +103,7 @@ def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float |
     return {name: _without_infinity(value) for name, value in values.items()}
 
 
-def _without_infinity(value):
+def _without_infinity(value: np.ndarray | float | np.uint8) -> np.ndarray | float | np.uint8:
     """Return an observable with NaN where it overflows in the scene's units."""
     return np.where(np.isinf(value), np.nan, value)[()] if np.isinf(value).any() else value
 

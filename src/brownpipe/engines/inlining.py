@@ -8,7 +8,10 @@ This replaces private classes of Numba. With versions of Numba not listed in TES
 then takes half as long again, the kernels are 5 % slower, and results are the same to the last bit.
 """
 
+from typing import Any
+
 import numba
+from llvmlite.binding import ModuleRef
 
 TESTED = ((0, 63), (0, 68))  # first and last version of Numba whose private classes are those used here
 OURS = "_ZN9brownpipe"  # prefix of this package's functions in LLVM; their wrappers for Python and C have other names
@@ -19,7 +22,7 @@ def is_tested() -> bool:
     return TESTED[0] <= numba.version_info[:2] <= TESTED[1]
 
 
-def is_inlined(module) -> bool:
+def is_inlined(module: ModuleRef) -> bool:
     """Whether an LLVM module defines only functions of this package that can be called by compiled functions alone."""
     return all(function.name.startswith(OURS) for function in module.functions if not function.is_declaration)
 
@@ -37,21 +40,21 @@ def install() -> None:
 
         inlined = False
 
-        def _optimize_functions(self, module):
+        def _optimize_functions(self, module: ModuleRef) -> None:
             if is_inlined(module):
                 module.data_layout = self._codegen._data_layout
             else:
                 super()._optimize_functions(module)
 
-        def finalize(self):
+        def finalize(self) -> None:
             if is_inlined(self._final_module):
                 self.simplify()
                 return
             super().finalize()
             for name in list(environments):
-                self._codegen.set_env(name, environments.pop(name))
+                self._codegen.set_env(name, environments.pop(name))  # type: ignore[attr-defined]
 
-        def simplify(self):
+        def simplify(self) -> None:
             self.inlined = True
             for library in dict.fromkeys(self._linking_libraries):
                 self._reload_init.update(library._reload_init)
@@ -61,11 +64,11 @@ def install() -> None:
             self._finalize_dynamic_globals()
             self._finalized = True
 
-        def get_pointer_to_function(self, name):
+        def get_pointer_to_function(self, name: str) -> int:
             self._ensure_finalized()
             return 0 if self.inlined else super().get_pointer_to_function(name)
 
-    def set_env(self, name, environment):
+    def set_env(self: Any, name: str, environment: object) -> None:
         """Set the environment of a function, now or as soon as there is machine code that refers to it."""
         if self._engine.get_global_value_address(name):
             usual(self, name, environment)

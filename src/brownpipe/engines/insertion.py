@@ -17,13 +17,13 @@ SECONDS_TO_COMPILE = 1.0  # of CPU
 
 
 @kernel
-def cell_of(value, size, cells):
+def cell_of(value: float, size: float, cells: int) -> int:
     """Return the column or row of a coordinate: which of `cells` equal parts of [0, size] holds it."""
     return min(max(int(value / size * cells), 0), cells - 1)
 
 
 @kernel
-def register(grid, following, position, size, i):
+def register(grid: np.ndarray, following: np.ndarray, position: np.ndarray, size: np.ndarray, i: int) -> None:
     """Add disk i to its cell, as the first of the cell's linked list."""
     column, row = cell_of(position[i, 0], size[0], grid.shape[0]), cell_of(position[i, 1], size[1], grid.shape[1])
     following[i] = grid[column, row]
@@ -31,7 +31,7 @@ def register(grid, following, position, size, i):
 
 
 @kernel
-def overlaps(position, radius, size, periodic, i, k):
+def overlaps(position: np.ndarray, radius: np.ndarray, size: np.ndarray, periodic: bool, i: int, k: int) -> bool:
     """Whether disks i and k overlap."""
     x, y = abs(position[i, 0] - position[k, 0]), abs(position[i, 1] - position[k, 1])
     if periodic:
@@ -41,7 +41,17 @@ def overlaps(position, radius, size, periodic, i, k):
 
 
 @kernel
-def fits(position, radius, common, big, size, periodic, grid, following, i):
+def fits(
+    position: np.ndarray,
+    radius: np.ndarray,
+    common: float,
+    big: np.ndarray,
+    size: np.ndarray,
+    periodic: bool,
+    grid: np.ndarray,
+    following: np.ndarray,
+    i: int,
+) -> bool:
     """Whether disk i overlaps no disk placed before: no disk of `big`, and no disk of the cells within its reach.
 
     `common` is the largest radius of the disks not in `big`, which are ascending numbers.
@@ -68,7 +78,18 @@ def fits(position, radius, common, big, size, periodic, grid, following, i):
 
 
 @entry_point
-def insert(position, radius, common, big, size, periodic, numbers, grid, following, progress) -> int:
+def insert(
+    position: np.ndarray,
+    radius: np.ndarray,
+    common: float,
+    big: np.ndarray,
+    size: np.ndarray,
+    periodic: bool,
+    numbers: np.ndarray,
+    grid: np.ndarray,
+    following: np.ndarray,
+    progress: np.ndarray,
+) -> int:
     """Insert disks one after another; return PLACED, OUT_OF_NUMBERS or STUCK.
 
     `numbers` (n, 2) are uniform in [0, 1): one row for every try. `progress` (2,) int64 holds the number of disks

@@ -18,7 +18,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import FrameType
+from typing import IO, Any, NamedTuple
 
 import numba
 import numpy as np
@@ -57,8 +58,8 @@ def _defer_blas() -> None:
     if usual is None or not inlining.is_tested() or "scipy" not in sys.modules:  # imported by Numba if installed
         return
 
-    def load(context):
-        CPUContext.load_additional_registries = usual
+    def load(context: CPUContext) -> None:
+        CPUContext.load_additional_registries = usual  # type: ignore[method-assign]
         from numba.np import linalg
 
         ensure_blas = getattr(linalg, "ensure_blas", None)
@@ -71,7 +72,7 @@ def _defer_blas() -> None:
         finally:
             linalg.ensure_blas = ensure_blas
             if arraymath := sys.modules.get("numba.np.arraymath"):
-                arraymath.ensure_blas = ensure_blas
+                arraymath.ensure_blas = ensure_blas  # type: ignore[attr-defined]
 
     CPUContext.load_additional_registries = load  # type: ignore[method-assign]  # replaced on purpose
 
@@ -147,10 +148,10 @@ def prefetch(array: np.ndarray, index: int) -> None:
 if not config.DISABLE_JIT:
 
     @intrinsic
-    def prefetch(typing, array, index):
+    def prefetch(typing: Any, array: types.Array, index: types.Type) -> tuple[Any, Callable]:
         """Compile to LLVM's prefetch instruction."""
 
-        def code(context, builder, signature, arguments):
+        def code(context: CPUContext, builder: ir.IRBuilder, signature: Any, arguments: list[ir.Value]) -> Any:
             start = context.make_array(signature.args[0])(context, builder, arguments[0]).data
             pointer, word = ir.IntType(8).as_pointer(), ir.IntType(32)
             address = builder.bitcast(builder.gep(start, [arguments[1]]), pointer)
@@ -193,14 +194,14 @@ def one_compiler(*records: NamedTuple) -> Iterator[None]:
             yield
 
 
-def _save_one_by_one(dispatcher) -> None:
+def _save_one_by_one(dispatcher: Any) -> None:
     """Let only one process at a time save machine code of a function to the disk cache, whose index they share.
 
     If two processes saved at the same time, Numba would give their files the same name.
     """
     save = dispatcher._cache.save_overload
 
-    def save_alone(*code):
+    def save_alone(*code: object) -> None:
         Path(CACHE).mkdir(parents=True, exist_ok=True)
         with open(Path(CACHE) / "saving", "w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
@@ -210,7 +211,7 @@ def _save_one_by_one(dispatcher) -> None:
         dispatcher._cache.save_overload = save_alone
 
 
-def _take(lock) -> None:
+def _take(lock: IO) -> None:
     """Lock a file; tell the listeners if this takes more than 2 s (another process may only be loading kernels)."""
     for _ in range(20):
         with suppress(BlockingIOError):
@@ -226,25 +227,26 @@ class _FirstKernel(event.Listener):
 
     told = False
 
-    def on_start(self, _):
+    def on_start(self, _: event.Event) -> None:
         if not self.told:
             _tell("compiling the kernels for this kind of scene, once per machine: about 8 s")
         self.told = True
 
-    def on_end(self, _):
+    def on_end(self, _: event.Event) -> None:
         pass
 
 
 @contextmanager
-def _compiling():
+def _compiling() -> Iterator[None]:
     """Let signals such as Ctrl-C interrupt the compiling, at the latest after a call of LLVM (up to a second).
 
     An exception raised in a callback from LLVM is lost. A signal that arrives there is therefore deferred, and raised
     again after compiling.
     """
-    deferred, usual = [], {}
+    deferred: list[int] = []
+    usual: dict[int, Any] = {}
 
-    def handle(number, frame):
+    def handle(number: int, frame: FrameType | None) -> None:
         if _is_callback(frame):
             deferred.append(number)
         elif callable(usual[number]):
@@ -255,9 +257,9 @@ def _compiling():
 
     try:
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                usual[number] = signal.getsignal(number) or signal.SIG_DFL
-                signal.signal(number, handle)
+            for caught in (signal.SIGINT, signal.SIGTERM):
+                usual[caught] = signal.getsignal(caught) or signal.SIG_DFL
+                signal.signal(caught, handle)
         with event.install_listener("numba:compile", _FirstKernel()):
             yield
     finally:
@@ -267,7 +269,7 @@ def _compiling():
         signal.raise_signal(number)
 
 
-def _is_callback(frame) -> bool:
+def _is_callback(frame: FrameType | None) -> bool:
     """Whether a frame is within one of Numba's callbacks from LLVM, which pass machine code to and from its cache."""
     while frame is not None:
         if frame.f_code.co_name in ("_object_compiled_hook", "_object_getbuffer_hook"):

@@ -36,7 +36,9 @@ def _accessible(scene: Scene, margin: float) -> tuple[np.ndarray, np.ndarray]:
     return low + margin, high - low - 2 * margin
 
 
-def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator) -> np.ndarray:
+def _insert(
+    scene: Scene, radius: np.ndarray, fixed: tuple[float, float] | None, stream: np.random.Generator
+) -> np.ndarray:
     """Return centres (N, 2) by random sequential insertion; disk 0 is at `fixed` if this is not None."""
     n = len(radius)
     sequence = np.argsort(-radius, kind="stable")
@@ -73,7 +75,9 @@ def _insert(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator
     return (position + low)[np.argsort(sequence)]
 
 
-def _on_lattice(scene: Scene, radius: np.ndarray, fixed, stream: np.random.Generator) -> np.ndarray:
+def _on_lattice(
+    scene: Scene, radius: np.ndarray, fixed: tuple[float, float] | None, stream: np.random.Generator
+) -> np.ndarray:
     """Return centres (N, 2) on random sites of a lattice; disk 0 is at `fixed`, if this is not None, off the lattice.
 
     Around a fixed disk sites are lost: the lattice is refined until enough are left.

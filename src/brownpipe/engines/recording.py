@@ -4,9 +4,10 @@ Engines compute in units and in an order of the disks of their own (`units.Frame
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe.engines.state import Track
 from brownpipe.engines.units import Frame
@@ -25,12 +26,12 @@ class Conservation(NamedTuple):
     fastest: float  # speed of the lightest disk if it had all the energy
 
 
-def tracer_track(scene: Scene, frame: Frame, recorder) -> Track:
+def tracer_track(scene: Scene, frame: Frame, recorder: Any) -> Track:
     """Return the trajectory of the tracer, M = 1."""
     return _track(scene, frame, recorder.position, recorder.velocity, recorder.image)
 
 
-def whole_track(scene: Scene, frame: Frame, recorder) -> Track | None:
+def whole_track(scene: Scene, frame: Frame, recorder: Any) -> Track | None:
     """Return the trajectories of all disks, M = N, in the scene's order; None if they were not recorded."""
     if len(frame.back) == 0 or recorder.whole_position.shape[1] == 0:
         return None
@@ -95,7 +96,7 @@ def report(
     return values
 
 
-def represented(value, *units: float):
+def represented(value: ArrayLike, *units: float) -> Any:
     """Return value * product(units), rounded once; NaN where the result overflows or underflows (0 stays 0).
 
     Intermediate products may be beyond the range of floating-point numbers.
@@ -119,6 +120,6 @@ def images_fit(scene: Scene, frame: Frame, crossings: int, path: float) -> bool:
     return not scene.box.periodic or bool(crossings < MOST_IMAGES or path < MOST_IMAGES * side)
 
 
-def all_finite(*arrays) -> bool:
+def all_finite(*arrays: ArrayLike) -> bool:
     """Whether no number is inf or NaN."""
     return all(bool(np.all(np.isfinite(array))) for array in arrays)

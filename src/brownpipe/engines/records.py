@@ -10,6 +10,8 @@ registers; otherwise it would have to reload an array's address after every stor
 """
 
 import hashlib
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 import numba
 from llvmlite import ir
@@ -28,22 +30,24 @@ from numba.extending import (
     unbox,
 )
 
+Record = TypeVar("Record", bound=NamedTuple)
+
 
 class Reference(types.Type):
     """The Numba type of a reference to a record: the record's name, and (name, type) of each field."""
 
-    def __init__(self, record: str, fields: tuple[tuple[str, types.Type], ...]):
+    def __init__(self, record: str, fields: tuple[tuple[str, types.Type], ...]) -> None:
         self.record, self.fields = record, fields
         text = ", ".join(f"{name}: {kind}" for name, kind in fields)
         # The name of a type is part of every function's name: short, and different for different fields.
         super().__init__(f"{record}.{hashlib.sha256(text.encode()).hexdigest()[:16]}")
 
     @property
-    def key(self):
+    def key(self) -> tuple:
         return self.record, self.fields
 
 
-def by_reference(record: type) -> type:
+def by_reference(record: type[Record]) -> type[Record]:
     """Declare that kernels take a NamedTuple by reference.
 
     The type of every field is taken from its value, whatever the annotation says. A field may be None; where it is
@@ -51,18 +55,18 @@ def by_reference(record: type) -> type:
     """
 
     @typeof_impl.register(record)
-    def reference_to(value, _):
+    def reference_to(value: NamedTuple, _: object) -> Reference:
         return Reference(record.__name__, tuple((name, numba.typeof(getattr(value, name))) for name in record._fields))
 
     return record
 
 
-def local_copy(record):
+def local_copy(record: Record) -> Record:
     """Return a copy of a record, not of its arrays, in the memory of the calling kernel."""
     return record
 
 
-def _struct(manager, reference: Reference):
+def _struct(manager: Any, reference: Reference) -> ir.LiteralStructType:
     """Return the LLVM struct type of a record."""
     layouts = [
         _struct(manager, kind) if isinstance(kind, Reference) else manager.lookup(kind).get_value_type()
@@ -73,7 +77,7 @@ def _struct(manager, reference: Reference):
 
 @register_model(Reference)
 class _ReferenceModel(models.PrimitiveModel):
-    def __init__(self, manager, reference):
+    def __init__(self, manager: Any, reference: Reference) -> None:
         super().__init__(manager, reference, _struct(manager, reference).as_pointer())
 
 
@@ -81,12 +85,12 @@ class _ReferenceModel(models.PrimitiveModel):
 class _Fields(AttributeTemplate):
     key = Reference
 
-    def generic_resolve(self, reference, name):
+    def generic_resolve(self, reference: Reference, name: str) -> types.Type | None:  # type: ignore[override]
         return dict(reference.fields).get(name)
 
 
 @lower_getattr_generic(Reference)
-def _read_field(context, builder, reference, pointer, name):
+def _read_field(context: Any, builder: ir.IRBuilder, reference: Reference, pointer: ir.Value, name: str) -> ir.Value:
     number = [field for field, _ in reference.fields].index(name)
     kind = reference.fields[number][1]
     address = cgutils.gep_inbounds(builder, pointer, 0, number)
@@ -96,20 +100,20 @@ def _read_field(context, builder, reference, pointer, name):
 
 
 @unbox(Reference)
-def _from_python(reference, value, c):
+def _from_python(reference: Reference, value: ir.Value, c: Any) -> NativeValue:
     """Fill a struct from the NamedTuple that Python passes."""
     pointer = cgutils.alloca_once(c.builder, c.context.get_value_type(reference).pointee)
-    failed, taken = cgutils.alloca_once_value(c.builder, cgutils.false_bit), []
+    failed, taken = cgutils.alloca_once_value(c.builder, cgutils.false_bit), list[tuple[types.Type, ir.Value]]()
     _fill(c, reference, value, pointer, failed, taken)
 
-    def release():
+    def release() -> None:
         for kind, native in taken:
             c.context.nrt.decref(c.builder, kind, native)
 
     return NativeValue(pointer, is_error=c.builder.load(failed), cleanup=release if c.context.enable_nrt else None)
 
 
-def _fill(c, reference, value, pointer, failed, taken):
+def _fill(c: Any, reference: Reference, value: ir.Value, pointer: ir.Value, failed: ir.Value, taken: list) -> None:
     """Store the fields in the struct, and append (type, value) of each to `taken`, to be released after the call."""
     for number, (_, kind) in enumerate(reference.fields):
         item, address = c.pyapi.tuple_getitem(value, number), cgutils.gep_inbounds(c.builder, pointer, 0, number)
@@ -125,10 +129,10 @@ def _fill(c, reference, value, pointer, failed, taken):
 if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it from the environment
 
     @intrinsic
-    def local_copy(typing, record):
+    def local_copy(typing: Any, record: Reference) -> tuple[Any, Callable]:
         """Compile to a copy in the memory of the entry point's call."""
 
-        def code(context, builder, signature, arguments):
+        def code(context: Any, builder: ir.IRBuilder, signature: Any, arguments: list[ir.Value]) -> ir.Value:
             (pointer,) = arguments
             copy = cgutils.alloca_once(builder, pointer.type.pointee)
             builder.store(builder.load(pointer), copy)

@@ -78,13 +78,13 @@ def scenery_of(run: WholeRun) -> Scenery:
     time = axes.set_title("", loc="right", fontweight="normal", fontsize=10)
     track, ends = _path(run)
 
-    def show(k):
+    def show(k: int) -> None:
         centres, which = _with_images(run.scene, run.position[k])
         disks.set_offsets(centres)
         disks.set_widths(2 * run.scene.radius[which])
         disks.set_heights(2 * run.scene.radius[which])
-        disks.set_facecolors(FACES[shades[which]])
-        disks.set_edgecolors(np.where(which == 0, DATA, RIM))
+        disks.set_facecolor(FACES[shades[which]])
+        disks.set_edgecolor(np.where(which == 0, DATA, RIM).tolist())
         path.set_data(*track[: ends[k]].T)
         centre.set_data(*run.position[k, :1].T)
         time.set_text(_time_text(run.times, k))

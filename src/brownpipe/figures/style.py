@@ -8,7 +8,7 @@ as it takes long.
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -118,7 +118,7 @@ def _figure(width: float, height: float) -> Figure:
 
 
 def tall_and_low(
-    columns: int, rows: int = 1, ratio: float = 2.6, sharex="col", sharey="row", height: float = PANEL[1]
+    columns: int, rows: int = 1, ratio: float = 2.6, sharex: Any = "col", sharey: Any = "row", height: float = PANEL[1]
 ) -> tuple[Figure, np.ndarray]:
     """Return a figure and its axes (2 rows, columns): `rows` pairs of a tall panel and a low one in each column.
 
@@ -204,7 +204,7 @@ def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: 
     return moved
 
 
-def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **line) -> None:
+def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **line: Any) -> None:
     """Draw the variable `name` of a case over x, with its 95 % band if it has one; `line` as for `axes.plot`."""
     if f"{name}_low" in case:
         axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=colour, alpha=FILL, linewidth=0)
@@ -216,7 +216,7 @@ def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
     return np.abs([[float(case[f"{name}_{end}"] - case[name]) for case in cases] for end in ("low", "high")])
 
 
-def grid(rows: int, columns: int, width: float, height: float, **sharing) -> tuple[Figure, np.ndarray]:
+def grid(rows: int, columns: int, width: float, height: float, **sharing: Any) -> tuple[Figure, np.ndarray]:
     """Return a figure of panels of equal width and height [inch], and its axes (rows, columns)."""
     figure = _figure(width * columns, height * rows)
     return figure, figure.subplots(rows, columns, squeeze=False, **sharing)

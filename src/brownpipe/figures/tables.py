@@ -44,7 +44,7 @@ def long_table(cases: list[Dataset], dims: Sequence[str], names: Sequence[str]) 
     return Table((*EACH, *dims, *names), rows)
 
 
-def _is_nan(value) -> bool:
+def _is_nan(value: object) -> bool:
     return isinstance(value, float) and math.isnan(value)
 
 
@@ -63,7 +63,7 @@ def to_csv(table: Table) -> bytes:
     return text.getvalue().encode()
 
 
-def _cell(value):
+def _cell(value: object) -> object:
     """A number as Python prints it, whole numbers without a point."""
     value = value.item() if hasattr(value, "item") else value
     if isinstance(value, float):

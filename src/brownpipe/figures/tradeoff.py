@@ -17,7 +17,7 @@ from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, 
 from brownpipe.figures.tables import Table, aligned, to_csv
 from brownpipe.stages import tracked
 from brownpipe.storage import write_file
-from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
+from brownpipe.tradeoff.front import FEWEST_RUNS, Interval, Setting, pareto_front, settings_of, total_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,14 +86,14 @@ def _unresolved_bound(setting: Dataset) -> float:
     return max(-low, high) if low < 0.0 < high else 0.0
 
 
-def _line(axes: Axes, times: np.ndarray, setting, bound: float, colour: str) -> None:
+def _line(axes: Axes, times: np.ndarray, setting: Setting, bound: float, colour: str) -> None:
     """Draw the expected error of a setting, dotted where it is below the bound of its unresolved bias."""
     error = total_error(setting, times)
     axes.plot(times, np.where(error >= bound, error, np.nan), color=colour, linewidth=1.0, alpha=0.8)
     axes.plot(times, np.where(error < bound, error, np.nan), color=colour, linewidth=1.0, linestyle=DOTTED)
 
 
-def _bold(axes: Axes, times: np.ndarray, interval, settings: Sequence, colour: str) -> None:
+def _bold(axes: Axes, times: np.ndarray, interval: Interval, settings: Sequence, colour: str) -> None:
     """Draw, in bold, the interval of CPU time in which a setting is on the Pareto front."""
     best = next(setting for setting in settings if setting.label == interval.label)
     start, end = np.clip([interval.start, interval.end], times[0], times[-1])

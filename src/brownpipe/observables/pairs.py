@@ -111,7 +111,9 @@ def lone_pairs(scene: Scene, species: SpeciesTable) -> list[tuple[int, int, int]
     return [(p, lone, other) for p, lone, other in lone_first if species.number[lone] == 1]
 
 
-def expected_pairs(scene: Scene, species: SpeciesTable, lone_pairs, position: np.ndarray) -> np.ndarray:
+def expected_pairs(
+    scene: Scene, species: SpeciesTable, lone_pairs: list[tuple[int, int, int]], position: np.ndarray
+) -> np.ndarray:
     """Return the counts (P, R) that an ideal gas has around the lone disks, summed over samples `position` (T, N, 2).
 
     N_k points, uniform in the rectangle accessible to the centres of species k, are expected in a ring in proportion

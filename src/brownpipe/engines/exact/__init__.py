@@ -4,7 +4,7 @@
 advance the disks from collision to collision (`events`) on the arrays of a `workspace`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from brownpipe.engines import forecast
 from brownpipe.engines.definition import Definition
@@ -20,7 +20,9 @@ def _refuse_unfit(scene: Scene, settings: dict, record: frozenset) -> None:
     """Refuse nothing: every valid scene can be run and recorded."""
 
 
-def _forecast(scene: Scene, settings: dict, record, observables, average: str) -> forecast.Cost:
+def _forecast(
+    scene: Scene, settings: dict, record: Collection[str], observables: Collection[str], average: str
+) -> forecast.Cost:
     """Return the expected cost of one run."""
     return forecast.of_run(scene, record, observables, average)
 

@@ -8,7 +8,7 @@ from brownpipe.engines.kernels import kernel
 
 
 @kernel
-def surroundings(lists, w, i):
+def surroundings(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int) -> tuple[float, float, float, float]:
     """Return centre and half sides (x, y, half width, half height) of the cell of disk i, or of its list's square."""
     if lists is not None:
         return lists.centre[2 * i], lists.centre[2 * i + 1], lists.half, lists.half
@@ -18,7 +18,7 @@ def surroundings(lists, w, i):
 
 
 @kernel
-def audit_place(lists, w, i, now):
+def audit_place(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: float) -> None:
     """Record in STRAY how far disk i is outside its cell or square, in cells.
 
     A disk that crossed an edge unnoticed could pass through another between two predictions without a visible overlap.
@@ -31,7 +31,7 @@ def audit_place(lists, w, i, now):
 
 
 @kernel
-def audit(w, i, now):
+def audit(w: ws.Workspace, i: int, now: float) -> None:
     """Check disk i for overlaps with its neighbours (NEAREST), and its position against its cell (STRAY)."""
     audit_place(w.lists, w, i, now)
     for j in range(cells.gather(w.big, w, i)):

@@ -23,7 +23,7 @@ IN_CURRENT, BEYOND_BLOCK = 0xFFFFFFFE, 0xFFFFFFFF  # in place of a bucket's numb
 
 
 @kernel
-def push(w, i, time):
+def push(w: ws.Workspace, i: int, time: float) -> None:
     """Enter the next event of disk i, unless it lies beyond the end of the block: the next block predicts it anew."""
     scale = w.calendar
     if time >= scale.block:
@@ -40,7 +40,7 @@ def push(w, i, time):
 
 
 @kernel
-def store_or_defer(deferred, w, i, bucket):
+def store_or_defer(deferred: ws.Deferred | None, w: ws.Workspace, i: int, bucket: int) -> None:
     """Store disk i in a future bucket; with many disks, prefetch the bucket and defer the insertion."""
     if deferred is None:
         store(w, i, bucket)
@@ -55,7 +55,7 @@ def store_or_defer(deferred, w, i, bucket):
 
 
 @kernel
-def store_deferred(deferred, w):
+def store_deferred(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
     """Carry out the deferred insertions, except those of disks whose event has been predicted anew since."""
     if deferred is None:
         return
@@ -67,7 +67,7 @@ def store_deferred(deferred, w):
 
 
 @kernel
-def store(w, i, bucket):
+def store(w: ws.Workspace, i: int, bucket: int) -> None:
     """Store disk i in a future bucket, or in the nearest bucket before it that is not full."""
     current, ring = w.progress[ws.CURRENT_BUCKET], w.calendar.ring
     while bucket > current:
@@ -83,7 +83,7 @@ def store(w, i, bucket):
 
 
 @kernel
-def insert(w, i, time):
+def insert(w: ws.Workspace, i: int, time: float) -> None:
     """Insert an event into the sorted array of the current bucket."""
     if w.progress[ws.CURRENT_EVENTS] == len(w.current_time):
         remove_outdated(w)
@@ -99,7 +99,7 @@ def insert(w, i, time):
 
 
 @kernel
-def remove_outdated(w):
+def remove_outdated(w: ws.Workspace) -> None:
     """Remove outdated and repeated entries from the current bucket; at most one entry per disk remains."""
     n, last_time, last_disk = 0, -1.0, w.current_disk[0]
     for j in range(w.progress[ws.CURRENT_EVENTS]):
@@ -112,26 +112,26 @@ def remove_outdated(w):
 
 
 @kernel
-def bucket_after(w, n):
+def bucket_after(w: ws.Workspace, n: int) -> int:
     """Return the ring index of the bucket n after the current one."""
     return (w.progress[ws.CURRENT_BUCKET] + n) & w.calendar.ring
 
 
 @kernel
-def entries(w, number):
+def entries(w: ws.Workspace, number: int) -> range:
     """Return the range of indices in `w.bucket` at which a bucket's disks are, valid or outdated."""
     first = BUCKET_WORDS * number
     return range(first + 1, first + 1 + w.bucket[first])
 
 
 @kernel
-def is_valid(w, i, number):
+def is_valid(w: ws.Workspace, i: int, number: int) -> bool:
     """Whether the entry of disk i in a bucket is valid."""
     return w.link[ws.ROW * i + ws.BUCKET] == number
 
 
 @kernel
-def open_next_bucket(w):
+def open_next_bucket(w: ws.Workspace) -> None:
     """Make the next bucket the current one."""
     store_deferred(w.deferred, w)
     w.progress[ws.CURRENT_BUCKET] += 1
@@ -145,7 +145,7 @@ def open_next_bucket(w):
 
 
 @kernel
-def has_next_event(w):
+def has_next_event(w: ws.Workspace) -> bool:
     """Whether the last element of the current bucket is the next event of all.
 
     An event that was moved here from a later, full bucket lies beyond the end of the current one; events in the buckets
@@ -156,7 +156,7 @@ def has_next_event(w):
 
 
 @kernel
-def clear(w):
+def clear(w: ws.Workspace) -> None:
     """Empty the queue and set it to the beginning of a block."""
     w.bucket[::BUCKET_WORDS] = 0
     w.progress[ws.CURRENT_BUCKET] = 0

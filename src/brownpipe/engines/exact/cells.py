@@ -24,26 +24,26 @@ from brownpipe.engines.kernels import kernel, prefetch
 
 
 @kernel
-def cell_at(w, column, row):
+def cell_at(w: ws.Workspace, column: int, row: int) -> int:
     """Return the number of a cell; columns and rows count from 0, and the ghost rim is at -1 and at their number."""
     return (row + 1) * (w.grid.columns + 2) + column + 1
 
 
 @kernel
-def place_of(w, i):
+def place_of(w: ws.Workspace, i: int) -> tuple[np.int64, np.int64]:
     """Return column and row of the cell in which disk i is listed."""
     return np.int64(w.link[ws.ROW * i + ws.CELL_COLUMN]), np.int64(w.link[ws.ROW * i + ws.CELL_ROW])
 
 
 @kernel
-def cell_of(w, i):
+def cell_of(w: ws.Workspace, i: int) -> int:
     """Return the number of the cell in which disk i is listed."""
     column, row = place_of(w, i)
     return cell_at(w, column, row)
 
 
 @kernel
-def inside(shift, w, column, row):
+def inside(shift: np.ndarray | None, w: ws.Workspace, column: int, row: int) -> tuple[int, int]:
     """Return the place of the nearest cell; in a periodic box the place itself, which is a cell or the image of one."""
     if shift is not None:
         return column, row
@@ -51,7 +51,7 @@ def inside(shift, w, column, row):
 
 
 @kernel
-def place(w, i, now):
+def place(w: ws.Workspace, i: int, now: float) -> tuple[int, int]:
     """Return column and row of the cell at the position of disk i; their numbering continues outside a periodic box."""
     x, y = position(w, i, now)
     column = math.floor((x - w.grid.x) / w.grid.cell_width)
@@ -60,7 +60,7 @@ def place(w, i, now):
 
 
 @kernel
-def boxes_away(shift, w, column, row):
+def boxes_away(shift: np.ndarray | None, w: ws.Workspace, column: int, row: int) -> tuple[int, int]:
     """Return how many boxes to the right and above a place is."""
     if shift is None:
         return 0, 0
@@ -68,7 +68,7 @@ def boxes_away(shift, w, column, row):
 
 
 @kernel
-def is_outside(shift, w, column, row):
+def is_outside(shift: np.ndarray | None, w: ws.Workspace, column: int, row: int) -> bool:
     """Whether there is no cell at a place; in a periodic box every place is a cell or an image of one."""
     if shift is not None:
         return False
@@ -76,7 +76,7 @@ def is_outside(shift, w, column, row):
 
 
 @kernel
-def image_of(i, across, up):
+def image_of(i: int, across: int, up: int) -> int:
     """Return the candidate that is disk i seen `across` boxes to the right and `up` boxes above, each -1, 0 or 1."""
     return i + (((across + 3) % 3 + 3 * ((up + 3) % 3)) << ws.DISK_BITS)
 
@@ -85,7 +85,7 @@ def image_of(i, across, up):
 
 
 @kernel
-def add(w, cell, candidate):
+def add(w: ws.Workspace, cell: int, candidate: int) -> None:
     """Add a candidate to a cell; if the cell is full, set the OVERFLOW flag."""
     first = cell * w.grid.slots
     n = w.cell[first] + 1
@@ -97,7 +97,7 @@ def add(w, cell, candidate):
 
 
 @kernel
-def remove(w, cell, candidate):
+def remove(w: ws.Workspace, cell: int, candidate: int) -> None:
     """Remove a candidate from a cell; the cell's last candidate takes its place."""
     first = cell * w.grid.slots
     n = w.cell[first]
@@ -109,7 +109,7 @@ def remove(w, cell, candidate):
 
 
 @kernel
-def update_cell(w, cell, candidate, adding):
+def update_cell(w: ws.Workspace, cell: int, candidate: int, adding: bool) -> None:
     """Add a candidate to a cell, or remove it."""
     if adding:
         add(w, cell, candidate)
@@ -118,7 +118,9 @@ def update_cell(w, cell, candidate, adding):
 
 
 @kernel
-def update_images(shift, w, i, column, row, across, up, adding):
+def update_images(
+    shift: np.ndarray | None, w: ws.Workspace, i: int, column: int, row: int, across: int, up: int, adding: bool
+) -> None:
     """Add disk i, as the image (across, up), to a cell and to the ghost cells that repeat this cell, or remove it."""
     columns, rows = w.grid.columns, w.grid.rows
     update_cell(w, cell_at(w, column, row), image_of(i, across, up), adding)
@@ -134,7 +136,7 @@ def update_images(shift, w, i, column, row, across, up, adding):
 
 
 @kernel
-def update_pattern_cell(shift, w, i, column, row, adding):
+def update_pattern_cell(shift: np.ndarray | None, w: ws.Workspace, i: int, column: int, row: int, adding: bool) -> None:
     """Add big disk i to a cell of its pattern, which may lie in an image of the box, or remove it."""
     if shift is not None:
         a, u = column // w.grid.columns, row // w.grid.rows
@@ -144,7 +146,7 @@ def update_pattern_cell(shift, w, i, column, row, adding):
 
 
 @kernel
-def update_disk(big, w, i, column, row, adding):
+def update_disk(big: ws.BigDisks | None, w: ws.Workspace, i: int, column: int, row: int, adding: bool) -> None:
     """Add disk i to its cell, or if it is big to the cells of its pattern, or remove it from them."""
     if big is not None:
         if i < big.number:
@@ -155,7 +157,7 @@ def update_disk(big, w, i, column, row, adding):
 
 
 @kernel
-def enter(big, w, i, column, row):
+def enter(big: ws.BigDisks | None, w: ws.Workspace, i: int, column: int, row: int) -> None:
     """List disk i in the cell at a place."""
     w.link[ws.ROW * i + ws.CELL_COLUMN] = column
     w.link[ws.ROW * i + ws.CELL_ROW] = row
@@ -163,7 +165,7 @@ def enter(big, w, i, column, row):
 
 
 @kernel
-def leave(big, w, i):
+def leave(big: ws.BigDisks | None, w: ws.Workspace, i: int) -> None:
     """Remove disk i from the cell in which it is listed."""
     column, row = place_of(w, i)
     update_disk(big, w, i, column, row, False)
@@ -173,25 +175,25 @@ def leave(big, w, i):
 
 
 @kernel
-def three_cells(middle, step):
+def three_cells(middle: int, step: int) -> range:
     """Return the range of a cell, the one a step before it and the one a step after it."""
     return range(middle - step, middle + 2 * step, step)
 
 
 @kernel
-def rows_around(w, cell):
+def rows_around(w: ws.Workspace, cell: int) -> range:
     """Return the range of the middle cells of the three rows around a cell."""
     return three_cells(cell, w.grid.columns + 2)
 
 
 @kernel
-def is_crossing(event):
+def is_crossing(event: int) -> bool:
     """Whether in an event a disk leaves its cell, or the square of its list."""
     return ws.LEFT <= event <= ws.UP
 
 
 @kernel
-def steps(w, event):
+def steps(w: ws.Workspace, event: int) -> tuple[int, int]:
     """Return the change of the cell number from the cell left to the cell entered, and along the edge between them."""
     above = w.grid.columns + 2
     sideways = event <= ws.RIGHT
@@ -200,7 +202,7 @@ def steps(w, event):
 
 
 @kernel
-def gather_three(w, middle, step, m):
+def gather_three(w: ws.Workspace, middle: int, step: int, m: int) -> int:
     """Append the disks of three cells to the m candidates; return their new number.
 
     The first three entries of a cell are always copied, valid or not: most cells have fewer disks, and a loop over the
@@ -218,14 +220,14 @@ def gather_three(w, middle, step, m):
 
 
 @kernel
-def prefetch_three_cells(w, middle, step):
+def prefetch_three_cells(w: ws.Workspace, middle: int, step: int) -> None:
     """Prefetch the three cells that `gather_three` reads."""
     for cell in three_cells(middle, step):
         prefetch(w.cell, w.grid.slots * cell)
 
 
 @kernel
-def prefetch_disks_of_three(w, middle, step):
+def prefetch_disks_of_three(w: ws.Workspace, middle: int, step: int) -> None:
     """Prefetch the first two disks of each cell that `gather_three` reads; few cells hold more."""
     cells = len(w.cell) // w.grid.slots
     for cell in three_cells(middle, step):
@@ -235,7 +237,7 @@ def prefetch_disks_of_three(w, middle, step):
 
 
 @kernel
-def gather_around(w, column, row):
+def gather_around(w: ws.Workspace, column: int, row: int) -> int:
     """Collect the disks of 3 x 3 cells; return their number."""
     m = 0
     for middle in rows_around(w, cell_at(w, column, row)):
@@ -244,21 +246,21 @@ def gather_around(w, column, row):
 
 
 @kernel
-def prefetch_cells_around(w, cell):
+def prefetch_cells_around(w: ws.Workspace, cell: int) -> None:
     """Prefetch the cells that `gather_around` reads."""
     for middle in rows_around(w, cell):
         prefetch_three_cells(w, middle, 1)
 
 
 @kernel
-def gather_entered(w, column, row, event):
+def gather_entered(w: ws.Workspace, column: int, row: int, event: int) -> int:
     """Collect the disks of the three cells that come within reach by a crossing into a cell; return their number."""
     ahead, along = steps(w, event)
     return gather_three(w, cell_at(w, column, row) + ahead, along, 0)
 
 
 @kernel
-def prefetch_cells(w, i, event):
+def prefetch_cells(w: ws.Workspace, i: int, event: int) -> None:
     """Prefetch the cells that an event of disk i reads: `gather_around`, or `leave`, `enter` and `gather_entered`."""
     cell = cell_of(w, i)
     if is_crossing(event):
@@ -271,7 +273,7 @@ def prefetch_cells(w, i, event):
 
 
 @kernel
-def prefetch_candidates(w, i, event):
+def prefetch_candidates(w: ws.Workspace, i: int, event: int) -> None:
     """Prefetch the disks that an event of disk i gathers, from the cells of `prefetch_cells`."""
     cell = cell_of(w, i)
     if is_crossing(event):
@@ -283,7 +285,7 @@ def prefetch_candidates(w, i, event):
 
 
 @kernel
-def images_across(shift):
+def images_across(shift: np.ndarray | None) -> int:
     """Return how many boxes away, on either side, images are considered: 1 in a periodic box, else 0."""
     if shift is None:
         return 0
@@ -291,7 +293,7 @@ def images_across(shift):
 
 
 @kernel
-def gather_within_reach(big, w, i, column, row):
+def gather_within_reach(big: ws.BigDisks, w: ws.Workspace, i: int, column: int, row: int) -> int:
     """Collect all disks, other big ones included, that big disk i can touch while it stays in its cell."""
     m = 0
     for j in range(big.reach_first[i], big.reach_first[i + 1]):
@@ -306,16 +308,16 @@ def gather_within_reach(big, w, i, column, row):
                 w.candidate[m] = image_of(k, across, up)
                 m += 1
     far = images_across(w.shift)
-    for k in range(big.number):
+    for other in range(big.number):
         for a in range(-far, far + 1):
             for u in range(-far, far + 1):
-                w.candidate[m] = image_of(k, a, u)
+                w.candidate[m] = image_of(other, a, u)
                 m += 1
     return m
 
 
 @kernel
-def gather(big, w, i):
+def gather(big: ws.BigDisks | None, w: ws.Workspace, i: int) -> int:
     """Collect all disks that disk i can touch while it stays in its cell; return their number."""
     column, row = place_of(w, i)
     if big is not None:
@@ -325,7 +327,7 @@ def gather(big, w, i):
 
 
 @kernel
-def gather_new(big, w, i, event):
+def gather_new(big: ws.BigDisks | None, w: ws.Workspace, i: int, event: int) -> int:
     """Collect at least the disks that became neighbours of disk i in a crossing into its cell; return their number."""
     column, row = place_of(w, i)
     if big is not None:

@@ -3,13 +3,15 @@
 A disk's position is that at its own time TIME, from which it moves straight. `mass` and `shift` may be None.
 """
 
+import numpy as np
+
 from brownpipe.engines.collisions import shares
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.kernels import kernel
 
 
 @kernel
-def contact_distance(mass, w, i, k):
+def contact_distance(mass: np.ndarray | None, w: ws.Workspace, i: int, k: int) -> float:
     """Return sigma of disks i and k; without masses all disks are equal."""
     if mass is None:
         return w.grid.sigma
@@ -17,7 +19,7 @@ def contact_distance(mass, w, i, k):
 
 
 @kernel
-def radius_of(mass, w, i):
+def radius_of(mass: np.ndarray | None, w: ws.Workspace, i: int) -> float:
     """Return the radius of disk i."""
     if mass is None:
         return 0.5 * w.grid.sigma
@@ -25,7 +27,7 @@ def radius_of(mass, w, i):
 
 
 @kernel
-def mass_of(mass, i):
+def mass_of(mass: np.ndarray | None, i: int) -> float:
     """Return the mass of disk i."""
     if mass is None:
         return 1.0
@@ -33,7 +35,7 @@ def mass_of(mass, i):
 
 
 @kernel
-def apply_impulse(mass, w, i, k, fx, fy):
+def apply_impulse(mass: np.ndarray | None, w: ws.Workspace, i: int, k: int, fx: float, fy: float) -> float:
     """Apply eqs. (5)-(6) to the velocities of disks i and k; return m, where m f is the impulse given to disk i."""
     disk, a, b = w.disk, ws.ROW * i, ws.ROW * k
     if mass is None:
@@ -51,7 +53,7 @@ def apply_impulse(mass, w, i, k, fx, fy):
 
 
 @kernel
-def shifted(shift, candidate, x, y):
+def shifted(shift: np.ndarray | None, candidate: int, x: float, y: float) -> tuple[float, float]:
     """Return the position of the candidate whose disk is at (x, y): periodic images are displaced by a box."""
     if shift is None:
         return x, y
@@ -60,7 +62,7 @@ def shifted(shift, candidate, x, y):
 
 
 @kernel
-def position(w, i, now):
+def position(w: ws.Workspace, i: int, now: float) -> tuple[float, float]:
     """Return the position of disk i at the time now."""
     a = ws.ROW * i
     dt = now - w.disk[a + ws.TIME]
@@ -68,7 +70,7 @@ def position(w, i, now):
 
 
 @kernel
-def relative_motion(w, i, candidate, now):
+def relative_motion(w: ws.Workspace, i: int, candidate: int, now: float) -> tuple[float, float, float, float]:
     """Return position and velocity of a candidate relative to disk i, (x, y, u, v) of `collisions.encounter`."""
     k = candidate & ws.DISK_MASK
     x_i, y_i = position(w, i, now)
@@ -79,7 +81,7 @@ def relative_motion(w, i, candidate, now):
 
 
 @kernel
-def move(w, i, now):
+def move(w: ws.Workspace, i: int, now: float) -> None:
     """Advance disk i to the time now."""
     a = ws.ROW * i
     w.disk[a + ws.X], w.disk[a + ws.Y] = position(w, i, now)

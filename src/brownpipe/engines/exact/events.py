@@ -27,7 +27,7 @@ from brownpipe.engines.records import local_copy
 
 
 @kernel
-def earliest(w, i, now, candidates, first, m):
+def earliest(w: ws.Workspace, i: int, now: float, candidates: np.ndarray, first: int, m: int) -> None:
     """Store the earliest collision of disk i with m candidates as its pair event, if earlier than the one it has.
 
     The candidates are candidates[first : first + m]. `w.candidate`, which may be the same array, is overwritten.
@@ -61,7 +61,7 @@ def earliest(w, i, now, candidates, first, m):
 
 
 @kernel
-def within_walls(shift, edge, low, side, radius):
+def within_walls(shift: np.ndarray | None, edge: float, low: float, side: float, radius: float) -> float:
     """Return the coordinate at which a disk moving towards an edge leaves its cell or touches a wall, eq. (4)."""
     if shift is not None:
         return edge
@@ -69,7 +69,16 @@ def within_walls(shift, edge, low, side, radius):
 
 
 @kernel
-def leave_time(shift, position, velocity, since, edge, low, side, radius):
+def leave_time(
+    shift: np.ndarray | None,
+    position: float,
+    velocity: float,
+    since: float,
+    edge: float,
+    low: float,
+    side: float,
+    radius: float,
+) -> tuple[float, bool]:
     """Return when a disk, moving so at the time `since`, reaches the edge or wall ahead in x or y, and whether a wall.
 
     Consider only the wall the disk moves towards: if round-off has left it slightly beyond the opposite wall, that
@@ -80,7 +89,7 @@ def leave_time(shift, position, velocity, since, edge, low, side, radius):
 
 
 @kernel
-def edges_ahead(lists, w, i, vx, vy):
+def edges_ahead(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, vx: float, vy: float) -> tuple[float, float]:
     """Return the edges (x, y) of the cell of disk i, or of the square of its list, to which it moves."""
     if lists is not None:
         return neighbour_lists.edges_ahead(lists, i, vx, vy)
@@ -90,7 +99,7 @@ def edges_ahead(lists, w, i, vx, vy):
 
 
 @kernel
-def schedule(w, i, now):
+def schedule(w: ws.Workspace, i: int, now: float) -> None:
     """Push the next event of disk i: its pair collision, a cell crossing or a wall collision, whichever is first."""
     disk, a = w.disk, ws.ROW * i
     box = w.grid
@@ -113,7 +122,9 @@ def schedule(w, i, now):
 
 
 @kernel
-def candidates_after(lists, w, i, event):
+def candidates_after(
+    lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, event: int
+) -> tuple[np.ndarray, int, int]:
     """Return the array with the candidates of disk i after an event, the index of the first, and their number.
 
     After a crossing only the new neighbours are candidates; otherwise all are, and the pair event is reset.
@@ -131,7 +142,7 @@ def candidates_after(lists, w, i, event):
 
 
 @kernel
-def wrap(image, w, i, column, row):
+def wrap(image: np.ndarray | None, w: ws.Workspace, i: int, column: int, row: int) -> bool:
     """Move disk i, about to enter a cell outside a periodic box, to the opposite side; return whether it was moved.
 
     Other disks then see it as another image, so all predictions with disk i are outdated.
@@ -150,7 +161,7 @@ def wrap(image, w, i, column, row):
 
 
 @kernel
-def enter_cell(w, i, column, row):
+def enter_cell(w: ws.Workspace, i: int, column: int, row: int) -> bool:
     """List disk i in a cell, after wrapping it if the cell is outside a periodic box; return whether it was wrapped."""
     is_wrapped = wrap(w.image, w, i, column, row)
     if is_wrapped:
@@ -160,7 +171,7 @@ def enter_cell(w, i, column, row):
 
 
 @kernel
-def cross(lists, w, i, now, event):
+def cross(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: float, event: int) -> bool:
     """Move disk i to the next cell, or renew its square and list; return whether all must be predicted anew."""
     if lists is not None:
         neighbour_lists.clear(lists, i)
@@ -178,7 +189,7 @@ def cross(lists, w, i, now, event):
 
 
 @kernel
-def collide(w, i, candidate, now):
+def collide(w: ws.Workspace, i: int, candidate: int, now: float) -> tuple[float, float]:
     """Exchange momentum between disk i and its partner, eqs. (5)-(8); return the impulse given to disk i."""
     k = candidate & ws.DISK_MASK
     move(w, i, now)
@@ -193,7 +204,7 @@ def collide(w, i, candidate, now):
 
 
 @kernel
-def bounce(w, i, event, now):
+def bounce(w: ws.Workspace, i: int, event: int, now: float) -> tuple[float, float]:
     """Reflect disk i at a wall, eqs. (9)-(10), its edge exactly at the wall; return the impulse given to the disk."""
     disk, a = w.disk, ws.ROW * i
     box = w.grid
@@ -215,7 +226,7 @@ def bounce(w, i, event, now):
 
 
 @kernel
-def log(w, r, i, partner, fx, fy, now):
+def log(w: ws.Workspace, r: ws.Recorder, i: int, partner: int, fx: float, fy: float, now: float) -> None:
     """Write a collision to the log, if there is one. `partner` is a disk, or -side for a wall."""
     n = w.progress[ws.LOGGED]
     if n < len(r.log_time):
@@ -226,7 +237,7 @@ def log(w, r, i, partner, fx, fy, now):
 
 
 @kernel
-def happen(w, r, i, now):
+def happen(w: ws.Workspace, r: ws.Recorder, i: int, now: float) -> None:
     """Execute the next event of disk i, and predict the next events of the disks that changed course."""
     link, count = w.link, w.count
     event = int(link[ws.ROW * i + ws.EVENT])
@@ -263,7 +274,7 @@ def happen(w, r, i, now):
 
 
 @kernel
-def run_until(w, r, until, most):
+def run_until(w: ws.Workspace, r: ws.Recorder, until: float, most: int) -> tuple[int, int]:
     """Execute up to `most` events until a time within the block; return why it stopped and how many events are left."""
     progress = w.progress
     for left in range(most, 0, -1):
@@ -288,7 +299,7 @@ def run_until(w, r, until, most):
 
 
 @kernel
-def begin_block(w):
+def begin_block(w: ws.Workspace) -> None:
     """List all disks in cells, and let each begin with a stale pair event at local time 0, so that it predicts anew.
 
     A block depends on nothing but the positions and velocities at its beginning. A disk with a neighbour list may have
@@ -307,7 +318,7 @@ def begin_block(w):
 
 
 @kernel
-def end_block(w):
+def end_block(w: ws.Workspace) -> None:
     """Advance all disks to the end of the block, which is the beginning of the next."""
     for i in range(len(w.disk) // ws.ROW):
         move(w, i, w.calendar.block)

@@ -11,6 +11,8 @@ then holds the disks by the centres of their squares, and is read only to make l
 
 import math
 
+import numpy as np
+
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.disks import contact_distance, position, shifted
@@ -18,7 +20,7 @@ from brownpipe.engines.kernels import kernel, prefetch
 
 
 @kernel
-def reversed_image(candidate, i):
+def reversed_image(candidate: int, i: int) -> int:
     """Return disk i as a candidate of disk k, where `candidate` is disk k as a candidate of disk i."""
     image = candidate >> ws.DISK_BITS
     across, up = image % 3, image // 3
@@ -26,7 +28,7 @@ def reversed_image(candidate, i):
 
 
 @kernel
-def words(wide):
+def words(wide: bool | None) -> int:
     """Return the number of words of a list. It is a constant: a number in the workspace costs 4 % of the speed."""
     if wide is None:
         return ws.LIST_WORDS
@@ -34,14 +36,14 @@ def words(wide):
 
 
 @kernel
-def entries(lists, i):
+def entries(lists: ws.NeighbourLists, i: int) -> range:
     """Return the range of indices in `lists.neighbour` at which the neighbours of disk i are."""
     first = words(lists.wide) * i
     return range(first + 1, first + 1 + lists.neighbour[first])
 
 
 @kernel
-def add(lists, w, i, candidate):
+def add(lists: ws.NeighbourLists, w: ws.Workspace, i: int, candidate: int) -> None:
     """Add a candidate to the list of disk i; if the list is full, set the OVERFLOW flag."""
     first = words(lists.wide) * i
     n = lists.neighbour[first]
@@ -53,7 +55,7 @@ def add(lists, w, i, candidate):
 
 
 @kernel
-def remove(lists, i, candidate):
+def remove(lists: ws.NeighbourLists, i: int, candidate: int) -> None:
     """Remove a candidate from the list of disk i; the last one of the list takes its place."""
     first = words(lists.wide) * i
     n = lists.neighbour[first]
@@ -65,7 +67,7 @@ def remove(lists, i, candidate):
 
 
 @kernel
-def can_touch(lists, w, i, candidate):
+def can_touch(lists: ws.NeighbourLists, w: ws.Workspace, i: int, candidate: int) -> bool:
     """Whether the squares of disk i and of a candidate are less than a contact distance apart."""
     k = candidate & ws.DISK_MASK
     x, y = lists.centre[2 * k] - lists.centre[2 * i], lists.centre[2 * k + 1] - lists.centre[2 * i + 1]
@@ -76,7 +78,7 @@ def can_touch(lists, w, i, candidate):
 
 
 @kernel
-def clear(lists, i):
+def clear(lists: ws.NeighbourLists, i: int) -> None:
     """Empty the list of disk i, and remove disk i from the lists of its neighbours."""
     for j in entries(lists, i):
         remove(lists, lists.neighbour[j] & ws.DISK_MASK, reversed_image(lists.neighbour[j], i))
@@ -84,13 +86,13 @@ def clear(lists, i):
 
 
 @kernel
-def centre(lists, w, i, now):
+def centre(lists: ws.NeighbourLists, w: ws.Workspace, i: int, now: float) -> None:
     """Centre the square of disk i at its position at the time now."""
     lists.centre[2 * i], lists.centre[2 * i + 1] = position(w, i, now)
 
 
 @kernel
-def meet(lists, w, i, least):
+def meet(lists: ws.NeighbourLists, w: ws.Workspace, i: int, least: int) -> None:
     """Find the neighbours of disk i numbered `least` or more in the cell list, and add each to the other's list."""
     column, row = cells.place_of(w, i)
     for j in range(cells.gather_around(w, column, row)):
@@ -102,7 +104,7 @@ def meet(lists, w, i, least):
 
 
 @kernel
-def make_all(lists, w):
+def make_all(lists: ws.NeighbourLists | None, w: ws.Workspace) -> None:
     """Make the lists of all disks, if there are any."""
     if lists is not None:
         lists.neighbour[:: words(lists.wide)] = 0
@@ -114,20 +116,20 @@ def make_all(lists, w):
 
 
 @kernel
-def edges_ahead(lists, i, vx, vy):
+def edges_ahead(lists: ws.NeighbourLists, i: int, vx: float, vy: float) -> tuple[float, float]:
     """Return the edges (x, y) of the square of disk i to which it moves."""
     return lists.centre[2 * i] + math.copysign(lists.half, vx), lists.centre[2 * i + 1] + math.copysign(lists.half, vy)
 
 
 @kernel
-def neighbours(lists, i):
+def neighbours(lists: ws.NeighbourLists, i: int) -> tuple[np.ndarray, int, int]:
     """Return the array that holds the list of disk i, the index at which it begins, and its length."""
     first = words(lists.wide) * i
     return lists.neighbour, first + 1, lists.neighbour[first]
 
 
 @kernel
-def prefetch_list(lists, w, i, event):
+def prefetch_list(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int) -> None:
     """Prefetch the list of disk i; if the event makes a new one, also the cells that `meet` reads."""
     prefetch(lists.neighbour, words(lists.wide) * i)
     prefetch(lists.centre, 2 * i)
@@ -136,7 +138,7 @@ def prefetch_list(lists, w, i, event):
 
 
 @kernel
-def prefetch_neighbours(lists, w, i, event):
+def prefetch_neighbours(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int) -> None:
     """Prefetch the disks on the list of disk i; if the event makes a new one, also their lists for `clear`."""
     for j in entries(lists, i):
         k = lists.neighbour[j] & ws.DISK_MASK

@@ -22,7 +22,7 @@ from brownpipe.engines.kernels import kernel, prefetch
 
 
 @kernel
-def prefetch_upcoming(deferred, w):
+def prefetch_upcoming(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
     """Prefetch for the current bucket and those after it; with few disks (`deferred` is None) do nothing."""
     if deferred is None:
         return
@@ -49,19 +49,19 @@ def prefetch_upcoming(deferred, w):
 
 
 @kernel
-def event_of(w, i):
+def event_of(w: ws.Workspace, i: int) -> int:
     """Return the kind of the next event of disk i."""
     return int(w.link[ws.ROW * i + ws.EVENT])
 
 
 @kernel
-def partner_of(w, i):
+def partner_of(w: ws.Workspace, i: int) -> int:
     """Return the disk with which disk i is predicted to collide next, whether or not another event comes first."""
     return w.link[ws.ROW * i + ws.PARTNER] & ws.DISK_MASK
 
 
 @kernel
-def prefetch_disk(mass, w, i):
+def prefetch_disk(mass: np.ndarray | None, w: ws.Workspace, i: int) -> None:
     """Prefetch the rows of disk i."""
     prefetch(w.link, ws.ROW * i)
     prefetch(w.disk, ws.ROW * i)
@@ -70,7 +70,7 @@ def prefetch_disk(mass, w, i):
 
 
 @kernel
-def prefetch_cells_or_list(lists, w, i, event):
+def prefetch_cells_or_list(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, event: int) -> None:
     """Prefetch the list of disk i, or the cells, in which its candidates after an event are."""
     if lists is not None:
         neighbour_lists.prefetch_list(lists, w, i, event)
@@ -79,7 +79,7 @@ def prefetch_cells_or_list(lists, w, i, event):
 
 
 @kernel
-def prefetch_candidates(lists, w, i, event):
+def prefetch_candidates(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, event: int) -> None:
     """Prefetch the candidates of disk i after an event."""
     if lists is not None:
         neighbour_lists.prefetch_neighbours(lists, w, i, event)

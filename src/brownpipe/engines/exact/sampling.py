@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.audit import audit
 from brownpipe.engines.exact.disks import position
@@ -9,7 +11,7 @@ from brownpipe.engines.kernels import kernel
 
 
 @kernel
-def boxes_beyond(image, w, x, y):
+def boxes_beyond(image: np.ndarray | None, w: ws.Workspace, x: float, y: float) -> tuple[int, int]:
     """Return how many boxes to the right and above a position is.
 
     It can be outside a periodic box, as with neighbour lists a disk is wrapped only when it leaves its square.
@@ -20,7 +22,9 @@ def boxes_beyond(image, w, x, y):
 
 
 @kernel
-def write_image(image, i, images, sample, column, across, up):
+def write_image(
+    image: np.ndarray | None, i: int, images: np.ndarray, sample: int, column: int, across: int, up: int
+) -> None:
     """Write the image of disk i, how often it has left a periodic box, to (sample, column) of a record."""
     if image is not None:
         images[sample, column, 0] = image[2 * i] + across
@@ -28,7 +32,16 @@ def write_image(image, i, images, sample, column, across, up):
 
 
 @kernel
-def write_motion(w, i, now, positions, velocities, images, sample, column):
+def write_motion(
+    w: ws.Workspace,
+    i: int,
+    now: float,
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    images: np.ndarray,
+    sample: int,
+    column: int,
+) -> None:
     """Write position, velocity and image of disk i at the time now to (sample, column) of a record."""
     x, y = position(w, i, now)
     across, up = boxes_beyond(w.image, w, x, y)
@@ -40,7 +53,7 @@ def write_motion(w, i, now, positions, velocities, images, sample, column):
 
 
 @kernel
-def take_sample(w, r, now):
+def take_sample(w: ws.Workspace, r: ws.Recorder, now: float) -> None:
     """Record the next sample, and audit the disks recorded; at the last sample audit all disks."""
     sample = w.progress[ws.SAMPLE]
     w.progress[ws.SAMPLE] = sample + 1

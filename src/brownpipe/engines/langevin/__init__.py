@@ -8,7 +8,7 @@ bath the neighbours form a cage; neither tail nor cage is modelled. docs/theory.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NoReturn
 
@@ -31,9 +31,9 @@ BYTES_PER_SAMPLE = 180  # of memory, during a run: random numbers, the path and 
 FRICTIONS = ("enskog", "boltzmann", "measured")
 
 
-def refuse_unfit(scene: Scene, settings: dict, record=frozenset({"tracer"})) -> None:
+def refuse_unfit(scene: Scene, settings: dict, record: Collection[str] = frozenset({"tracer"})) -> None:
     """Raise RequestError if the scene's bath cannot be replaced by this friction, or if `record` needs the bath."""
-    if bath_records := record & {"all", "events"}:
+    if bath_records := {"all", "events"}.intersection(record):
         raise RequestError(
             f"--record {','.join(sorted(bath_records))}: the langevin engine has no bath; must be tracer or none"
         )
@@ -83,7 +83,9 @@ def _model(scenes: Sequence[Scene], settings: dict) -> str:
     return f"the tracer alone, gamma = {gamma}; no 1/t tail of the velocity autocorrelation, no cage"
 
 
-def _forecast(scene: Scene, settings: dict, record, observables, average: str) -> forecast.Cost:
+def _forecast(
+    scene: Scene, settings: dict, record: Collection[str], observables: Collection[str], average: str
+) -> forecast.Cost:
     """Return the cost of a run; measuring the friction by runs of the exact engine costs once per process."""
     seconds = EACH_RUN + SECONDS_PER_SAMPLE * len(scene.times)
     seconds += forecast.seconds_to_measure_tracer(scene, observables, average)

@@ -26,13 +26,13 @@ def step_weights(dt: np.ndarray, gamma: float, square_speed: float) -> np.ndarra
     return np.stack([np.exp(-x), w1, w2, w3], axis=-1)
 
 
-def _tanh_ratio(y):
+def _tanh_ratio(y: np.ndarray) -> np.ndarray:
     """Return tanh(y)/y, 1 at y = 0."""
     safe = np.where(y == 0.0, 1.0, y)
     return np.where(y == 0.0, 1.0, np.tanh(safe) / safe)
 
 
-def _undetermined(x):
+def _undetermined(x: np.ndarray) -> np.ndarray:
     """Return (x - 2 tanh(x/2))/x^2; below FLAT by five terms of the power series of tanh, exact to round-off."""
     y2 = (np.minimum(x, FLAT) / 2) ** 2
     series = x / 12 * (1 + y2 * (-2 / 5 + y2 * (17 / 105 + y2 * (-62 / 945 + y2 * 1382 / 51975))))
@@ -41,7 +41,7 @@ def _undetermined(x):
 
 
 @entry_point
-def follow(path, normal, weights):
+def follow(path: np.ndarray, normal: np.ndarray, weights: np.ndarray) -> None:
     """Continue a path from its first entry, in place.
 
     path (T, 2, 2) holds positions and velocities; normal (T - 1, 2, 2) standard normal numbers xi and eta for each

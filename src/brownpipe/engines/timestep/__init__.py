@@ -3,7 +3,7 @@
 This file has its `Definition`; `simulation` says how it works.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from brownpipe.engines import forecast
 from brownpipe.engines.definition import Definition, Setting, one_of
@@ -30,7 +30,9 @@ def _refuse_unfit(scene: Scene, settings: dict, record: frozenset) -> None:
         )
 
 
-def _forecast(scene: Scene, settings: dict, record, observables, average: str) -> forecast.Cost:
+def _forecast(
+    scene: Scene, settings: dict, record: Collection[str], observables: Collection[str], average: str
+) -> forecast.Cost:
     """Return the cost of a run: that of an exact one, as a collision costs the same, plus that of the time steps."""
     exact = forecast.of_run(scene, record, observables, average)
     steps = scene.duration / settings["time_step"]

@@ -57,7 +57,7 @@ def prepare(
     )
 
 
-def _pair_list(capacity: int, real) -> PairList:
+def _pair_list(capacity: int, real: type[np.floating]) -> PairList:
     """Return an empty list of pairs."""
     disks = (np.zeros(capacity, np.uint32) for _ in range(2))
     lengths = (np.zeros(capacity, real) for _ in range(3))

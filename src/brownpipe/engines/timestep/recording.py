@@ -1,6 +1,7 @@
 """Memory for the samples of a run, and the report of a run of the time-stepping engine."""
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -15,7 +16,7 @@ ENERGY_BOUND = {np.float64: HEALTH_BOUND, np.float32: 1e-4}  # energy drift beyo
 REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
 
 
-def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record) -> Recorder:
+def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]) -> Recorder:
     """Return memory for samples, free flights after the last step before each: no step depends on sample times."""
     n, t = scene.particles, len(times)
     m = n if "all" in record else 0

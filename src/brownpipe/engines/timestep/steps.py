@@ -24,7 +24,7 @@ MOST_HITS = 1e6  # wall hits of a disk in a step; with more, in a very narrow ga
 
 
 @kernel
-def fly(w, x, y, vx, vy, radius):
+def fly(w: ws.Workspace, x: np.ndarray, y: np.ndarray, vx: np.ndarray, vy: np.ndarray, radius: np.ndarray) -> int:
     """Move all disks straight for a time step; return how many of them then reach beyond a wall."""
     dt, left, right, bottom, top = w.real[ws.DT], w.real[ws.LEFT], w.real[ws.RIGHT], w.real[ws.BOTTOM], w.real[ws.TOP]
     beyond = 0
@@ -36,13 +36,22 @@ def fly(w, x, y, vx, vy, radius):
 
 
 @kernel
-def reaches_beyond(x, y, r, left, right, bottom, top):
+def reaches_beyond(x: float, y: float, r: float, left: float, right: float, bottom: float, top: float) -> bool:
     """Return whether a disk reaches beyond a wall."""
     return (x - r < left) | (x + r > right) | (y - r < bottom) | (y + r > top)
 
 
 @kernel
-def candidates_within(x, y, a, b, contact, number, slack, candidate):
+def candidates_within(
+    x: np.ndarray,
+    y: np.ndarray,
+    a: np.ndarray,
+    b: np.ndarray,
+    contact: np.ndarray,
+    number: int,
+    slack: float,
+    candidate: np.ndarray,
+) -> int:
     """Write the pairs of a list that overlap, or did within the last two steps, to `candidate`; return their number.
 
     Every pair is written, but the count increases only if it is close enough, so that there is no branch to predict.
@@ -56,7 +65,7 @@ def candidates_within(x, y, a, b, contact, number, slack, candidate):
 
 
 @kernel
-def candidates_across(w, pairs, number, slack, offset, m):
+def candidates_across(w: ws.Workspace, pairs: ws.PairList, number: int, slack: float, offset: int, m: int) -> int:
     """Append pairs of a disk and a periodic image, numbered from `offset`, to m candidates; return the new number."""
     for j in range(number):
         dx = w.x[pairs.b[j]] - w.x[pairs.a[j]] + pairs.shift_x[j]
@@ -67,7 +76,7 @@ def candidates_across(w, pairs, number, slack, offset, m):
 
 
 @kernel
-def relative(w, pair):
+def relative(w: ws.Workspace, pair: int) -> tuple[int, int, float, float, float, float]:
     """Return disks a and b of a pair, and the position and velocity of b relative to a.
 
     `pair` below the capacity of a list is an index into `w.within`; the others, less the capacity, are indices into
@@ -88,14 +97,14 @@ def relative(w, pair):
 
 
 @kernel
-def squared_contact(w, pair):
+def squared_contact(w: ws.Workspace, pair: int) -> float:
     """Return sigma^2 of a listed pair."""
     capacity = len(w.within.a)
     return np.float64(w.within.contact[pair] if pair < capacity else w.across.contact[pair - capacity])
 
 
 @kernel
-def time_since_contact(x, y, u, v, sigma2):
+def time_since_contact(x: float, y: float, u: float, v: float, sigma2: float) -> float:
     """Return how long ago two disks came into contact, eqs. (1)-(3); negative if they did not.
 
     (x, y) and (u, v) are their present relative position and velocity. Of the two roots of the quadratic equation this
@@ -110,7 +119,7 @@ def time_since_contact(x, y, u, v, sigma2):
 
 
 @kernel
-def met_late(w, x, y, u, v, sigma2):
+def met_late(w: ws.Workspace, x: float, y: float, u: float, v: float, sigma2: float) -> bool:
     """Return whether two disks overlap; if not, count them as missed if they met and separated within the step."""
     approach, speed2, cross = x * u + y * v, u * u + v * v, x * v - y * u
     if x * x + y * y < sigma2:
@@ -120,7 +129,7 @@ def met_late(w, x, y, u, v, sigma2):
 
 
 @kernel
-def gather_contacts(w, candidates, now):
+def gather_contacts(w: ws.Workspace, candidates: int, now: float) -> int:
     """Write those candidates that met by the time `now`, with the time of contact; return their number."""
     n, m = len(w.x), 0
     for c in range(candidates):
@@ -139,7 +148,9 @@ def gather_contacts(w, candidates, now):
 
 
 @kernel
-def meeting(w, i, k, now, x, y, u, v, sigma2):
+def meeting(
+    w: ws.Workspace, i: int, k: int, now: float, x: float, y: float, u: float, v: float, sigma2: float
+) -> tuple[bool, float]:
     """Return whether disks i and k (the engine's numbers) met on their straight paths, and how long ago.
 
     A straight path begins at a disk's last collision. A pair that already overlapped when the later of its two paths
@@ -155,7 +166,7 @@ def meeting(w, i, k, now, x, y, u, v, sigma2):
 
 
 @kernel
-def earlier(w, i, k):
+def earlier(w: ws.Workspace, i: int, k: int) -> bool:
     """Return whether contact i comes before contact k: by time, then by the numbers of the disks."""
     if w.contact_time[i] != w.contact_time[k]:
         return w.contact_time[i] < w.contact_time[k]
@@ -163,7 +174,7 @@ def earlier(w, i, k):
 
 
 @kernel
-def sort_contacts(w, m):
+def sort_contacts(w: ws.Workspace, m: int) -> None:
     """Sort the first m contacts by time and disks: shell sort, D. L. Shell, Commun. ACM 2 (7), 30 (1959)."""
     gap = 1
     while 3 * gap + 1 < m:
@@ -180,7 +191,7 @@ def sort_contacts(w, m):
 
 
 @kernel
-def swap(values, i, k):
+def swap(values: np.ndarray, i: int, k: int) -> None:
     """Exchange two entries."""
     value = values[i]
     values[i] = values[k]
@@ -188,7 +199,7 @@ def swap(values, i, k):
 
 
 @kernel
-def collide(w, pair, now):
+def collide(w: ws.Workspace, pair: int, now: float) -> None:
     """Let a pair that met exchange momentum, eqs. (5)-(8): at contact, flying on from there until `now`, or late.
 
     An earlier collision of the same step may have changed a path; if the pair then no longer meets, nothing happens.
@@ -217,7 +228,7 @@ def collide(w, pair, now):
 
 
 @kernel
-def deflect(w, i, fx, fy, gx, gy, back):
+def deflect(w: ws.Workspace, i: int, fx: float, fy: float, gx: float, gy: float, back: float) -> float:
     """Change the velocity of disk i by f + g as of a time `back` ago; return the distance by which that shifts it."""
     ux, uy = np.float64(w.vx[i]), np.float64(w.vy[i])
     w.vx[i] = ux + fx + gx
@@ -234,7 +245,7 @@ def deflect(w, i, fx, fy, gx, gy, back):
 
 
 @kernel
-def raise_speed_bound(w, i):
+def raise_speed_bound(w: ws.Workspace, i: int) -> None:
     """Raise the upper bound on all speeds if disk i exceeds it."""
     speed = math.sqrt(np.float64(w.vx[i]) * np.float64(w.vx[i]) + np.float64(w.vy[i]) * np.float64(w.vy[i]))
     if speed > w.tally[ws.FASTEST]:
@@ -243,7 +254,17 @@ def raise_speed_bound(w, i):
 
 
 @kernel
-def bounce(w, place, velocity, i, before, after, gap, wall, now):
+def bounce(
+    w: ws.Workspace,
+    place: np.ndarray,
+    velocity: np.ndarray,
+    i: int,
+    before: float,
+    after: float,
+    gap: float,
+    wall: int,
+    now: float,
+) -> None:
     """Reflect disk i where it reaches beyond the wall that it moves towards: one velocity component, eqs. (9)-(10).
 
     `before` and `after` are the distances of its edge beyond the lower and the upper wall, `gap` is the distance that
@@ -276,7 +297,7 @@ def bounce(w, place, velocity, i, before, after, gap, wall, now):
 
 
 @kernel
-def bounce_all(w, now):
+def bounce_all(w: ws.Workspace, now: float) -> None:
     """Reflect all disks that reach beyond a wall."""
     left, right = np.float64(w.real[ws.LEFT]), np.float64(w.real[ws.RIGHT])
     bottom, top = np.float64(w.real[ws.BOTTOM]), np.float64(w.real[ws.TOP])
@@ -287,7 +308,7 @@ def bounce_all(w, now):
 
 
 @kernel
-def step(w):
+def step(w: ws.Workspace) -> None:
     """Take a time step: flight, pair collisions in the order of time, wall collisions."""
     w.counters[ws.BEYOND] = fly(w, w.x, w.y, w.vx, w.vy, w.radius)
     pairs, slack, now = w.within, w.real[ws.SLACK], (w.counters[ws.STEP] + 1) * w.step
@@ -305,7 +326,16 @@ def step(w):
 
 
 @kernel
-def write_sample(w, i, rest, position, velocity, images, row, column):
+def write_sample(
+    w: ws.Workspace,
+    i: int,
+    rest: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    images: np.ndarray,
+    row: int,
+    column: int,
+) -> None:
     """Write position, velocity and image of disk i, a time `rest` after the last step, to [row, column] of a record."""
     vx, vy = np.float64(w.vx[i]), np.float64(w.vy[i])
     x, y = np.float64(w.x[i]) + vx * rest, np.float64(w.y[i]) + vy * rest
@@ -318,7 +348,7 @@ def write_sample(w, i, rest, position, velocity, images, row, column):
 
 
 @kernel
-def sample(w, r, rest):
+def sample(w: ws.Workspace, r: ws.Recorder, rest: float) -> None:
     """Sample the tracer and, if they are recorded, all disks, a time `rest` after the last step."""
     row = w.counters[ws.SAMPLE]
     w.counters[ws.SAMPLE] = row + 1
@@ -331,7 +361,7 @@ def sample(w, r, rest):
 
 
 @entry_point
-def advance(w, r, most):
+def advance(w: ws.Workspace, r: ws.Recorder, most: int) -> int:
     """Run until all samples are taken, `most` steps are done, or the lists are full; return DONE, PAUSED or LISTS_FULL.
 
     Call it again to continue: in the last case with a workspace whose lists have twice the capacity.

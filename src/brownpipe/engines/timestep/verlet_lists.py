@@ -18,7 +18,7 @@ WORTH = 0.25  # the lists are kept while at least this part of the skin is unuse
 
 
 @kernel
-def survey(w):
+def survey(w: ws.Workspace) -> tuple[float, float]:
     """Return the largest distance of a disk from its position when the lists were built, and the highest speed."""
     furthest, fastest = 0.0, 0.0
     for i in range(len(w.x)):
@@ -29,13 +29,13 @@ def survey(w):
 
 
 @kernel
-def slack(path):
+def slack(path: float) -> float:
     """Return the largest excess of r^2 over sigma^2 two steps after contact, for disks with this path per step."""
     return 16.0 * path * path
 
 
 @kernel
-def renew(w):
+def renew(w: ws.Workspace) -> bool:
     """Make sure that the lists hold for another step, building them if necessary; return False if they are full.
 
     BUDGET becomes the distance that any disk may still move before the next call.
@@ -54,7 +54,7 @@ def renew(w):
 
 
 @kernel
-def make(w):
+def make(w: ws.Workspace) -> None:
     """Build the lists; OVERFULL is set if the pairs exceed the capacity of a list."""
     columns, rows = cells_along_side(w, w.box.width), cells_along_side(w, w.box.height)
     wrap(w)
@@ -75,7 +75,7 @@ def make(w):
 
 
 @kernel
-def finish_list(w, pairs, number):
+def finish_list(w: ws.Workspace, pairs: ws.PairList, number: int) -> None:
     """Store sigma^2 of the listed pairs, and replace places in the sorted copies by places in memory."""
     for j in range(number):
         a, b = pairs.a[j], pairs.b[j]
@@ -85,13 +85,13 @@ def finish_list(w, pairs, number):
 
 
 @kernel
-def reach(w):
+def reach(w: ws.Workspace) -> float:
     """Return the distance up to which a pair without a big disk is listed."""
     return 2.0 * w.common_radius + w.tally[ws.SKIN]
 
 
 @kernel
-def cells_along_side(w, side):
+def cells_along_side(w: ws.Workspace, side: float) -> int:
     """Return how many cells fit along a side, none narrower than the reach.
 
     All cells together are at most len(cell_start) - 1, also in a box so narrow that it has one row of cells.
@@ -102,7 +102,7 @@ def cells_along_side(w, side):
 
 
 @kernel
-def wrap(w):
+def wrap(w: ws.Workspace) -> None:
     """Move disks that left a periodic box to its opposite side."""
     if not w.box.periodic:
         return
@@ -116,19 +116,19 @@ def wrap(w):
 
 
 @kernel
-def boxes_away(place, low, side):
+def boxes_away(place: float, low: float, side: float) -> int:
     """Return how many boxes a coordinate is away from the box."""
     return math.floor((np.float64(place) - low) / side)
 
 
 @kernel
-def cell_of(place, low, side, cells):
+def cell_of(place: float, low: float, side: float, cells: int) -> int:
     """Return the index of a coordinate's cell along a side; a coordinate outside belongs to the nearest cell."""
     return min(max(int((np.float64(place) - low) / side * cells), 0), cells - 1)
 
 
 @kernel
-def sort(w, columns, rows):
+def sort(w: ws.Workspace, columns: int, rows: int) -> None:
     """Sort the disks by cell, big disks first (a stable counting sort), and copy positions and radii in this order."""
     n, cell_start, order = len(w.x), w.cell_start, w.order
     for cell in range(columns * rows + 1):
@@ -156,7 +156,7 @@ def sort(w, columns, rows):
 
 
 @kernel
-def sort_in_memory(w):
+def sort_in_memory(w: ws.Workspace) -> None:
     """Sort the disks themselves by cell."""
     for values in (w.x, w.y, w.vx, w.vy, w.radius):
         permute(values, w.order, w.sorted_x)
@@ -169,7 +169,7 @@ def sort_in_memory(w):
 
 
 @kernel
-def permute(values, order, scratch):
+def permute(values: np.ndarray, order: np.ndarray, scratch: np.ndarray) -> None:
     """Reorder values in place: entry i becomes the former entry order[i]."""
     for i in range(len(values)):
         scratch[i] = values[i]
@@ -178,7 +178,7 @@ def permute(values, order, scratch):
 
 
 @kernel
-def pairs_of_row(w, columns, rows, row):
+def pairs_of_row(w: ws.Workspace, columns: int, rows: int, row: int) -> None:
     """List the pairs of the disks in a row of cells: in the same cell, the next one, and the three in the row above."""
     pairs, cell_start, m = w.within, w.cell_start, w.counters[ws.WITHIN]
     begin, end = row * columns, (row + 1) * columns
@@ -201,7 +201,7 @@ def pairs_of_row(w, columns, rows, row):
 
 
 @kernel
-def pairs_across_sides(w, columns, rows, column, row):
+def pairs_across_sides(w: ws.Workspace, columns: int, rows: int, column: int, row: int) -> None:
     """List the pairs of the disks of a cell at a side with periodic images in the same directions as `pairs_of_row`."""
     cell_start, cell = w.cell_start, row * columns + column
     wide, high = images_within_reach(reach(w), columns, w.box.width), images_within_reach(reach(w), rows, w.box.height)
@@ -215,13 +215,13 @@ def pairs_across_sides(w, columns, rows, column, row):
 
 
 @kernel
-def images_within_reach(distance, cells, side):
+def images_within_reach(distance: float, cells: int, side: float) -> int:
     """Return how many cells on each side, those of periodic images included, are within a distance."""
     return max(1, math.ceil(distance * cells / side))
 
 
 @kernel
-def pairs_of_big(w, i):
+def pairs_of_big(w: ws.Workspace, i: int) -> None:
     """List the pairs of big disk i with all disks after it, and with their periodic images."""
     list_pairs(w, w.within, ws.WITHIN, i, i + 1, len(w.x), 0, 0)
     if not w.box.periodic:
@@ -238,7 +238,9 @@ def pairs_of_big(w, i):
 
 
 @kernel
-def list_pairs(w, pairs, counter, i, begin, end, across, up):
+def list_pairs(
+    w: ws.Workspace, pairs: ws.PairList, counter: int, i: int, begin: int, end: int, across: int, up: int
+) -> None:
     """List the pairs of disk i with the sorted disks from begin to end - 1, shifted by (across, up) boxes."""
     start = w.counters[counter]
     m = start
