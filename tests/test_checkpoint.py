@@ -136,8 +136,8 @@ def test_from_every_block_to_the_same_bytes(name, tmp_path, monkeypatch):
     kept = []
     checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
     assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, checkpoints)) == expected
-    assert sum("run.clock" in arrays for arrays in kept) >= 2 * len(SEEDS)  # at block ends
-    assert [int(arrays["done"]) for arrays in kept if "run.clock" not in arrays] == [1, 2]  # and between runs
+    assert sum("run.progress" in arrays for arrays in kept) >= 2 * len(SEEDS)  # at block ends
+    assert [int(arrays["done"]) for arrays in kept if "run.progress" not in arrays] == [1, 2]  # and between runs
     if scene.equilibrate:
         assert {bool(arrays.get("run.equilibrating")) for arrays in kept} == {True, False}
     prepare = run.prepare
@@ -216,7 +216,7 @@ def test_a_cell_that_proves_too_small(tmp_path, monkeypatch):
     kept = []
     checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
     assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, checkpoints)) == expected
-    slots = [(int(arrays["run.slots"]), int(arrays["run.clock"][ws.BLOCK])) for arrays in kept if "run.slots" in arrays]
+    slots = [(int(arrays["run.slots"]), int(arrays["run.progress"][ws.BLOCK])) for arrays in kept if "run.slots" in arrays]
     assert slots[0][0] < slots[1][0] and slots[1][1] == 1  # begun again
     for arrays in kept:
         assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected

@@ -30,7 +30,7 @@ ALL_VARIABLES = VARIABLES | {name: one for estimator in ESTIMATORS for name, one
 ALL_COORDINATES = COORDINATES | {name: text for estimator in ESTIMATORS for name, text in estimator.coordinates.items()}
 HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
-WIDEST = 1000.0  # ring, in units of the longer side of the box
+WIDEST_RING = 1000.0  # ring, in units of the longer side of the box
 
 
 def aggregate(
@@ -94,9 +94,9 @@ def _refuse_out_of_reach(cases: Sequence[Case], windows: Sequence[tuple[float, f
     last = max(case.times[-1] for case in cases)
     for label in (label for label, (_, end) in zip(labels(windows), windows, strict=True) if end * (1 - 1e-9) > last):
         raise AnalysisError(f"fit window {label}: must end by {last:g}, when the longest run does")
-    widest = WIDEST * max(max(case.scene.box.width, case.scene.box.height) for case in cases)
+    widest = WIDEST_RING * max(max(case.scene.box.width, case.scene.box.height) for case in cases)
     if dr > widest:
-        raise AnalysisError(f"ring width {dr:g}: must be at most {widest:g}, {WIDEST:g} times the longest box")
+        raise AnalysisError(f"ring width {dr:g}: must be at most {widest:g}, {WIDEST_RING:g} times the longest box")
 
 
 def _refuse_unsampled(cases: Sequence[Case], times: Sequence[float]) -> None:

@@ -14,7 +14,7 @@ from brownpipe.analysis import resampling
 from brownpipe.analysis.conditions import initial_square_speed
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled, with_error, with_interval
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import AREA, EACH, RATE, Variable, error_of, estimate_of, kept_always
+from brownpipe.analysis.variables import AREA, EACH, RATE, TIME, Variable, error_of, estimate_of, kept_always
 from brownpipe.observables import displacement as of_a_run
 
 
@@ -70,8 +70,8 @@ def fit_line(times: np.ndarray, values: np.ndarray, window: tuple[float, float])
     if np.isnan(slope):
         return Line(np.nan, np.nan, np.nan)
     residual = (values - intercept - slope * times)[inside]
-    spread = ((times[inside] - times[inside].mean()) ** 2).sum()
-    return Line(slope, intercept, np.sqrt((residual**2).sum() / (residual.size - 2) / spread))
+    moment = ((times[inside] - times[inside].mean()) ** 2).sum()
+    return Line(slope, intercept, np.sqrt((residual**2).sum() / (residual.size - 2) / moment))
 
 
 def per_run_lines(squared: np.ndarray, times: np.ndarray, windows: Sequence[tuple[float, float]]) -> np.ndarray:
@@ -191,7 +191,7 @@ def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
     }
 
 
-TIME, WINDOW = (*EACH, "time"), (*EACH, "window")
+WINDOW = (*EACH, "window")
 
 ESTIMATOR = Estimator(
     _columns,

@@ -20,9 +20,9 @@ from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Variable, estimate_of, kept_always
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
-RINGS, REACH = 32, 3.0  # default rings: at most RINGS, out to REACH rms displacements
+MOST_RINGS, REACH = 32, 3.0  # default rings: at most MOST_RINGS, out to REACH rms displacements
 BEYOND = 0.02  # of the runs that default rings are chosen from: the largest share beyond the last ring
-STEP = 1e-4  # of ln D, for derivatives of the expected counts
+LOG_STEP = 1e-4  # of ln D, for derivatives of the expected counts
 
 
 def ring_edges(width: float, rings: int) -> np.ndarray:
@@ -67,9 +67,9 @@ def chosen_times(case: Case) -> np.ndarray:
 def rings_of(case: Case, blocks: Sequence[RunBlock]) -> tuple[np.ndarray, ...]:
     """Return the edges (K + 1,) of the rings at each of the D times: `options.edges`, else chosen from these runs.
 
-    RINGS/2 to RINGS rings extend to REACH rms displacements, or further if more than BEYOND of the runs end beyond
-    (for a Gaussian in the plane, eq. (18), these are exp(-REACH^2) = 0.01 %). Their width is a power of two, so that
-    rings of two times or scenes either coincide or have different centres.
+    MOST_RINGS/2 to MOST_RINGS rings extend to REACH rms displacements, or further if more than BEYOND of the runs end
+    beyond (for a Gaussian in the plane, eq. (18), these are exp(-REACH^2) = 0.01 %). Their width is a power of two, so
+    that rings of two times or scenes either coincide or have different centres.
     """
     at = chosen_times(case)
     if case.options.edges is not None:
@@ -82,7 +82,7 @@ def rings_of(case: Case, blocks: Sequence[RunBlock]) -> tuple[np.ndarray, ...]:
     for column in np.concatenate([of_block[:, at] for of_block in squared]).T:
         nearly_all = np.sqrt(np.quantile(column, 1 - BEYOND, method="higher"))
         reach = max(REACH * np.sqrt(np.mean(column)), nearly_all) or size
-        width = np.ldexp(1.0, int(np.ceil(np.log2(reach / RINGS))))
+        width = np.ldexp(1.0, int(np.ceil(np.log2(reach / MOST_RINGS))))
         edges.append(ring_edges(width, int(np.ceil(reach / width))))
     return tuple(edges)
 
@@ -156,9 +156,9 @@ def _models(case: Case, averages: Averages, k: int) -> list[tuple[float, float |
     if np.isfinite(half_width):
         d, raised = (
             theory.reflecting_square_diffusion(means[0] * scale, t, half_width) if t > 0.0 else np.nan
-            for scale in (1.0, 1.0 + STEP)
+            for scale in (1.0, 1.0 + LOG_STEP)
         )
-        models.append((d, half_width, sources[0]._replace(elasticity=(raised / d - 1.0) / STEP)))
+        models.append((d, half_width, sources[0]._replace(elasticity=(raised / d - 1.0) / LOG_STEP)))
     return models
 
 
@@ -169,9 +169,9 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     for d, half_width, source in _models(case, averages, k):
         expected, raised, lowered, *wrong = (
             expected_ring_counts(runs, edges, t or 1.0, d * scale, half_width)
-            for scale in (1.0, np.exp(STEP), np.exp(-STEP), 1 + WRONG_BY, 1 - WRONG_BY)
+            for scale in (1.0, np.exp(LOG_STEP), np.exp(-LOG_STEP), 1 + WRONG_BY, 1 - WRONG_BY)
         )
-        source = source._replace(change=(raised - lowered) / (2 * STEP))
+        source = source._replace(change=(raised - lowered) / (2 * LOG_STEP))
         test = goodness.chi_square(counts, expected, source)
         of_shape = np.nan if half_width is not None else kurtosis_p
         alone = goodness.LEVEL / (1 if np.isnan(of_shape) else 2)

@@ -24,7 +24,9 @@ import numpy as np
 FEWEST_EXPECTED = 5.0  # bins with fewer expected counts are pooled before a chi-square
 LEVEL = 0.01  # significance level of the verdict on one model at one time
 FAMILY_LEVEL = 0.05  # family-wise error rate of all tests of a table
-LONGEST = 60.0  # upper limit of the integral over half the sum of two squared normal numbers; the rest is below 1e-26
+INTEGRAL_END = (
+    60.0  # upper limit of the integral over half the sum of two squared normal numbers; the rest is below 1e-26
+)
 
 
 class ChiSquare(NamedTuple):
@@ -142,7 +144,7 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
         return float(gammaincc(0.5, x / (2 * first))) if first > 0.0 else float(x <= 0.0)
     angle = np.pi / 2 * (np.arange(48) + 0.5) / 48
     weight = 2 * (first * np.cos(angle) ** 2 + second * np.sin(angle) ** 2)
-    end = np.minimum(np.divide(x, weight, out=np.full(48, LONGEST), where=weight > 0.0), LONGEST)
+    end = np.minimum(np.divide(x, weight, out=np.full(48, INTEGRAL_END), where=weight > 0.0), INTEGRAL_END)
     at = end[:, None] * np.linspace(0, 1, 401)
     left = np.maximum(x - weight[:, None] * at, 0.0) / 2
     inner = np.exp(-at) * (gammaincc(ones / 2, left) if ones else left <= 0.0)

@@ -201,7 +201,7 @@ def _of_ideal(averages: Averages, name: str) -> Estimate:
 
     Both are relative to uniform points. The error is that of the counts alone, the ideal gas being taken as known. This
     does not underestimate it: the position of the lone disk shifts the counts of a run and the ideal gas alike, so that
-    part of the scatter would cancel.
+    part of the spread would cancel.
     """
     estimate = averages.estimate(name)
     if f"{name}_ideal" not in averages:

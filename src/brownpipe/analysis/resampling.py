@@ -8,8 +8,8 @@ a bootstrap-t (B. Efron, Can. J. Stat. 9, 139 (1981)).
 Runs are resampled by a Poisson bootstrap (J. A. Hanley, B. MacGibbon, Comput. Methods Programs Biomed. 83, 57 (2006)):
 in each of REPLICATES replicates every run counts w times, w from the Poisson distribution of mean 1. Given the sum of
 the weights this is the ordinary bootstrap, which draws that many runs with replacement. But the weights of a run depend
-on its seed alone: runs may come in blocks of BLOCK seeds, in bounded memory, further runs do not change the weights of
-the others, and scenes and engines that share seeds share weights. See docs/theory.md, section 5.
+on its seed alone: runs may come in blocks of SEEDS_PER_BLOCK seeds, in bounded memory, further runs do not change the
+weights of the others, and scenes and engines that share seeds share weights. See docs/theory.md, section 5.
 """
 
 import math
@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-BLOCK = 1024  # seeds that share a stream of weights, and whose runs are added up at a time
+SEEDS_PER_BLOCK = 1024  # seeds that share a stream of weights, and whose runs are added up at a time
 REPLICATES = 1999  # the 2.5 % and 97.5 % quantiles are then the 50th value from either end
-FEWEST_RUNS = 10  # for an interval; with fewer its coverage is unknown for a skewed quantity
+FEWEST_FOR_INTERVAL = 10  # for an interval; with fewer its coverage is unknown for a skewed quantity
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
 _AT_ONCE = 512  # columns in a chunk
@@ -36,7 +36,7 @@ class Estimate(NamedTuple):
 
     mean: np.ndarray
     standard_error: np.ndarray  # NaN for a single run
-    low: np.ndarray  # 95 % interval; NaN for fewer than FEWEST_RUNS runs
+    low: np.ndarray  # 95 % interval; NaN for fewer than FEWEST_FOR_INTERVAL runs
     high: np.ndarray
 
 
@@ -82,12 +82,12 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray, squares
     Squares are added up for the first `squares` columns. The arrays of `sums` are changed in place. Seeds must ascend,
     and blocks be added in ascending order; the result is then the same to the bit on any number of threads.
     """
-    block, columns = int(seeds[0]) // BLOCK, np.asarray(columns, float)
+    block, columns = int(seeds[0]) // SEEDS_PER_BLOCK, np.asarray(columns, float)
     if sums is None:
         total = np.cumsum(columns - columns[0], axis=0)[-1]  # same order of additions for any number of columns
         sums = Sums(0, columns[0] + total / len(seeds), *map(np.zeros, _sizes(columns.shape[1], squares)))
     deviation = columns - sums.pivot
-    rows = np.asarray(seeds) - block * BLOCK
+    rows = np.asarray(seeds) - block * SEEDS_PER_BLOCK
     ones = np.ones((len(seeds), 1))
     for terms, first, drawn in (
         (deviation, sums.first, sums.drawn_first),
@@ -120,9 +120,14 @@ def _sizes(columns: int, squares: int) -> tuple:
 
 @lru_cache(maxsize=4)
 def _weights(block: int) -> np.ndarray:
-    """Poisson weights (REPLICATES, BLOCK) of the seeds of a block: integers from 0 to 8."""
+    """Poisson weights (REPLICATES, SEEDS_PER_BLOCK) of the seeds of a block: integers from 0 to 8."""
     stream = np.random.Philox(key=_KEY, counter=[0, 0, 0, block])
-    bits = stream.random_raw(REPLICATES * BLOCK // 4).astype("<u8").view("<u2").reshape(REPLICATES, BLOCK)
+    bits = (
+        stream.random_raw(REPLICATES * SEEDS_PER_BLOCK // 4)
+        .astype("<u8")
+        .view("<u2")
+        .reshape(REPLICATES, SEEDS_PER_BLOCK)
+    )
     weights = np.zeros(bits.shape, np.uint8)
     for bound in _BOUNDS:
         weights += bits >= bound
@@ -173,12 +178,12 @@ def studentized(runs: int, value: np.ndarray, error: np.ndarray, shift: np.ndarr
     shift: (B, ...) value of each replicate minus `value`.
     variance: (B, ...) square of the replicate's own standard error; where it is 0, t = 0 is assumed.
 
-    NaN ends below FEWEST_RUNS runs.
+    NaN ends below FEWEST_FOR_INTERVAL runs.
     """
-    if runs < FEWEST_RUNS:
+    if runs < FEWEST_FOR_INTERVAL:
         return Estimate(value, error, *np.full((2, *np.shape(value)), np.nan))
-    scatter = variance > 0.0
-    t = np.where(scatter, shift / np.sqrt(np.where(scatter, variance, 1.0)), 0.0)
+    varies = variance > 0.0
+    t = np.where(varies, shift / np.sqrt(np.where(varies, variance, 1.0)), 0.0)
     t.sort(axis=0)
     tail = (REPLICATES + 1) // 40
     return Estimate(value, error, value - t[-tail] * error, value - t[tail - 1] * error)
@@ -221,7 +226,7 @@ def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
 def _added_up(seeds: np.ndarray, columns: np.ndarray, squares: int) -> Sums:
     """Sums over all runs, seeds ascending."""
     sums = None
-    for rows in np.split(np.arange(len(seeds)), np.flatnonzero(np.diff(seeds // BLOCK)) + 1):
+    for rows in np.split(np.arange(len(seeds)), np.flatnonzero(np.diff(seeds // SEEDS_PER_BLOCK)) + 1):
         sums = add_block(sums, seeds[rows], columns[rows], squares)
     return sums
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis.resampling import BLOCK
+from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
@@ -132,7 +132,7 @@ def _refuse_namesakes(groups: Sequence[Group]) -> None:
 
 
 def blocks_of(group: Group) -> Iterator[RunBlock]:
-    """Yield the runs of a group in blocks of seeds between multiples of BLOCK, ascending.
+    """Yield the runs of a group in blocks of seeds between multiples of SEEDS_PER_BLOCK, ascending.
 
     The blocks do not depend on how the runs are distributed over files. Raises AnalysisError for a file that changes
     meanwhile or lacks observables that another has, and what `storage.read_trajectories` raises.
@@ -143,14 +143,14 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
         return read(file.path) if file.runs is None else file.runs
 
     files = sorted(group.files, key=lambda file: file.outline.seeds.min())
-    blocks = [set(np.unique(file.outline.seeds // BLOCK).tolist()) for file in files]
+    blocks = [set(np.unique(file.outline.seeds // SEEDS_PER_BLOCK).tolist()) for file in files]
     names = load(files[0]).observables.keys()
-    for block in np.unique(group.seeds // BLOCK).tolist():
+    for block in np.unique(group.seeds // SEEDS_PER_BLOCK).tolist():
         parts = []
         for file in (file for file, own in zip(files, blocks, strict=True) if block in own):
             runs = load(file)
             _refuse_unlike(file, runs, files[0], names)
-            parts.append(select(runs, runs.seeds // BLOCK == block))
+            parts.append(select(runs, runs.seeds // SEEDS_PER_BLOCK == block))
         yield _joined(parts)
 
 

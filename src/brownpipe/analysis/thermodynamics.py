@@ -15,7 +15,7 @@ from brownpipe.engines import friction
 from brownpipe.engines.friction import DENSEST
 from brownpipe.scene import Scene
 
-COLLISIONS = ("pair_collisions", "wall_collisions", "tracer_collisions")
+COLLISION_COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
 RATES = ("collision_rate", "tracer_collision_rate")
 
 
@@ -38,7 +38,7 @@ def rate_at(temperature: float, scene: Scene, rate: np.ndarray, kt: np.ndarray) 
     If all velocities are multiplied by a factor, hard disks follow the same paths, faster by this factor: rates are
     proportional to sqrt(kt). Over runs with velocities drawn at `temperature` the mean of sqrt(kt/temperature) is
     slightly below 1 (`mean_root`). With this factor the scaled rate has, in equilibrium, the canonical mean of the
-    rate, without the scatter due to the temperatures of the runs.
+    rate, without the spread due to the temperatures of the runs.
     """
     return rate * np.sqrt(temperature / kt) * mean_root(scene)
 
@@ -112,7 +112,7 @@ def enskog(scene: Scene) -> dict[str, float]:
 def _columns(case: Case, runs: RunBlock) -> Columns:
     scene, duration = case.scene, case.times[-1]
     observables = runs.observables
-    means = {name: observables[name] for name in COLLISIONS if name in observables}
+    means = {name: observables[name] for name in COLLISION_COUNTS if name in observables}
     if "pair_collisions" in observables and scene.particles:
         means["collision_rate"] = 2 * observables["pair_collisions"] / (scene.particles * duration)
     if "tracer_collisions" in observables and scene.particles:
@@ -163,7 +163,7 @@ MEASURED = {
 
 def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     values: dict[str, ArrayLike] = {}
-    for name in (name for name in COLLISIONS if name in averages):
+    for name in (name for name in COLLISION_COUNTS if name in averages):
         values |= with_error(name, averages.estimate(name))
     for name in (name for name in MEASURED if name in averages):
         values |= with_interval(name, averages.estimate(name))

@@ -11,6 +11,7 @@ import numpy as np
 SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt depends on dt by round-off
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
 EACH = ("scene", "particles", "engine")
+TIME = (*EACH, "time")
 AREA, RATE, SPEED2 = "length^2", "length^2/time", "length^2/time^2"
 
 ATTRIBUTES = {
@@ -18,7 +19,7 @@ ATTRIBUTES = {
     "title": "Brownian motion of a hard disk among hard disks: averages over independent runs",
     "comment": (
         "Units are the reduced units of each scene. Averages are over runs that did not fail; standard errors and "
-        "intervals come from the scatter of runs, never of time points. A diffusion coefficient is meaningful only "
+        "intervals come from the spread of runs, never of time points. A diffusion coefficient is meaningful only "
         "with its fit window, particle count and box: in two dimensions it has no limit at long times."
     ),
 }

@@ -13,13 +13,13 @@ from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, wit
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
-from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, SPEED2, Variable, estimate_of
+from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, SPEED2, TIME, Variable, estimate_of
 from brownpipe.scene import Scene
 
 CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
 EARLY = 0.25  # decay of the velocity autocorrelation at the last of the samples that give its initial slope
 COARSE = 0.2  # decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
-REACH = 1.0  # latest of these samples, in units of the relaxation time of Enskog's theory
+LATEST = 1.0  # latest of these samples, in units of the relaxation time of Enskog's theory
 DENSITIES = {"velocity_density": "velocity_counts", "speed_density": "speed_counts"}
 
 
@@ -42,10 +42,10 @@ def early(times: np.ndarray, rate: float) -> list[int]:
 def twice_as_late(times: np.ndarray, samples: list[int], rate: float) -> list[int]:
     """Return the indices [0, i', j'] of the samples at twice the times of `samples` [0, i, j].
 
-    [0, i] if these are later than REACH.
+    [0, i] if these are later than LATEST.
     """
     later = np.searchsorted(times, 2 * times[samples] * (1 - SAME_TIME))
-    if later[2] < len(times) and later[1] < later[2] and rate * times[later[2]] <= REACH:
+    if later[2] < len(times) and later[1] < later[2] and rate * times[later[2]] <= LATEST:
         return later.tolist()
     return samples[:2]
 
@@ -114,7 +114,7 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
             rate = enskog_rate(case.scene)
             samples = early(case.times, rate)
             times, first = case.times[samples], means["velocity_autocorrelation"][:, samples]
-            if rate * times[2] <= REACH:
+            if rate * times[2] <= LATEST:
                 means["vacf_initial_slope"] = (first * slope_weights(times, rate)).sum(axis=1)
     integral = with_velocity(case, runs, "velocity_displacement")
     if integral is not None:
@@ -150,7 +150,7 @@ def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
     return {dim: (dim, values) for dim, values in along.items() if dim != "time"}
 
 
-TIME, SPECIES = (*EACH, "time"), (*EACH, "species")
+SPECIES = (*EACH, "species")
 
 ESTIMATOR = Estimator(
     _columns,

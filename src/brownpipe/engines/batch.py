@@ -10,10 +10,10 @@ import numpy as np
 from brownpipe import observables, stages
 from brownpipe.engines import kernels
 from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError, RunError
 from brownpipe.scene import Scene
 
-SMALLEST_SQUARE = float(np.finfo(float).smallest_normal)
 kernels.on_compile.append(stages.remark)
 
 
@@ -96,7 +96,7 @@ def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float |
     if batch.scene.particles and result.tracer.velocity is not None:
         x, y = result.tracer.velocity[0, 0].tolist()  # as Python's floats, whose squares overflow without a warning
         square = x * x + y * y
-        values["initial_square_speed"] = square if square >= SMALLEST_SQUARE or x == y == 0.0 else math.nan
+        values["initial_square_speed"] = square if square >= SMALLEST_NORMAL or x == y == 0.0 else math.nan
     values |= observables.observe(batch.scene, result, batch.observables, batch.ensemble.average)
     if not _is_finite(result):
         values["failed"] = np.uint8(1)

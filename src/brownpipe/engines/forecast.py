@@ -18,6 +18,7 @@ import numpy as np
 from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.friction import DENSEST
+from brownpipe.engines.units import PATH_PER_BLOCK
 from brownpipe.errors import RequestError
 from brownpipe.observables import Observable
 from brownpipe.observables.species import bath_disks, equal_disks
@@ -29,7 +30,6 @@ SECONDS_PER_COLLISION = 2.5e-7  # CPU seconds, with a disk or a wall
 SECONDS_PER_CROSSING = 2e-7  # CPU seconds for a disk that moves by the distance of neighbours
 DISKS = (1e3, 1e4, 1e5, 1e6)  # numbers of disks: the larger, the less of their data fits the processor's cache
 SLOWER = (1.0, 1.2, 1.6, 2.1)  # factor on the cost of collisions and crossings for these numbers
-PATH_PER_BLOCK = 1024.0  # as in engines.exact.layout: contact distances that a disk moves in a block of time
 SECONDS_PER_BLOCK = 1.5e-7  # CPU seconds to predict the events of one disk afresh, at the start of a block
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time, if all are recorded
 SECONDS_PER_SAMPLE = 1e-7  # CPU seconds to record the tracer at one sample time

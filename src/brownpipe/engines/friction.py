@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe import theory
+from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene, Species
 
-SMALLEST = 2.3e-308  # smallest floating-point number with all its digits
 DENSEST = 0.7  # packing fraction above which disks freeze and the contact values, those of the fluid, do not hold
 
 
@@ -66,10 +66,10 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
     if friction == "measured" and gamma > 0:
         gamma *= measured / partners.rate.sum()
     moves = bool(scene.velocities.temperature or scene.velocities.standard_deviation)
-    if not (math.isfinite(gamma) and (gamma >= SMALLEST or not moves)):
+    if not (math.isfinite(gamma) and (gamma >= SMALLEST_NORMAL or not moves)):
         raise RequestError(
-            f"{scene.name}, N = {scene.particles}: --engine langevin needs a friction rate from {SMALLEST:.3g} to "
-            f"1.8e308, found {gamma:g}; choose another unit of time"
+            f"{scene.name}, N = {scene.particles}: --engine langevin needs a friction rate from "
+            f"{SMALLEST_NORMAL:.3g} to 1.8e308, found {gamma:g}; choose another unit of time"
         )
     return float(gamma)
 

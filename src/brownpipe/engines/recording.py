@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.engines.state import Track
-from brownpipe.engines.units import Frame
+from brownpipe.engines.units import SMALLEST_NORMAL, Frame
 from brownpipe.scene import Scene
 
+SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", "whole_image")  # of a Recorder
 MOST_IMAGES = 2.0**31  # periodic images that an int32 can count
-SMALLEST = np.finfo(float).smallest_normal
 
 
 class Conservation(NamedTuple):
@@ -24,6 +24,14 @@ class Conservation(NamedTuple):
     energy_drift: float  # relative change of the energy
     momentum_residual: float  # largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J: wall impulses
     fastest: float  # speed of the lightest disk if it had all the energy
+
+
+def sample_arrays(samples: int, disks: int) -> dict[str, np.ndarray]:
+    """Return the arrays SAMPLES of an empty Recorder: of the tracer, (samples, 1, 2), and of `disks` disks."""
+    return {
+        name: np.zeros((samples, disks if "whole" in name else 1, 2), np.int32 if "image" in name else float)
+        for name in SAMPLES
+    }
 
 
 def tracer_track(scene: Scene, frame: Frame, recorder: Any) -> Track:
@@ -107,7 +115,7 @@ def represented(value: ArrayLike, *units: float) -> Any:
         mantissa, exponent = mantissa * part, exponent + power
     with np.errstate(over="ignore", under="ignore"):
         product = np.ldexp(mantissa, exponent)
-    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST) & (np.asarray(value) != 0.0))
+    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST_NORMAL) & (np.asarray(value) != 0.0))
     return np.where(lost, np.nan, product)[()]
 
 

@@ -20,7 +20,7 @@ MEASURES = {
     "worst_overlap": ("deepest overlap (contact distances)", 1e-12),
     "momentum_residual": ("residual of the momentum balance", 1e-12),
 }  # axis label, and the bound below which round-off is expected; a run fails only at state.HEALTH_BOUND
-SMALLEST = 1e-17  # left end of the axis, where smaller values and zeros are drawn
+LEFT_END = 1e-17  # left end of the axis, where smaller values and zeros are drawn
 QUANTILES = (0.05, 0.5, 0.95)
 VARIABLES = ()
 LACKING = "there are no runs"
@@ -38,17 +38,17 @@ def draw(cases: list[Dataset]) -> Figure:
         panel.set_xscale("log")
         panel.minorticks_off()
         panel.set_xlabel(label)
-    key = f"dot: median; thick: central 90 % of the runs; thin: all runs (zeros are drawn at {SMALLEST:g})"
+    key = f"dot: median; thick: central 90 % of the runs; thin: all runs (zeros are drawn at {LEFT_END:g})"
     axes[0, 0].set_title(key, pad=22, fontweight="normal", fontsize=9)
     _name_rows(axes[0, 0], cases)
     return figure
 
 
 def _range(axes: Axes, row: int, sizes: np.ndarray) -> None:
-    """Draw the range, the central 90 % and the median of values on a logarithmic axis that begins at SMALLEST."""
+    """Draw the range, the central 90 % and the median of values on a logarithmic axis that begins at LEFT_END."""
     if not sizes.size:
         return
-    sizes = np.maximum(sizes, SMALLEST)
+    sizes = np.maximum(sizes, LEFT_END)
     low, middle, high = np.quantile(sizes, QUANTILES)
     axes.plot([sizes.min(), sizes.max()], [row, row], color=DATA, linewidth=1.2)
     axes.plot([low, high], [row, row], color=DATA, linewidth=6, alpha=0.45, solid_capstyle="butt")

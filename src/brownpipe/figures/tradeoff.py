@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-FINEST = 2e-3  # error down to which the exact engine is drawn at least
+LEAST_ERROR = 2e-3  # error down to which the exact engine is drawn at least
 COLOURS = (DATA, FIT, MODEL, "#CC79A7", "#56B4E9", "#E69F00")  # of settings on the front
 WIDTH = 8.6  # of the figure [inch]
 HEIGHT = 5.4  # least height of the figure [inch]
 FRAME = 1.3  # height of the figure outside the panel [inch]
-LABEL = 13.5  # least distance of two labels [point]
+LABEL_DISTANCE = 13.5  # least distance of two labels [point]
 LEADER = 0.04  # length of the line from the end of a curve to its label, as a fraction of the width
 REMARK_LINE = 105  # characters
 POINTS = 400  # of a curve
@@ -44,7 +44,7 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     times = np.geomspace(
         FEWEST_RUNS * min(setting.seconds for setting in settings), _last_time(settings, front), POINTS
     )
-    figure, axes = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL / 72 * len(settings)))
+    figure, axes = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
     axes = axes[0, 0]
     coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
     colours = dict(zip(coloured, COLOURS * 9, strict=False))
@@ -60,10 +60,10 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     axes.set_xlabel("CPU time on this machine (s)")
     axes.set_ylabel("expected relative error of $\\langle r^2 \\rangle$ at the end of a run")
     remark = _remark([label for label in last if label not in shown])
-    axes.set_title(f"{scene}: cost-accuracy trade-off", pad=11 + LABEL * len(remark))
+    axes.set_title(f"{scene}: cost-accuracy trade-off", pad=11 + LABEL_DISTANCE * len(remark))
     place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
     axes.annotate("\n".join(remark), (0, 1), (0, 6), color=GREY, fontsize=8.8, **place)
-    _direct_labels(axes, shown, colours, LABEL / 72 / (figure.get_figheight() - FRAME))
+    _direct_labels(axes, shown, colours, LABEL_DISTANCE / 72 / (figure.get_figheight() - FRAME))
     return figure
 
 
@@ -77,7 +77,7 @@ def _remark(unlabelled: Sequence[str]) -> list[str]:
 def _last_time(settings: Sequence, front: Sequence) -> float:
     """CPU time [s] at which the exact engine reaches the finest error, or beyond the last change of the front."""
     exact = settings[0]
-    return max((exact.spread / FINEST) ** 2 * exact.seconds, *(3 * interval.start for interval in front))
+    return max((exact.spread / LEAST_ERROR) ** 2 * exact.seconds, *(3 * interval.start for interval in front))
 
 
 def _unresolved_bound(setting: Dataset) -> float:
@@ -129,12 +129,20 @@ NUMBERS = ("runs", "failed_runs", "paired_runs", "seconds", *COST_RATIO, "study_
 ERRORS = tuple(f"{name}_bias{part}" for name in ("msd", "d") for part in ("", "_standard_error", "_low", "_high"))
 DISTANCE = tuple(f"displacement_bias{part}" for part in ("", "_low", "_high", "_noise"))
 CONTACT = tuple(f"contact_bias{part}" for part in ("", "_standard_error", "_low", "_high"))
-HEALTH = ("worst_energy_drift", "worst_overlap", "departure_time", "pays_from", "pays_to", "may_pay_from", "may_pay_to")
+LAST_COLUMNS = (
+    "worst_energy_drift",
+    "worst_overlap",
+    "departure_time",
+    "pays_from",
+    "pays_to",
+    "may_pay_from",
+    "may_pay_to",
+)
 
 
 def table(dataset: Dataset) -> Table:
     """Return one row per scene and setting: cost, biases with intervals, health, and CPU times on the Pareto front."""
-    header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *HEALTH)
+    header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *LAST_COLUMNS)
     rows = []
     for scene in _scenes(dataset):
         for setting in settings_of(dataset, scene):

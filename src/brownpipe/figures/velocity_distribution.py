@@ -78,8 +78,8 @@ def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
         main.plot(case[dim], observed, marker, color=colour, markersize=3, markerfacecolor="none", label=species)
         # A bin of relative error e has 1/e^2 independent counts; residuals are in standard errors of those expected.
         enough = (error > 0) & (expected * observed >= FEWEST_COUNTS * error**2)
-        scatter = (error * np.sqrt(expected / np.where(enough, observed, 1)))[enough]
-        low.plot(case[dim][enough], (observed - expected)[enough] / scatter, marker, color=colour, markersize=2.5)
+        deviation = (error * np.sqrt(expected / np.where(enough, observed, 1)))[enough]
+        low.plot(case[dim][enough], (observed - expected)[enough] / deviation, marker, color=colour, markersize=2.5)
     seen = expected > LOWEST_DENSITY
     for axes in (main, low):
         axes.set_xlim(edges[:-1][seen][0], edges[1:][seen][-1])

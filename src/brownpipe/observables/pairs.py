@@ -16,7 +16,7 @@ from brownpipe.scene import Scene
 BINS_PER_CONTACT = 40  # bins per smallest contact distance
 FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
 MOST_COUNTS = 1_000_000  # bins of all histograms of a run
-SECONDS_PER_SAMPLE = 4e-5  # CPU seconds, and
+SECONDS_PER_HISTOGRAM = 4e-5  # CPU seconds, and
 SECONDS_PER_PAIR = 9e-8  # for a pair of disks closer than the end of the histogram,
 SECONDS_PER_RING = 6e-8  # for a bin of distance around a lone disk between walls
 SAMPLES_AT_ONCE = 16  # samples whose rings are intersected with the box in one call, three times as fast as one by one
@@ -72,7 +72,7 @@ def seconds_per_sample(scene: Scene) -> float:
     number, width = bins(scene)
     near = min(1.0, np.pi * (number * width) ** 2 / scene.box.area) * scene.particles**2 / 2
     rings = number * len(lone_pairs(scene, species_table(scene)))
-    return SECONDS_PER_SAMPLE + SECONDS_PER_PAIR * near + SECONDS_PER_RING * rings
+    return SECONDS_PER_HISTOGRAM + SECONDS_PER_PAIR * near + SECONDS_PER_RING * rings
 
 
 def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray | int]:

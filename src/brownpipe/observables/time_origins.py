@@ -7,7 +7,7 @@ import numpy as np
 from brownpipe.scene import Scene
 from brownpipe.scene.sample_times import SAME
 
-MOST_SAMPLES = 20_000  # which have 2e8 pairs
+MOST_ORIGINS = 20_000  # which have 2e8 pairs
 
 
 def is_stationary(scene: Scene) -> bool:
@@ -35,8 +35,8 @@ def unfit(scene: Scene) -> str | None:
     """Return why a stationary scene has no average over time origins, None if it has one."""
     if scene.samples is not None:
         return "origins needs sample_interval, not samples: lags are differences of sample times"
-    if len(scene.times) > MOST_SAMPLES:
-        return f"origins needs at most {MOST_SAMPLES} samples; there are {len(scene.times)}"
+    if len(scene.times) > MOST_ORIGINS:
+        return f"origins needs at most {MOST_ORIGINS} samples; there are {len(scene.times)}"
     return None
 
 

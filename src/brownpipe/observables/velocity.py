@@ -11,7 +11,7 @@ from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
-FASTEST = 6.0  # velocity component, either sign, in these units; the outermost bins include all values beyond
+LARGEST_COMPONENT = 6.0  # velocity component, either sign, in these units; the outermost bins include all values beyond
 BINS = {"velocity": 120, "speed": 80}
 VALUES_AT_ONCE = 2**18  # velocity components that are scaled and counted at a time, so that temporary arrays stay small
 
@@ -68,7 +68,7 @@ def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     components, speeds = (np.zeros((len(species.name), number), np.int64) for number in BINS.values())
     for part in _parts(velocity):
         scaled = part * scale
-        _count(components, species.label[:, None], scaled + FASTEST)
+        _count(components, species.label[:, None], scaled + LARGEST_COMPONENT)
         _count(speeds, species.label, np.hypot(scaled[..., 0], scaled[..., 1]))
     return {"velocity_counts": components, "speed_counts": speeds}
 

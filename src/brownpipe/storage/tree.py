@@ -24,8 +24,8 @@ from brownpipe.storage.trajectories import MEANING, Trajectories
 if TYPE_CHECKING:
     from xarray import Dataset, DataTree, Variable
 
-TRACER = ("time", "seed", "component")
-DISKS = ("time", "seed", "disk", "component")
+TRACER_DIMS = ("time", "seed", "component")
+DISK_DIMS = ("time", "seed", "disk", "component")
 LOG = {"event_time": "time", "a": "a", "b": "b", "impulse": "impulse"}  # variable: field of Events
 
 Columns = dict[str, tuple[tuple[str, ...], np.ndarray]]  # name: (dimensions, values)
@@ -49,13 +49,13 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     columns = {name: (("seed", *_dims(name)), values) for name, values in ensemble.observables.items()}
     scales = {dim: along for name in columns if name in ARRAYS for dim, along in axes(scene, name).items()}
     scales |= {"time": ensemble.times, "seed": ensemble.seeds, "component": ["x", "y"]}
-    root = _scales(scales) | _described(_motion(TRACER, ensemble.tracer) | columns)
+    root = _scales(scales) | _described(_motion(TRACER_DIMS, ensemble.tracer) | columns)
     nodes = {"/": xarray.Dataset(root, attrs=attributes)}
     if ensemble.whole:
         tracks = zip(*(ensemble.whole[seed] for seed in ensemble.seeds.tolist()), strict=True)
         track = Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
         sizes = {"radius": (("disk",), scene.radius), "mass": (("disk",), scene.mass)}
-        disks = _scales({"disk": np.arange(scene.particles)}) | _described(_motion(DISKS, track) | sizes)
+        disks = _scales({"disk": np.arange(scene.particles)}) | _described(_motion(DISK_DIMS, track) | sizes)
         nodes["/disks"] = xarray.Dataset(disks)
     if ensemble.events:
         nodes["/events"] = xarray.Dataset(_described(_log(ensemble.events)))
@@ -78,7 +78,7 @@ def from_tree(tree: "DataTree") -> Trajectories:
         ensemble = Ensemble(
             seeds=root.seed.values,
             times=root.time.values,
-            tracer=_track(root, TRACER) if "position" in root else None,
+            tracer=_track(root, TRACER_DIMS) if "position" in root else None,
             observables=observables,
             whole=_whole(tree["disks"].to_dataset(), seeds) if "disks" in tree.children else {},
             events=_events(tree["events"].to_dataset(), seeds) if "events" in tree.children else {},
@@ -134,7 +134,7 @@ def _log(events: dict[int, Events]) -> Columns:
 
 def _whole(dataset: "Dataset", seeds: list[int]) -> dict[int, Track]:
     """Return the tracks of all disks by seed."""
-    track = _track(dataset, DISKS)
+    track = _track(dataset, DISK_DIMS)
     parts = [[None if values is None else values[:, k] for values in track] for k in range(len(seeds))]
     return {seed: Track(*part) for seed, part in zip(seeds, parts, strict=True)}
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from brownpipe.analysis.resampling import replicates, resample
 
-SHELLS, NEAR = 5, 1.25  # of equal width, from contact to so many contact distances, in which g(r) is compared
+SHELLS, NEAR_CONTACT = 5, 1.25  # of equal width, from contact to so many contact distances, in which g(r) is compared
 RINGS = 10  # of equal probability, in which displacement distributions are compared
 CERTAIN = 0.95
 Pairs = tuple[np.ndarray, np.ndarray]  # (n,), (n,) rows of the runs of equal seeds in two samples
@@ -135,9 +135,9 @@ def total_variation(
 def contact_deviation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Bias | None:
     """Return the most significant deviation of g(r) near contact, from pair counts (S_a, P, R), (S_e, P, R) of a scene.
 
-    Counts are pooled in shells between the contact distance and NEAR times that, for each of P pairs of species; the
-    shell with the largest deviation in units of its standard error is chosen, and its interval widened for this choice
-    (Bonferroni). None if the exact runs have no pair near contact.
+    Counts are pooled in shells between the contact distance and NEAR_CONTACT times that, for each of P pairs of
+    species; the shell with the largest deviation in units of its standard error is chosen, and its interval widened for
+    this choice (Bonferroni). None if the exact runs have no pair near contact.
     """
     shells = _shells(np.asarray(exact).sum(axis=0))
     if not shells:
@@ -159,7 +159,9 @@ def _shells(counts: np.ndarray) -> list[tuple[int, int, int]]:
     shells = []
     for pair, row in enumerate(counts):
         contact = int(np.argmax(row > 0))
-        edges = np.unique(np.rint(np.linspace(contact, min(NEAR * (contact + 0.5), len(row)), SHELLS + 1)).astype(int))
+        edges = np.unique(
+            np.rint(np.linspace(contact, min(NEAR_CONTACT * (contact + 0.5), len(row)), SHELLS + 1)).astype(int)
+        )
         shells += [(pair, k, m) for k, m in pairwise(edges) if row[k:m].sum() > 0]
     return shells
 

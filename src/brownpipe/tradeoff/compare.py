@@ -13,7 +13,7 @@ from brownpipe.tradeoff.bias import Bias, Pairs
 from brownpipe.tradeoff.runs import EngineRuns
 
 CURVE = 20  # number of times, equally spaced in log t, at which the bias of the MSD is given
-TARGETS = {"msd": 0, "d": 1}  # columns of `_per_run`
+TARGET_COLUMNS = {"msd": 0, "d": 1}  # columns of `_per_run`
 
 
 def compare(
@@ -45,11 +45,11 @@ def compare(
 
 
 def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> float:
-    """Return the relative scatter of `msd` (at the end) or `d` (in the window) in one run: standard deviation / mean.
+    """Return the spread of `msd` (at the end) or `d` (in the window) in one run: standard deviation / mean.
 
-    The scatter of runs is estimated with n - 1 degrees of freedom.
+    The standard deviation of n runs is estimated with n - 1 degrees of freedom.
     """
-    values = _per_run(runs, [], window)[:, TARGETS[target]]
+    values = _per_run(runs, [], window)[:, TARGET_COLUMNS[target]]
     return float(values.std(ddof=1) / abs(values.mean()))
 
 
@@ -75,13 +75,13 @@ def _biases(
     samples, references = _per_run(runs, curve, window), _per_run(exact, curve, window)
     biases = bias.none_of(references) if runs is exact else bias.relative_bias(samples, references, pairs)
     values: dict[str, float | np.ndarray] = {}
-    for name, column in TARGETS.items():
+    for name, column in TARGET_COLUMNS.items():
         of_target = Bias(*(part[column] for part in biases))
         values |= _with_interval(f"{name}_bias", of_target)
         values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(references[:, column].mean())
         values[f"{name}_bias_square"] = of_target.square
         values[f"{name}_bias_careful"] = of_target.careful
-    return values | _with_interval("msd_curve_bias", Bias(*(_padded(part[len(TARGETS) :]) for part in biases)))
+    return values | _with_interval("msd_curve_bias", Bias(*(_padded(part[len(TARGET_COLUMNS) :]) for part in biases)))
 
 
 def _per_run(runs: EngineRuns, curve: Sequence[int] | np.ndarray, window: tuple[float, float]) -> np.ndarray:

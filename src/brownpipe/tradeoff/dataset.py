@@ -16,7 +16,7 @@ from brownpipe.stages import tracked
 from brownpipe.storage import made_by
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import CURVE, compare, curve_times
-from brownpipe.tradeoff.front import REFERENCE, Setting, pareto_front
+from brownpipe.tradeoff.front import REFERENCE_NAME, Setting, pareto_front
 from brownpipe.tradeoff.runs import EngineRuns, read_runs
 from brownpipe.tradeoff.variables import ATTRIBUTES, COORDINATES, VARIABLES
 
@@ -106,7 +106,7 @@ def _comparisons(exact: EngineRuns, groups: Sequence[EngineRuns], stand_ins: Seq
         for runs in others:
             if not _same_samples(runs.times, exact.times):
                 raise AnalysisError(f"{name}: has other sample times than {exact.scene.name}; must have the same")
-            comparisons.append(Comparison(f"{REFERENCE} in {name}", runs, False))
+            comparisons.append(Comparison(f"{REFERENCE_NAME} in {name}", runs, False))
     return comparisons
 
 
@@ -148,7 +148,7 @@ def _add_front(settings: dict[str, dict], unit: float) -> None:
     """
     for name, kind, ratio in (("pays", "careful", "cost_ratio"), ("may_pay", "square", "cost_ratio_low")):
         candidates = []
-        for label in sorted(settings, key=lambda label: label != REFERENCE):  # of equal ones the first counts
+        for label in sorted(settings, key=lambda label: label != REFERENCE_NAME):  # of equal ones the first counts
             values = settings[label]
             values[f"{name}_from"], values[f"{name}_to"] = np.nan, np.nan
             candidates.append(Setting(label, values[f"msd_bias_{kind}"], values["msd_spread"], unit * values[ratio]))

@@ -1,6 +1,6 @@
 """Accuracy for a given CPU time: total error of every setting, and the Pareto front.
 
-A setting with a bias b, whose runs scatter by s and cost c seconds each, has after a CPU time T the root mean square
+A setting with a bias b, whose runs spread by s and cost c seconds each, has after a CPU time T the root mean square
 error sqrt(b^2 + s^2 c/T). All errors are relative to the exact value.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 if TYPE_CHECKING:
     import xarray
 
-REFERENCE = "exact"  # the engine that all others are compared with
+REFERENCE_NAME = "exact"  # the engine that all others are compared with
 FEWEST_RUNS = 10  # of a setting, before its total error is stated
 
 
@@ -21,8 +21,8 @@ class Setting(NamedTuple):
     """An engine with its settings in one scene."""
 
     label: str
-    bias_square: float  # scatter subtracted, `bias.Bias.square`
-    spread: float  # of one run: the standard error of n runs is spread/sqrt(n)
+    bias_square: float  # variance subtracted, `bias.Bias.square`
+    spread: float  # relative standard deviation of a run: the standard error of n runs is spread/sqrt(n)
     seconds: float  # CPU time of one run
 
 
@@ -69,11 +69,11 @@ def pareto_front(settings: Sequence[Setting]) -> list[Interval]:
 
 
 def settings_of(dataset: "xarray.Dataset", scene: str, target: str = "msd", careful: bool = False) -> list[Setting]:
-    """Return the settings of a scene of the dataset, the exact one first, with their bias and scatter of a target.
+    """Return the settings of a scene of the dataset, the exact one first, with their bias and spread of a target.
 
     target: `msd`, `d` or `displacement`.
     careful: take an unresolved bias at its 95 % upper bound, so that no setting appears better than the data show;
-        otherwise take all biases at their estimates, with the scatter subtracted.
+        otherwise take all biases at their estimates, with their variances subtracted.
     """
     of_scene = dataset.sel(scene=scene)
     settings = []
@@ -82,7 +82,7 @@ def settings_of(dataset: "xarray.Dataset", scene: str, target: str = "msd", care
         if values.runs > 0:
             square = float(values[f"{target}_bias_{'careful' if careful else 'square'}"])
             settings.append(Setting(str(label), square, float(values[f"{target}_spread"]), float(values.seconds)))
-    return sorted(settings, key=lambda setting: setting.label != REFERENCE)
+    return sorted(settings, key=lambda setting: setting.label != REFERENCE_NAME)
 
 
 def _crossing(first: Setting, second: Setting) -> float:

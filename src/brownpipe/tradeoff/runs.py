@@ -12,7 +12,7 @@ from brownpipe.engines.state import Ensemble
 from brownpipe.errors import AnalysisError
 from brownpipe.observables.displacement import displacement
 from brownpipe.scene import Scene
-from brownpipe.tradeoff.front import REFERENCE
+from brownpipe.tradeoff.front import REFERENCE_NAME
 
 OUTCOMES = ("energy_drift", "worst_overlap", "failed")
 
@@ -36,7 +36,7 @@ class EngineRuns(NamedTuple):
 
     @property
     def is_reference(self) -> bool:
-        return self.engine.name == REFERENCE
+        return self.engine.name == REFERENCE_NAME
 
 
 def read_runs(paths: Iterable[str | Path]) -> list[EngineRuns]:

@@ -13,9 +13,9 @@ from brownpipe.scene import Scene
 
 REPEATS, FEWER = 5, 3  # measurements, of which the median is taken; FEWER if a run takes longer than LONG
 LEAST, LONG = 0.2, 2.0  # CPU seconds: the shortest measurement; a long run
-MOST_RUNS = 10_000  # in a measurement
+MOST_TIMED_RUNS = 10_000  # in a measurement
 LONGER = 4.0  # shortest measurement in units of the fixed part of a call, so that the noise of that part is small
-FIRST_SEED = 2**41  # of the timed runs; no study uses these seeds
+FIRST_TIMED_SEED = 2**41  # of the timed runs; no study uses these seeds
 
 
 class Ratio(NamedTuple):
@@ -56,11 +56,11 @@ def _repeats(repeats: int, estimate: float) -> int:
 
 def _ready(engine: Engine, scene: Scene) -> tuple[Callable[[], float], float]:
     """A function that measures the CPU seconds of a run, and an estimate of them."""
-    seeds = count(FIRST_SEED)
+    seeds = count(FIRST_TIMED_SEED)
     _seconds(engine, scene, seeds, 1)
     single, five = _seconds(engine, scene, seeds, 1), _seconds(engine, scene, seeds, 5)
     estimate = max((five - single) / 4, 1e-6)
-    runs = int(np.clip(np.ceil(max(LEAST, LONGER * (single - estimate)) / estimate), 1, MOST_RUNS))
+    runs = int(np.clip(np.ceil(max(LEAST, LONGER * (single - estimate)) / estimate), 1, MOST_TIMED_RUNS))
 
     def measurement() -> float:
         alone = _seconds(engine, scene, seeds, 1)

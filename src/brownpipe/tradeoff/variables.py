@@ -30,14 +30,16 @@ def _with_interval(name: str, dims: tuple[str, ...], meaning: str) -> dict[str, 
 
 
 def _error_terms(name: str, meaning: str) -> dict[str, Variable]:
-    """The terms of the total error: square of the bias, scatter of a run."""
+    """The terms of the total error: square of the bias, spread of a run."""
     return {
-        f"{name}_bias_square": Variable(SETTING, "1", f"square of the relative bias of {meaning}, scatter subtracted"),
+        f"{name}_bias_square": Variable(
+            SETTING, "1", f"square of the relative bias of {meaning}, its variance subtracted"
+        ),
         f"{name}_bias_careful": Variable(
             SETTING, "1", f"the same, with an unresolved bias of {meaning} at its 95 % upper bound"
         ),
         f"{name}_spread": Variable(
-            SETTING, "1", f"relative scatter of {meaning} in one run; the error of n runs is 1/sqrt(n) of it"
+            SETTING, "1", f"relative standard deviation of {meaning} in one run; the error of n runs is 1/sqrt(n) of it"
         ),
     }
 

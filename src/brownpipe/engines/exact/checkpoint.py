@@ -5,7 +5,8 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from brownpipe.engines.exact.run import SAMPLES, RunState, never
+from brownpipe.engines.exact.run import RunState, never
+from brownpipe.engines.recording import SAMPLES
 from brownpipe.engines.state import Ensemble, Events, Track
 
 Record = TypeVar("Record", bound=NamedTuple)
@@ -83,7 +84,7 @@ def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunS
             ensemble.whole[seed] = _record(Track, arrays, f"whole.{seed}")
         if f"events.{seed}.time" in arrays:
             ensemble.events[seed] = _record(Events, arrays, f"events.{seed}")
-    return finished, _run_state(arrays) if "run.clock" in arrays else None
+    return finished, _run_state(arrays) if "run.progress" in arrays else None
 
 
 def _run_state(arrays: dict[str, np.ndarray]) -> RunState:

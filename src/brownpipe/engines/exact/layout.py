@@ -7,16 +7,15 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.calendar import BUCKET_WORDS
-from brownpipe.engines.units import Frame, common_radius, power_of_two, thermal_speed
+from brownpipe.engines.units import PATH_PER_BLOCK, Frame, common_radius, power_of_two, thermal_speed
 from brownpipe.scene import Scene
 
 EVENTS_PER_BUCKET = 8.0  # on average
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
-PATH_PER_BLOCK = 1024.0  # in contact distances: round-off of the time within a block stays below 1e-13 of them
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
 FITS_CACHE = 20_000  # disks; with more, prefetching upcoming events and a shorter ring of buckets are faster
-DEFERRED = 64  # deferred insertions at most: more than the events of a bucket schedule
+MOST_DEFERRED = 64  # deferred insertions at most: more than the events of a bucket schedule
 MOST_SLOTS = 64  # of a cell, at the first try
 CACHE_LINE = 64  # bytes
 
@@ -61,7 +60,9 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         bucket=aligned(BUCKET_WORDS * (calendar.ring + 1), np.uint32),
         current_time=np.empty(current),
         current_disk=np.empty(current, np.uint32),
-        deferred=ws.Deferred(np.zeros(DEFERRED, np.int64), np.zeros(DEFERRED, np.uint32)) if n >= FITS_CACHE else None,
+        deferred=ws.Deferred(np.zeros(MOST_DEFERRED, np.int64), np.zeros(MOST_DEFERRED, np.uint32))
+        if n >= FITS_CACHE
+        else None,
         candidate=np.zeros(candidates, np.uint32),
         quadratic=np.zeros(3 * candidates),
         progress=np.zeros(ws.PROGRESS, np.int64),

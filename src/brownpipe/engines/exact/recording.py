@@ -6,7 +6,7 @@ from collections.abc import Collection
 import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.recording import all_finite, conservation, images_fit, report, represented
+from brownpipe.engines.recording import all_finite, conservation, images_fit, report, represented, sample_arrays
 from brownpipe.engines.state import HEALTH_BOUND, Events
 from brownpipe.engines.units import Frame
 from brownpipe.errors import RequestError
@@ -21,8 +21,7 @@ def new_recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record: Colle
 
     Raises RequestError if the last time is more blocks away than can be counted.
     """
-    n, t = len(frame.order), len(times)
-    m = n if "all" in record else 0
+    n = len(frame.order)
     log_length = EVENTS_PER_LOG if "events" in record else 0
     engine_times = times / frame.time
     block = np.floor(engine_times / w.calendar.block)
@@ -33,12 +32,7 @@ def new_recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record: Colle
         tracer=int(frame.back[0]) if n else 0,
         block=block.astype(np.int64),
         time=engine_times - block * w.calendar.block,  # exact, as the length of a block is a power of two
-        position=np.empty((t, 1, 2)),
-        velocity=np.empty((t, 1, 2)),
-        image=np.zeros((t, 1, 2), np.int32),
-        whole_position=np.empty((t, m, 2)),
-        whole_velocity=np.empty((t, m, 2)),
-        whole_image=np.zeros((t, m, 2), np.int32),
+        **sample_arrays(len(times), n if "all" in record else 0),
         log_block=np.empty(log_length, np.int64),
         log_time=np.empty(log_length),
         log_pair=np.empty((log_length, 2), np.int32),

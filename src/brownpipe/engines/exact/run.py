@@ -19,7 +19,7 @@ from brownpipe.engines.exact.layout import begin, prepare
 from brownpipe.engines.exact.recording import joined, logged, new_recorder, report_of
 from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.kernels import one_compiler
-from brownpipe.engines.recording import tracer_track, whole_track
+from brownpipe.engines.recording import SAMPLES, tracer_track, whole_track
 from brownpipe.engines.state import Events, State
 from brownpipe.engines.units import Frame, frame_of, motion_of
 from brownpipe.errors import RunError
@@ -28,7 +28,6 @@ from brownpipe.scene import Scene
 SECONDS_TO_COMPILE = 7.0  # of CPU
 EVENTS_PER_CALL = 2_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
 SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
-SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", "whole_image")  # of a Recorder
 Outcome = TypeVar("Outcome")
 
 
@@ -52,7 +51,7 @@ class RunState(NamedTuple):
     first: np.ndarray  # (N, 4) float64, positions and velocities at the beginning
     motion: np.ndarray  # (N, 4) float64, positions and velocities now
     image: np.ndarray | None = None  # (2 N,) int32, periodic boxes only
-    clock: np.ndarray | None = None  # int64, as in the workspace, like the next two; None at the beginning
+    progress: np.ndarray | None = None  # int64, as in the workspace, like the next two; None at the beginning
     count: np.ndarray | None = None  # type: ignore[assignment]  # int64; hides tuple.count
     tally: np.ndarray | None = None  # float64
     samples: dict[str, np.ndarray] | None = None  # the rows of a Recorder that are filled, by the names in SAMPLES
@@ -166,7 +165,7 @@ def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: lis
     return start._replace(
         motion=w.disk.reshape(-1, ws.ROW)[:, ws.MOTION],
         image=w.image,
-        clock=w.progress,
+        progress=w.progress,
         count=w.count,
         tally=w.tally,
         samples={name: getattr(recorder, name)[: w.progress[ws.SAMPLE]] for name in SAMPLES},
@@ -180,9 +179,9 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
     Cells, event queue and neighbour lists are left alone, as the next block builds them anew.
     """
     begin(w, state.motion)
-    if state.clock is None:
+    if state.progress is None:
         return []
-    w.progress[:] = state.clock
+    w.progress[:] = state.progress
     w.count[:] = state.count
     w.tally[:] = state.tally
     if w.image is not None:

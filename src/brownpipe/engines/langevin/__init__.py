@@ -14,7 +14,8 @@ from typing import NoReturn
 
 from brownpipe.engines import forecast
 from brownpipe.engines.definition import Definition, one_of
-from brownpipe.engines.friction import DENSEST, SMALLEST, bath_of, followed, friction_rate, partners_of
+from brownpipe.engines.friction import DENSEST, bath_of, followed, friction_rate, partners_of
+from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.scene.scene import Scene, Velocities
 
@@ -25,7 +26,7 @@ HEAVY = 10.0
 RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
 RATE_RUNS = 8  # of the exact engine that share these collisions
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
-EACH_RUN = 4.5e-5  # CPU seconds, most of them to set up two random number generators
+SECONDS_PER_RUN = 4.5e-5  # CPU seconds, most of them to set up two random number generators
 SECONDS_PER_SAMPLE = 1.3e-7  # CPU seconds
 BYTES_PER_SAMPLE = 180  # of memory, during a run: random numbers, the path and intermediate arrays
 FRICTIONS = ("enskog", "boltzmann", "measured")
@@ -48,9 +49,9 @@ def refuse_unfit(scene: Scene, settings: dict, record: Collection[str] = frozens
     moves = bool(scene.velocities.temperature or scene.velocities.standard_deviation)
     if not math.isfinite(temperature):
         _refuse(scene, "needs a temperature of the bath below 1.8e308")
-    if moves and not min(temperature, temperature / followed(scene).mass) >= SMALLEST:
+    if moves and not min(temperature, temperature / followed(scene).mass) >= SMALLEST_NORMAL:
         shown = f"{temperature:.3g} for a disk of mass {followed(scene).mass:g}"
-        _refuse(scene, f"needs kT and kT/m of at least {SMALLEST:.3g}, found kT = {shown}; choose other units")
+        _refuse(scene, f"needs kT and kT/m of at least {SMALLEST_NORMAL:.3g}, found kT = {shown}; choose other units")
     if settings["friction"] == "enskog" and scene.packing_fraction > DENSEST:
         phi = f"the packing fraction is {scene.packing_fraction:.4g}; must be at most {DENSEST:g}"
         _refuse(scene, f"has no contact value for --friction enskog: {phi}, or --friction measured")
@@ -87,7 +88,7 @@ def _forecast(
     scene: Scene, settings: dict, record: Collection[str], observables: Collection[str], average: str
 ) -> forecast.Cost:
     """Return the cost of a run; measuring the friction by runs of the exact engine costs once per process."""
-    seconds = EACH_RUN + SECONDS_PER_SAMPLE * len(scene.times)
+    seconds = SECONDS_PER_RUN + SECONDS_PER_SAMPLE * len(scene.times)
     seconds += forecast.seconds_to_measure_tracer(scene, observables, average)
     exact = forecast.of_run(scene, record, observables, average)
     rate_scene = scene_with_disks(scene, settings)

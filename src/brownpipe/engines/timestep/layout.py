@@ -12,7 +12,7 @@ from brownpipe.scene import Scene
 
 REAL_ARRAYS = ("x", "y", "vx", "vy", "x_at_build", "y_at_build", "sorted_x", "sorted_y", "sorted_radius")
 INT_ARRAYS = ("disk", "image_x", "image_y", "order", "cell", "scratch")
-SKIN = 3.2  # measured factor of `skin_of`
+SKIN_FACTOR = 3.2  # measured factor of `skin_of`
 
 
 def prepare(
@@ -73,7 +73,7 @@ def skin_of(scene: Scene, time_step: float) -> float:
     sigma = 2 * common_radius(scene.radius) if scene.particles else 1.0
     path = thermal_speed(scene) * time_step / sigma
     most = 0.5 * min(scene.box.width, scene.box.height) / sigma
-    return min(SKIN * math.sqrt(path / max(scene.packing_fraction, 1e-6)), most)
+    return min(SKIN_FACTOR * math.sqrt(path / max(scene.packing_fraction, 1e-6)), most)
 
 
 def begin(w: Workspace, motion: np.ndarray) -> None:

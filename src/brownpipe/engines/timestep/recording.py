@@ -5,7 +5,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from brownpipe.engines.recording import all_finite, conservation, images_fit, report
+from brownpipe.engines.recording import all_finite, conservation, images_fit, report, sample_arrays
 from brownpipe.engines.state import HEALTH_BOUND
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.workspace import Recorder, Workspace
@@ -18,8 +18,7 @@ REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wa
 
 def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]) -> Recorder:
     """Return memory for samples, free flights after the last step before each: no step depends on sample times."""
-    n, t = scene.particles, len(times)
-    m = n if "all" in record else 0
+    n = scene.particles
     steps = times / time_step
     last = np.rint(steps)
     last = np.where(np.abs(steps - last) <= 1e-9 + 1e-12 * steps, last, np.floor(steps))
@@ -27,12 +26,7 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
         tracer=int(frame.back[0]) if n else 0,
         step=last.astype(np.int64),
         rest=(times - last * time_step) / frame.time,
-        position=np.empty((t, 1, 2)),
-        velocity=np.empty((t, 1, 2)),
-        image=np.zeros((t, 1, 2), np.int32),
-        whole_position=np.empty((t, m, 2)),
-        whole_velocity=np.empty((t, m, 2)),
-        whole_image=np.zeros((t, m, 2), np.int32),
+        **sample_arrays(len(times), n if "all" in record else 0),
     )
 
 
