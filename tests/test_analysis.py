@@ -6,12 +6,13 @@ Tolerances are in standard errors: 4.5 is a false alarm in 1 of 150,000 comparis
 import numpy as np
 import pytest
 
-from brownpipe import analysis, theory
-from brownpipe.analysis import aggregate, displacement, distribution
+from brownpipe import theory
+from brownpipe.analysis import aggregate, displacement, distribution, goodness
 from brownpipe.analysis.conditions import initial_square_speed
 from brownpipe.engines import Engine
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.state import Track
+from brownpipe.errors import AnalysisError
 from brownpipe.scene import parse_scene
 from brownpipe.storage import read_dataset, trajectories, write_dataset
 from ensembles import DIFFUSION, make_runs, make_scene, study, walk, write
@@ -27,25 +28,25 @@ WINDOWS = ((0.1, 1.0), (0.5, 1.0))
 
 def test_squared_displacement_is_from_the_start():
     position = np.array([[[1.0, 2.0], [0.0, 0.0]], [[4.0, 6.0], [0.0, -1.0]]])
-    assert analysis.squared_displacement(position).tolist() == [[0.0, 25.0], [0.0, 1.0]]
+    assert displacement.squared_displacement(position).tolist() == [[0.0, 25.0], [0.0, 1.0]]
 
 
 def test_squared_displacement_is_unwrapped():
     position = np.array([[[0.9, 0.1]], [[0.1, 0.9]]])
     image = np.array([[[7, 0]], [[8, -1]]], np.int32)
-    assert analysis.squared_displacement(position, image, (1.0, 1.0))[0, 1] == pytest.approx(0.2**2 + 0.2**2)
+    assert displacement.squared_displacement(position, image, (1.0, 1.0))[0, 1] == pytest.approx(0.2**2 + 0.2**2)
 
 
 def test_far_images_cost_no_digits():
     position, image = np.array([[[0.25, 0.0]], [[0.5, 0.0]]]), np.full((2, 1, 2), 2_000_000_000, np.int32)
-    assert analysis.squared_displacement(position, image, (1.1, 1.1))[0, 1] == 0.0625
+    assert displacement.squared_displacement(position, image, (1.1, 1.1))[0, 1] == 0.0625
 
 
 def test_line_is_polyfit():
     y = np.sin(TIMES) + 3.0
     for window in WINDOWS:
         inside = (window[0] - 1e-12 <= TIMES) & (window[1] + 1e-12 >= TIMES)
-        line = analysis.fit_line(TIMES, y, window)
+        line = displacement.fit_line(TIMES, y, window)
         assert (line.slope, line.intercept) == pytest.approx(np.polyfit(TIMES[inside], y[inside], 1), rel=1e-12)
 
 
@@ -54,29 +55,29 @@ def test_naive_slope_error_is_the_textbook_one():
 
     t = np.arange(9.0)  # the middle one has no weight in the slope, but a residual
     y = t + np.random.default_rng(1).normal(0, 0.1, 9)
-    assert analysis.fit_line(t, y, (2.0, 8.0)).naive_slope_error == pytest.approx(linregress(t[2:], y[2:]).stderr)
+    assert displacement.fit_line(t, y, (2.0, 8.0)).naive_slope_error == pytest.approx(linregress(t[2:], y[2:]).stderr)
 
 
 def test_window_includes_both_ends_despite_round_off():
-    weights = analysis.line_weights(np.arange(11) * 0.1, (0.3, 0.7))[0]
+    weights = displacement.line_weights(np.arange(11) * 0.1, (0.3, 0.7))[0]
     assert weights == pytest.approx([0, 0, 0, -2, -1, 0, 1, 2, 0, 0, 0])
 
 
 @pytest.mark.parametrize("window", [(0.5, 1.5), (0.101, 0.115), (2.0, 3.0)])
 def test_line_that_is_not_defined_is_nan(window):
-    assert np.isnan(analysis.line_weights(TIMES, window)).all()
+    assert np.isnan(displacement.line_weights(TIMES, window)).all()
 
 
 def test_mean_of_lines_is_line_of_mean():
-    squared = analysis.squared_displacement(walk(np.random.default_rng(2), TIMES, 30))
+    squared = displacement.squared_displacement(walk(np.random.default_rng(2), TIMES, 30))
     lines = displacement.per_run_lines(squared, TIMES, WINDOWS).mean(axis=0)
     for k, window in enumerate(WINDOWS):
-        assert lines[:, k] == pytest.approx(analysis.fit_line(TIMES, squared.mean(axis=0), window)[:2], rel=1e-12)
+        assert lines[:, k] == pytest.approx(displacement.fit_line(TIMES, squared.mean(axis=0), window)[:2], rel=1e-12)
 
 
 def test_rings_are_half_open_and_count_everybody():
-    edges = analysis.ring_edges(0.5, 3)
-    assert analysis.ring_counts(np.array([0.0, 0.49, 0.5, 1.4, 1.5, 9.0]), edges).tolist() == [2, 1, 1, 2]
+    edges = distribution.ring_edges(0.5, 3)
+    assert distribution.ring_counts(np.array([0.0, 0.49, 0.5, 1.4, 1.5, 9.0]), edges).tolist() == [2, 1, 1, 2]
 
 
 # --- chi-square
@@ -86,30 +87,30 @@ def test_chi_square_of_full_bins_is_pearsons():
     from scipy.stats import chisquare
 
     observed, expected = [18, 25, 30, 27], [20.0, 20.0, 35.0, 25.0]
-    test = analysis.chi_square(observed, expected)
+    test = goodness.chi_square(observed, expected)
     assert (test.statistic, test.p) == pytest.approx(tuple(chisquare(observed, expected)))
     assert test.degrees_of_freedom == 3
 
 
 def test_sparse_bins_are_pooled():
-    sparse = analysis.chi_square([1, 2, 9, 10, 3, 1], [2.0, 4.0, 7.0, 9.0, 3.0, 1.0])
-    assert sparse == analysis.chi_square([3, 9, 14], [6.0, 7.0, 13.0])
+    sparse = goodness.chi_square([1, 2, 9, 10, 3, 1], [2.0, 4.0, 7.0, 9.0, 3.0, 1.0])
+    assert sparse == goodness.chi_square([3, 9, 14], [6.0, 7.0, 13.0])
     assert sparse.degrees_of_freedom == 2
 
 
 def test_chi_square_without_freedom_is_nan():
-    assert np.isnan(analysis.chi_square([3, 4], [3.0, 4.0]).p)
-    assert np.isnan(analysis.chi_square([30, 40, 50], [np.nan] * 3).p)
+    assert np.isnan(goodness.chi_square([3, 4], [3.0, 4.0]).p)
+    assert np.isnan(goodness.chi_square([30, 40, 50], [np.nan] * 3).p)
 
 
 def test_chi_square_of_diffusers_has_its_degrees_of_freedom():
     """With D = MSD/4t of the unbinned runs the mean lies between that of 22 and 23 degrees (Chernoff and Lehmann)."""
-    rng, edges, runs, ensembles = np.random.default_rng(3), analysis.ring_edges(0.04, 24), 2400, 400
+    rng, edges, runs, ensembles = np.random.default_rng(3), distribution.ring_edges(0.04, 24), 2400, 400
     statistics = []
     for squared in rng.exponential(4 * DIFFUSION, (ensembles, runs)):
-        counts = analysis.ring_counts(np.sqrt(squared), edges)
+        counts = distribution.ring_counts(np.sqrt(squared), edges)
         expected = distribution.expected_ring_counts(runs, edges, 1.0, squared.mean() / 4)
-        test = analysis.chi_square(counts, expected)
+        test = goodness.chi_square(counts, expected)
         statistics.append(test.statistic)
         assert test.degrees_of_freedom == 23  # 24 rings, the first two pooled, and the overflow
     error = np.sqrt(2 * 22 / ensembles)
@@ -122,7 +123,7 @@ def slope_variances(times, window):
     cov(r^2(s), r^2(t)) = 16 D^2 min(s, t)^2; least squares takes the residuals for independent.
     """
     covariance = 16 * DIFFUSION**2 * np.minimum.outer(times, times) ** 2
-    slope, intercept = analysis.line_weights(times, window)
+    slope, intercept = displacement.line_weights(times, window)
     inside = intercept != 0
     off = np.diag(inside * 1.0) - inside[:, None] * intercept - (inside * times)[:, None] * slope
     spread = inside.sum() * times[inside].var()
@@ -134,9 +135,9 @@ def test_least_squares_alone_claims_far_too_little():
     rng = np.random.default_rng(5)
     claims = {window: [] for window in WINDOWS}
     for _ in range(300):
-        squared = analysis.squared_displacement(walk(rng, TIMES, 40)).mean(axis=0)
+        squared = displacement.squared_displacement(walk(rng, TIMES, 40)).mean(axis=0)
         for window in WINDOWS:
-            line = analysis.fit_line(TIMES, squared, window)
+            line = displacement.fit_line(TIMES, squared, window)
             claims[window].append([(line.slope - 4 * DIFFUSION) ** 2, line.naive_slope_error**2])
     for window, claimed in claims.items():
         expected = np.array(slope_variances(TIMES, window)) / 40
@@ -336,26 +337,26 @@ def test_engines_are_labelled_with_their_settings(tmp_path):
 def test_a_seed_counts_once(tmp_path):
     first = write(tmp_path, make_runs(make_scene(), range(20)))
     second = write(tmp_path, make_runs(make_scene(), range(15, 30)))
-    with pytest.raises(analysis.AnalysisError, match=r"15-29\.h5: seed 15 is already in .*0-19\.h5"):
+    with pytest.raises(AnalysisError, match=r"15-29\.h5: seed 15 is already in .*0-19\.h5"):
         aggregate([first, second])
 
 
 def test_one_name_one_scene(tmp_path):
     first = write(tmp_path, make_runs(make_scene(), range(20)))
     second = write(tmp_path, make_runs(make_scene(velocities={"temperature": 1.0}), range(20, 30)))
-    with pytest.raises(analysis.AnalysisError, match=r"20-29\.h5: its scene 'plain' is not the one in .*0-19\.h5"):
+    with pytest.raises(AnalysisError, match=r"20-29\.h5: its scene 'plain' is not the one in .*0-19\.h5"):
         aggregate([first, second])
 
 
 def test_one_name_one_physics_whatever_the_particle_count(tmp_path):
     first = write(tmp_path, make_runs(make_scene(particles=10), range(20)))
     second = write(tmp_path, make_runs(make_scene(particles=20, duration=2.0), range(20)))
-    with pytest.raises(analysis.AnalysisError, match="two different scenes are called 'plain'"):
+    with pytest.raises(AnalysisError, match="two different scenes are called 'plain'"):
         aggregate([first, second])
 
 
 def test_no_files():
-    with pytest.raises(analysis.AnalysisError, match="no trajectory files"):
+    with pytest.raises(AnalysisError, match="no trajectory files"):
         aggregate([])
 
 
@@ -363,13 +364,13 @@ def test_two_sources_are_not_averaged(tmp_path, monkeypatch):
     first = write(tmp_path, make_runs(make_scene(), range(20)))
     monkeypatch.setattr(trajectories, "source_digest", lambda *_: "another")
     second = write(tmp_path, make_runs(make_scene(), range(20, 30)))
-    with pytest.raises(analysis.AnalysisError, match=r"20-29\.h5: made by another source code than .*0-19\.h5"):
+    with pytest.raises(AnalysisError, match=r"20-29\.h5: made by another source code than .*0-19\.h5"):
         aggregate([first, second])
 
 
 def test_runs_of_a_list_of_disks_are_no_sample(tmp_path):
     paths = [write(tmp_path, make_runs(one_disk(), [seed])) for seed in (3, 4)]
-    with pytest.raises(analysis.AnalysisError, match="all its runs are the same; give one seed"):
+    with pytest.raises(AnalysisError, match="all its runs are the same; give one seed"):
         aggregate(paths)
 
 
@@ -395,5 +396,5 @@ def test_times_that_differ_by_round_off_are_one(tmp_path):
     ],
 )
 def test_windows_and_rings_that_say_nothing(asked, message, tmp_path):
-    with pytest.raises(analysis.AnalysisError, match=message):
+    with pytest.raises(AnalysisError, match=message):
         aggregate([write(tmp_path, make_runs(make_scene(), range(12)))], **asked)

@@ -216,7 +216,8 @@ def test_a_cell_that_proves_too_small(tmp_path, monkeypatch):
     kept = []
     checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
     assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, checkpoints)) == expected
-    slots = [(int(arrays["run.slots"]), int(arrays["run.progress"][ws.BLOCK])) for arrays in kept if "run.slots" in arrays]
+    states = [arrays for arrays in kept if "run.slots" in arrays]
+    slots = [(int(arrays["run.slots"]), int(arrays["run.progress"][ws.BLOCK])) for arrays in states]
     assert slots[0][0] < slots[1][0] and slots[1][1] == 1  # begun again
     for arrays in kept:
         assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from brownpipe import analysis, observables, theory
-from brownpipe.analysis import conditions, displacement, estimator, pairs, runs, thermodynamics, velocity
+from brownpipe.analysis import displacement, estimator, pairs, runs, thermodynamics, velocity
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import simulation as exact
@@ -337,7 +337,7 @@ def test_initial_slope_of_a_real_gas():
 def snapshots(scene, held=None, runs=300):
     """Arrays of runs of one sample: every disk a point in its room, the tracer perhaps held at one place."""
     rng, ones = np.random.default_rng(1), []
-    room = np.array([conditions.accessible(scene, radius) for radius in scene.radius])
+    room = np.array([scene.box.accessible(radius)[1] for radius in scene.radius])
     for _ in range(runs):
         position = 4.0 + (rng.random((scene.particles, 2)) - 0.5) * room
         position[0] = position[0] if held is None else held

@@ -416,7 +416,7 @@ def test_histograms_are_of_the_last_sample_unless_the_scene_is_stationary(name):
             values[-1] = last[-1]
         found, expected = (observe(scene, one, (name,)) for one in (other, run))
         same = all(np.array_equal(found[array], expected[array]) for array in expected)
-        assert same == (OBSERVABLES[name].is_histogram and not observables.is_stationary(scene))
+        assert same == (OBSERVABLES[name].is_histogram and not observables.time_origins.is_stationary(scene))
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -632,9 +632,9 @@ def test_more_bins_than_can_be_kept_are_refused():
 
 
 def test_stationary_is_what_has_one_temperature_and_had_time():
-    assert observables.is_stationary(make())
-    assert observables.is_stationary(make(tracer=None, equilibrate=1.0))
-    assert not observables.is_stationary(make(equilibrate=1.0))
+    assert observables.time_origins.is_stationary(make())
+    assert observables.time_origins.is_stationary(make(tracer=None, equilibrate=1.0))
+    assert not observables.time_origins.is_stationary(make(equilibrate=1.0))
 
 
 @pytest.mark.parametrize(

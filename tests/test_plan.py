@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from brownpipe import cli, storage, tradeoff
-from brownpipe.analysis import squared_displacement
+from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError

@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pytest
 
-from brownpipe import analysis
 from brownpipe.analysis import displacement, resampling
 from ensembles import DIFFUSION, walk
 
@@ -20,7 +19,7 @@ def ensembles_of_diffusers(runs, count, seed):
     rng, times = np.random.default_rng(seed), np.arange(11) * 0.1
     samples = []
     for _ in range(0, count, 50):
-        squared = analysis.squared_displacement(walk(rng, times, runs * 50))
+        squared = displacement.squared_displacement(walk(rng, times, runs * 50))
         lines = displacement.per_run_lines(squared, times, ((0.1, 1.0),))
         samples.append(np.stack([squared[:, -1], lines[:, 0, 0]], axis=-1).reshape(runs, 50, 2))
     return np.concatenate(samples, axis=1)
@@ -31,13 +30,13 @@ def ensembles_of_diffusers(runs, count, seed):
 def test_interval_covers_the_truth(runs, count):
     """95 +- 4 % of the ensembles, for MSD(1) and for the slope: 4.5 standard errors of 600 ensembles, 5.8 of 1,000."""
     samples = ensembles_of_diffusers(runs, count, seed=runs)
-    estimate = analysis.resample(samples)
+    estimate = resampling.resample(samples)
     covered = (estimate.low < 4 * DIFFUSION) & (estimate.high > 4 * DIFFUSION)
     assert covered.mean(axis=0) == pytest.approx([0.95, 0.95], abs=0.04)
 
 
 def test_standard_error_is_the_scatter_of_ensembles():
-    estimate = analysis.resample(ensembles_of_diffusers(200, 600, seed=4))
+    estimate = resampling.resample(ensembles_of_diffusers(200, 600, seed=4))
     scatter, claimed = estimate.mean.std(axis=0, ddof=1), estimate.standard_error.mean(axis=0)
     assert np.abs(claimed / scatter - 1).max() < SIGMAS / np.sqrt(2 * 600)
 
@@ -85,16 +84,16 @@ def _blocks(seeds):
 
 def test_each_quantity_is_resampled_as_if_alone():
     samples = np.random.default_rng(8).exponential(1.0, (1500, 7))
-    together = analysis.resample(samples)
+    together = resampling.resample(samples)
     for k in range(7):
-        for value, alone in zip(together, analysis.resample(samples[:, k]), strict=True):
+        for value, alone in zip(together, resampling.resample(samples[:, k]), strict=True):
             assert np.array_equal(value[k], alone)
 
 
 def test_blocks_add_up():
     """Mean and error of many blocks are those of all runs at once, to round-off."""
     samples, seeds = np.random.default_rng(10).exponential(1.0, 5000) + 1e6, np.arange(5000) * 3 + 17
-    estimate = analysis.resample(samples, seeds)
+    estimate = resampling.resample(samples, seeds)
     assert estimate.mean == pytest.approx(samples.mean(), rel=1e-14)
     assert estimate.standard_error == pytest.approx(samples.std(ddof=1) / np.sqrt(5000), rel=1e-9)
     assert estimate.low < estimate.mean < estimate.high
@@ -102,7 +101,7 @@ def test_blocks_add_up():
 
 BITS = """
 import hashlib, numpy
-from brownpipe.analysis import resample
+from brownpipe.analysis.resampling import resample
 x = numpy.random.Generator(numpy.random.Philox(key=1)).exponential(1.0, (3000, 40))
 print(hashlib.sha256(b"".join(values.tobytes() for values in resample(x))).hexdigest())
 """
@@ -121,8 +120,8 @@ def test_intervals_do_not_depend_on_the_number_of_threads():
 
 
 def test_too_few_runs():
-    assert all(np.isnan(values).all() for values in analysis.resample(np.empty((0, 3))))
-    one, nine = analysis.resample(np.ones((1, 3))), analysis.resample(np.arange(9.0))
+    assert all(np.isnan(values).all() for values in resampling.resample(np.empty((0, 3))))
+    one, nine = resampling.resample(np.ones((1, 3))), resampling.resample(np.arange(9.0))
     assert one.mean.tolist() == [1, 1, 1]
     assert np.isnan(one.standard_error).all()
     assert nine.standard_error == pytest.approx(np.arange(9).std(ddof=1) / 3)
@@ -130,7 +129,7 @@ def test_too_few_runs():
 
 
 def test_no_scatter_no_error():
-    assert analysis.resample(np.full(12, 0.1 + 0.2)) == (0.1 + 0.2, 0.0, 0.1 + 0.2, 0.1 + 0.2)
+    assert resampling.resample(np.full(12, 0.1 + 0.2)) == (0.1 + 0.2, 0.0, 0.1 + 0.2, 0.1 + 0.2)
 
 
 def test_wilson_interval_covers():
@@ -138,7 +137,7 @@ def test_wilson_interval_covers():
     from scipy.stats import binom
 
     k, runs = np.arange(301), 2400
-    low, high = analysis.wilson_interval(k, runs)
+    low, high = resampling.wilson_interval(k, runs)
     for p in np.array([4.0, 10.0, 30.0, 85.0]) / runs:
         covered = binom.pmf(k, runs, p)[(low <= runs * p) & (runs * p <= high)].sum()
         assert covered == pytest.approx(0.95, abs=0.03)

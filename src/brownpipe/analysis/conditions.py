@@ -38,12 +38,6 @@ def start(scene: Scene) -> np.ndarray:
     return np.array(position, float)
 
 
-def accessible(scene: Scene, radius: float) -> tuple[float, float]:
-    """Return width and height [length] of the rectangle accessible to the centre of a disk; a periodic box as it is."""
-    inset = 0.0 if scene.box.periodic else 2 * radius
-    return scene.box.width - inset, scene.box.height - inset
-
-
 def accessible_half_width(scene: Scene) -> float:
     """Return half the side [length] of the square accessible to the tracer's centre; NaN if it starts elsewhere.
 

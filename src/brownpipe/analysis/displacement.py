@@ -211,12 +211,7 @@ ESTIMATOR = Estimator(
             **estimate_of("diffusion_coefficient", WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
         }
     )
-    | estimate_of(
-        "diffusion_running",
-        TIME,
-        RATE,
-        "half of <v(t).(r(t) - r(0))> of the tracer, d<r^2>/dt / 4",
-    )
+    | estimate_of("diffusion_running", TIME, RATE, "half of <v(t).(r(t) - r(0))> of the tracer, d<r^2>/dt / 4")
     | estimate_of("msd_controlled", TIME, AREA, "mean squared displacement with the known <v0^2> as control variate")
     | {"control_variance_ratio": Variable(TIME, "1", "variance of msd_controlled over that of msd")},
     _axes,

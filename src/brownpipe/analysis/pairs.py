@@ -7,16 +7,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import observables, theory
-from brownpipe.analysis.conditions import accessible
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled, with_interval
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import mean_root, temperature
 from brownpipe.analysis.variables import EACH, Variable, estimate_of
 from brownpipe.engines.friction import DENSEST
-from brownpipe.observables import is_stationary
 from brownpipe.observables.pairs import species_pairs
 from brownpipe.observables.species import species_table
+from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
 NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrapolated to contact
@@ -46,7 +45,7 @@ def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
     if scene.box.periodic:
         share = np.pi * np.diff(edges**2) / scene.box.area
         return np.array([number * share for _, _, number in pairs])
-    areas = [accessible(scene, radius) for radius in kinds.radius]
+    areas = [scene.box.accessible(radius)[1] for radius in kinds.radius]
     return np.array([number * theory.pair_distance_probability(edges, areas[a], areas[b]) for a, b, number in pairs])
 
 
@@ -136,12 +135,12 @@ def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, dura
     is larger by 1/`thermodynamics.mean_root`.
     """
     kinds, pairs = numbers_of_pairs(scene)
+    areas = [scene.box.accessible(radius)[1] for radius in kinds.radius]
     chi = np.full(collisions.shape, np.nan)
     for k, (a, b, number) in enumerate(pairs):
         contact, mu = kinds.radius[a] + kinds.radius[b], theory.reduced_mass(kinds.mass[a], kinds.mass[b])
-        areas = [accessible(scene, kinds.radius[a]), accessible(scene, kinds.radius[b])]
         near = 2 * np.pi * contact / scene.box.area
-        p = near if scene.box.periodic else float(theory.pair_distance_density_between(contact, *areas))
+        p = near if scene.box.periodic else float(theory.pair_distance_density_between(contact, areas[a], areas[b]))
         if number > 0 and p > 0:
             expected = duration * number * p * np.sqrt(kt / (2 * np.pi * mu)) / mean_root(scene)
             chi[:, k] = collisions[:, k] / expected

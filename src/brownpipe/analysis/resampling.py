@@ -20,7 +20,7 @@ import numpy as np
 
 SEEDS_PER_BLOCK = 1024  # seeds that share a stream of weights, and whose runs are added up at a time
 REPLICATES = 1999  # the 2.5 % and 97.5 % quantiles are then the 50th value from either end
-FEWEST_FOR_INTERVAL = 10  # for an interval; with fewer its coverage is unknown for a skewed quantity
+FEWEST_FOR_INTERVAL = 10  # runs; with fewer its coverage is unknown for a skewed quantity
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
 _AT_ONCE = 512  # columns in a chunk
@@ -122,12 +122,7 @@ def _sizes(columns: int, squares: int) -> tuple:
 def _weights(block: int) -> np.ndarray:
     """Poisson weights (REPLICATES, SEEDS_PER_BLOCK) of the seeds of a block: integers from 0 to 8."""
     stream = np.random.Philox(key=_KEY, counter=[0, 0, 0, block])
-    bits = (
-        stream.random_raw(REPLICATES * SEEDS_PER_BLOCK // 4)
-        .astype("<u8")
-        .view("<u2")
-        .reshape(REPLICATES, SEEDS_PER_BLOCK)
-    )
+    bits = stream.random_raw(REPLICATES * SEEDS_PER_BLOCK // 4).astype("<u8").view("<u2").reshape(REPLICATES, -1)
     weights = np.zeros(bits.shape, np.uint8)
     for bound in _BOUNDS:
         weights += bits >= bound

@@ -171,9 +171,7 @@ ESTIMATOR = Estimator(
             "slope at 0 of the velocity autocorrelation; errors include that of the finite sample interval",
         ),
         "vacf_initial_slope_expected": Variable(
-            EACH,
-            "length^2/time^3",
-            "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer",
+            EACH, "length^2/time^3", "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer"
         ),
         **estimate_of("species_energy", (*TIME, "species"), "energy", "kinetic energy per disk; kT in equilibrium"),
         **estimate_of(

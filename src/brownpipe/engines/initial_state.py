@@ -46,9 +46,8 @@ def draw_tracer(
     tracer = next(species for species in scene.species if species.count)
     if tracer.position is not None:
         return np.array(tracer.position), velocity[0]
-    box, margin = scene.box, 0.0 if scene.box.periodic else tracer.radius
-    size = np.maximum(np.array((box.width, box.height)) - 2 * margin, 0.0)
-    return np.array(box.origin) + margin + size * stream.random(2), velocity[0]
+    low, size = scene.box.accessible(tracer.radius)
+    return low + np.maximum(size, 0.0) * stream.random(2), velocity[0]
 
 
 def noise(scene: Scene, seed: int) -> np.random.Generator:

@@ -29,13 +29,6 @@ def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.n
     return _insert(scene, radius, fixed, stream)
 
 
-def _accessible(scene: Scene, margin: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower corner (2,) and the size (2,) of the region at least `margin` away from walls."""
-    margin = 0.0 if scene.box.periodic else margin
-    low, high = np.array((scene.box.x, scene.box.y)).T
-    return low + margin, high - low - 2 * margin
-
-
 def _insert(
     scene: Scene, radius: np.ndarray, fixed: tuple[float, float] | None, stream: np.random.Generator
 ) -> np.ndarray:
@@ -47,7 +40,7 @@ def _insert(
     position, radius = np.zeros((n, 2)), radius[sequence]
     if n == 0:
         return position
-    low, size = np.array((scene.box.x[0], scene.box.y[0])), np.array((scene.box.width, scene.box.height))
+    low, size = scene.box.accessible(0.0)
     common = common_radius(radius)
     shape = np.clip((size / (2 * common)).astype(np.int64), 1, 1 + math.isqrt(4 * n))
     grid = np.full((shape[0], shape[1]), -1, dtype=np.int64)
@@ -85,7 +78,7 @@ def _on_lattice(
     free = radius if fixed is None else radius[1:]
     if len(free) == 0:
         return np.array(fixed or (), dtype=float).reshape(-1, 2)
-    low, size = _accessible(scene, free.max())
+    low, size = scene.box.accessible(free.max())
     wanted, sites = len(free), np.zeros((0, 2))
     while len(sites) < len(free):
         sites = low + _lattice(size, scene.box.periodic, wanted)

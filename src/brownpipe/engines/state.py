@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.observables.tracks import Track
+
 HEALTH_BOUND = 1e-9  # a run with a larger energy drift, overlap or momentum residual has failed; round-off is far below
 
 
@@ -17,14 +19,6 @@ class State(NamedTuple):
     velocity: np.ndarray  # (N, 2) [length/time]
     radius: np.ndarray  # (N,) [length]
     mass: np.ndarray  # (N,) [mass]
-
-
-class Track(NamedTuple):
-    """The trajectories of M disks, sampled at T times."""
-
-    position: np.ndarray  # (T, M, 2) centres, inside the box [length]
-    velocity: np.ndarray | None = None  # (T, M, 2) [length/time]
-    image: np.ndarray | None = None  # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
 
 
 class Events(NamedTuple):

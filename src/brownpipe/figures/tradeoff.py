@@ -129,20 +129,13 @@ NUMBERS = ("runs", "failed_runs", "paired_runs", "seconds", *COST_RATIO, "study_
 ERRORS = tuple(f"{name}_bias{part}" for name in ("msd", "d") for part in ("", "_standard_error", "_low", "_high"))
 DISTANCE = tuple(f"displacement_bias{part}" for part in ("", "_low", "_high", "_noise"))
 CONTACT = tuple(f"contact_bias{part}" for part in ("", "_standard_error", "_low", "_high"))
-LAST_COLUMNS = (
-    "worst_energy_drift",
-    "worst_overlap",
-    "departure_time",
-    "pays_from",
-    "pays_to",
-    "may_pay_from",
-    "may_pay_to",
-)
+WORST = ("worst_energy_drift", "worst_overlap", "departure_time")
+PAYS = ("pays_from", "pays_to", "may_pay_from", "may_pay_to")
 
 
 def table(dataset: Dataset) -> Table:
     """Return one row per scene and setting: cost, biases with intervals, health, and CPU times on the Pareto front."""
-    header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *LAST_COLUMNS)
+    header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *WORST, *PAYS)
     rows = []
     for scene in _scenes(dataset):
         for setting in settings_of(dataset, scene):
@@ -189,12 +182,7 @@ def _of_scene(dataset: Dataset, scene: str) -> Iterator[str]:
 def _row(setting: Dataset, exact_seconds: float) -> tuple[str, ...]:
     """One line of the table, cell by cell."""
     label = setting.setting.item()
-    biases = (
-        _bias(setting, "msd_bias"),
-        _bias(setting, "d_bias"),
-        _distance(setting),
-        _bias(setting, "contact_bias"),
-    )
+    biases = (_bias(setting, "msd_bias"), _bias(setting, "d_bias"), _distance(setting), _bias(setting, "contact_bias"))
     return (
         label,
         f"{int(setting.runs)}",

@@ -18,27 +18,9 @@ import numpy as np
 from brownpipe.errors import RequestError
 from brownpipe.observables import displacement, pairs, time_origins, velocity
 from brownpipe.observables.species import bath_disks, equal_disks, species_table
-from brownpipe.observables.time_origins import is_stationary, why_not_stationary
+from brownpipe.observables.time_origins import why_not_stationary
 from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
-
-__all__ = [
-    "ARRAYS",
-    "AVERAGES",
-    "AXES",
-    "OBSERVABLES",
-    "RENAMED",
-    "arrays_of",
-    "axes",
-    "is_stationary",
-    "needs_every_disk",
-    "numbers_in",
-    "observables_making",
-    "observe",
-    "of_tracer",
-    "problem",
-    "refuse_unfit",
-]
 
 AVERAGES = ("runs", "origins", "disks")  # over runs alone, and within each run over time origins or equal disks
 
@@ -180,7 +162,7 @@ RENAMED = {"displacement": "square_displacement", "kinetic_energy": "species_ene
 
 
 def observe(scene: Scene, run: Run, names: Iterable[str], average: str = "runs") -> dict[str, np.ndarray | int]:
-    """Return the arrays of the named observables of one run (tracks as in `engines.state.Track`)."""
+    """Return the arrays of the named observables of one run (`tracks.Run`)."""
     arrays: dict[str, np.ndarray | int] = {}
     for name in names:
         arrays |= OBSERVABLES[name].measure(scene, run, average)

@@ -123,7 +123,7 @@ def expected_pairs(
     size, (number, width) = np.array([scene.box.width, scene.box.height]), bins(scene)
     edges, expected = np.arange(number + 1) * width, np.full((len(species_pairs(species)), number), np.nan)
     for p, lone, other in lone_pairs:
-        accessible, disk = size - 2 * species.radius[other], np.flatnonzero(species.label == lone)[0]
+        accessible, disk = scene.box.accessible(species.radius[other])[1], np.flatnonzero(species.label == lone)[0]
         off_centre = position[:, disk, :, None] - (scene.box.origin + size / 2)[:, None]
         parts = [off_centre[k : k + SAMPLES_AT_ONCE].swapaxes(0, 1) for k in range(0, len(position), SAMPLES_AT_ONCE)]
         area = sum(theory.disk_area_in_rectangle(edges, *part, *accessible).sum(axis=0) for part in parts)

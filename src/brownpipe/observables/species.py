@@ -18,14 +18,6 @@ class SpeciesTable(NamedTuple):
     label: np.ndarray  # (N,) int64 the species of each disk
 
 
-class EqualDisks(NamedTuple):
-    """The tracks of the M disks with the radius and mass of the tracer; shapes as in `tracks.Track`."""
-
-    position: np.ndarray
-    velocity: np.ndarray
-    image: np.ndarray | None
-
-
 def species_table(scene: Scene) -> SpeciesTable:
     """Return the species of a scene.
 
@@ -54,9 +46,8 @@ def tracer_tracks(scene: Scene, run: Run, average: str) -> Track:
     """Return the track of the tracer, M = 1; for an average over `disks` the tracks of all disks equal to it."""
     if average != "disks":
         return run.tracer
-    whole, disks = run.whole, equal_disks(scene)
-    image = None if whole.image is None else whole.image[:, disks]
-    return EqualDisks(whole.position[:, disks], whole.velocity[:, disks], image)
+    disks = equal_disks(scene)
+    return Track(*(None if values is None else values[:, disks] for values in run.whole))
 
 
 def bath_disks(scene: Scene) -> np.ndarray:

@@ -1,21 +1,16 @@
-"""What observables use of a run: the tracks of its disks at T sample times, as engines return them."""
+"""The tracks of the disks of a run at T sample times, which engines return and observables use."""
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 
-class Track(Protocol):
-    """The trajectories of M disks, as in `engines.state.Track`."""
+class Track(NamedTuple):
+    """The trajectories of M disks, sampled at T times."""
 
-    @property
-    def position(self) -> np.ndarray: ...  # (T, M, 2) centres, inside the box [length]
-
-    @property
-    def velocity(self) -> np.ndarray: ...  # (T, M, 2) [length/time]
-
-    @property
-    def image(self) -> np.ndarray | None: ...  # (T, M, 2) int32 periodic images, None between walls
+    position: np.ndarray  # (T, M, 2) centres, inside the box [length]
+    velocity: np.ndarray | None = None  # (T, M, 2) [length/time]
+    image: np.ndarray | None = None  # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
 
 
 class Run(Protocol):

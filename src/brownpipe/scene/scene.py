@@ -44,6 +44,14 @@ class Box:
     def periodic(self) -> bool:
         return self.boundary == "periodic"
 
+    def accessible(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower corner (2,) and size (2,) [length] of the rectangle accessible to the centre of a disk.
+
+        It is smaller than the box by the radius at each wall; a periodic box is accessible as it is.
+        """
+        margin = 0.0 if self.periodic else radius
+        return np.array(self.origin) + margin, np.array((self.width, self.height)) - 2 * margin
+
 
 @dataclass(frozen=True)
 class Species:

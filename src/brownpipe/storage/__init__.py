@@ -33,13 +33,7 @@ from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.datasets import made_by, read_dataset, write_dataset
 from brownpipe.storage.files import write_file
-from brownpipe.storage.trajectories import (
-    Outline,
-    Trajectories,
-    read_outline,
-    read_trajectories,
-    write_trajectories,
-)
+from brownpipe.storage.trajectories import Outline, Trajectories, read_outline, read_trajectories, write_trajectories
 from brownpipe.storage.tree import from_tree, to_tree
 
 __all__ = [

@@ -6,13 +6,11 @@ measures CPU times, `front` finds the Pareto front, and `dataset` joins all resu
 
 from brownpipe.tradeoff.compare import compare, spread_of
 from brownpipe.tradeoff.dataset import is_tradeoff, measure
-from brownpipe.tradeoff.front import Interval, Setting, pareto_front, runs_for, settings_of, total_error
+from brownpipe.tradeoff.front import pareto_front, runs_for, settings_of
 from brownpipe.tradeoff.runs import EngineRuns, read_runs, runs_of
 
 __all__ = [
     "EngineRuns",
-    "Interval",
-    "Setting",
     "compare",
     "is_tradeoff",
     "measure",
@@ -22,5 +20,4 @@ __all__ = [
     "runs_of",
     "settings_of",
     "spread_of",
-    "total_error",
 ]

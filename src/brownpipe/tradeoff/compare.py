@@ -7,6 +7,8 @@ import numpy as np
 
 from brownpipe.analysis.departure import SHARE, departure_time
 from brownpipe.analysis.displacement import per_run_lines
+from brownpipe.analysis.estimator import with_interval
+from brownpipe.analysis.resampling import Estimate
 from brownpipe.errors import AnalysisError
 from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Bias, Pairs
@@ -77,26 +79,18 @@ def _biases(
     values: dict[str, float | np.ndarray] = {}
     for name, column in TARGET_COLUMNS.items():
         of_target = Bias(*(part[column] for part in biases))
-        values |= _with_interval(f"{name}_bias", of_target)
+        values |= with_interval(f"{name}_bias", Estimate(*of_target))
         values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(references[:, column].mean())
         values[f"{name}_bias_square"] = of_target.square
         values[f"{name}_bias_careful"] = of_target.careful
-    return values | _with_interval("msd_curve_bias", Bias(*(_padded(part[len(TARGET_COLUMNS) :]) for part in biases)))
+    curve_bias = Estimate(*(_padded(part[len(TARGET_COLUMNS) :]) for part in biases))
+    return values | with_interval("msd_curve_bias", curve_bias)
 
 
 def _per_run(runs: EngineRuns, curve: Sequence[int] | np.ndarray, window: tuple[float, float]) -> np.ndarray:
     """(S, 2 + times of the curve): r^2 at the end, slope of r^2 over the window, r^2 along the curve."""
     slope = per_run_lines(runs.squared, runs.times, [window])[:, 0]
     return np.concatenate([runs.squared[:, -1:], slope, runs.squared[:, curve]], axis=1)
-
-
-def _with_interval(name: str, deviation: Bias) -> dict[str, np.ndarray]:
-    return {
-        name: deviation.value,
-        f"{name}_standard_error": deviation.standard_error,
-        f"{name}_low": deviation.low,
-        f"{name}_high": deviation.high,
-    }
 
 
 def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, float]:
@@ -121,9 +115,9 @@ def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[s
     if runs.pair_counts.shape[1:] != exact.pair_counts.shape[1:]:
         return {}
     if runs is exact:
-        return _with_interval("contact_bias", bias.none_of(np.zeros((1,))))
+        return with_interval("contact_bias", Estimate(*bias.none_of(np.zeros((1,)))))
     deviation = bias.contact_deviation(runs.pair_counts, exact.pair_counts, pairs)
-    return {} if deviation is None else _with_interval("contact_bias", deviation)
+    return {} if deviation is None else with_interval("contact_bias", Estimate(*deviation))
 
 
 def _departure(runs: EngineRuns, exact: EngineRuns, pairs: Pairs) -> float:

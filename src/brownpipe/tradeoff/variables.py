@@ -5,7 +5,7 @@ Biases, spreads and distances are relative to the exact result: 0.01 is 1 %. "95
 
 import numpy as np
 
-from brownpipe.analysis.variables import Variable, kept_always
+from brownpipe.analysis.variables import Variable, estimate_of, kept_always
 
 ATTRIBUTES = {
     "Conventions": "CF-1.11",
@@ -19,22 +19,10 @@ ATTRIBUTES = {
 SCENE, SETTING = ("scene",), ("scene", "setting")
 
 
-def _with_interval(name: str, dims: tuple[str, ...], meaning: str) -> dict[str, Variable]:
-    """A bias and its uncertainty."""
-    return {
-        name: Variable(dims, "1", meaning),
-        f"{name}_standard_error": Variable(dims, "1", f"standard error of the {meaning}"),
-        f"{name}_low": Variable(dims, "1", f"lower end of the 95 % interval of the {meaning}"),
-        f"{name}_high": Variable(dims, "1", f"upper end of the 95 % interval of the {meaning}"),
-    }
-
-
 def _error_terms(name: str, meaning: str) -> dict[str, Variable]:
     """The terms of the total error: square of the bias, spread of a run."""
     return {
-        f"{name}_bias_square": Variable(
-            SETTING, "1", f"square of the relative bias of {meaning}, its variance subtracted"
-        ),
+        f"{name}_bias_square": Variable(SETTING, "1", f"square of the relative bias of {meaning}, less its variance"),
         f"{name}_bias_careful": Variable(
             SETTING, "1", f"the same, with an unresolved bias of {meaning} at its 95 % upper bound"
         ),
@@ -72,17 +60,17 @@ _TABLE = {
     "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"),
     "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"),
     "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"),
-    **_with_interval("msd_bias", SETTING, f"relative bias of the {MSD}"),
+    **estimate_of("msd_bias", SETTING, "1", f"relative bias of the {MSD}"),
     **_error_terms("msd", f"the {MSD}"),
-    **_with_interval("d_bias", SETTING, f"relative bias of {D}"),
+    **estimate_of("d_bias", SETTING, "1", f"relative bias of {D}"),
     **_error_terms("d", D),
     "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted"),
     "displacement_bias_low": Variable(SETTING, "1", f"lower end of the 95 % interval of the {DISTRIBUTION}"),
     "displacement_bias_high": Variable(SETTING, "1", f"upper end of the 95 % interval of the {DISTRIBUTION}"),
     "displacement_bias_noise": Variable(SETTING, "1", f"mean of the {DISTRIBUTION}, due to noise alone"),
     **_error_terms("displacement", "the distribution of displacements at the end"),
-    **_with_interval("msd_curve_bias", (*SETTING, "sample"), "relative bias of the MSD at the sample times"),
-    **_with_interval("contact_bias", SETTING, "most significant relative deviation of g(r) near contact"),
+    **estimate_of("msd_curve_bias", (*SETTING, "sample"), "1", "relative bias of the MSD at the sample times"),
+    **estimate_of("contact_bias", SETTING, "1", "most significant relative deviation of g(r) near contact"),
     "worst_energy_drift": Variable(SETTING, "1", "largest relative change of the energy in a run"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
     "departure_time": Variable(

@@ -104,11 +104,6 @@ def scene_with_disks(scene: Scene, settings: dict) -> Scene | None:
     return scene_to_measure_rate(scene) if settings["friction"] == "measured" else None
 
 
-def _candidates(scene: Scene) -> list[dict]:
-    """Return Enskog's friction, which needs no runs of the exact engine."""
-    return [{"friction": "enskog"}]
-
-
 def scene_to_measure_rate(scene: Scene) -> Scene | None:
     """Return the scene in which the exact engine measures the tracer's collision rate; None if nothing moves.
 
@@ -139,5 +134,5 @@ LANGEVIN = Definition(
     caution=caution,
     forecast=_forecast,
     scene_with_disks=scene_with_disks,
-    candidates=_candidates,
+    candidates=lambda scene: [{"friction": "enskog"}],  # it needs no runs of the exact engine
 )

@@ -111,9 +111,7 @@ def is_known(scene: Scene, path: np.ndarray) -> bool:
 
     Further away the round-off of a position exceeds 2e-7 of the box, and soon an int32 cannot count the images.
     """
-    box = scene.box
-    margin = 0.0 if box.periodic else followed(scene).radius
-    low, size = np.array(box.origin) + margin, np.array((box.width, box.height)) - 2 * margin
+    low, size = scene.box.accessible(followed(scene).radius)
     with np.errstate(over="ignore", invalid="ignore"):
         distance = np.abs(path[:, 0] - low)
         return bool(np.isfinite(path).all() and np.all((size <= 0) | (distance < MOST_BOXES * size)))
@@ -121,13 +119,11 @@ def is_known(scene: Scene, path: np.ndarray) -> bool:
 
 def folded(scene: Scene, path: np.ndarray) -> Track:
     """Return the track (M = 1) in the box: wrapped with images, or mirrored at the walls of the accessible region."""
-    box = scene.box
     position, velocity = path[:, None, 0], path[:, None, 1]
-    margin = 0.0 if box.periodic else followed(scene).radius
-    low, size = np.array(box.origin) + margin, np.array((box.width, box.height)) - 2 * margin
+    low, size = scene.box.accessible(followed(scene).radius)
     image = np.floor(np.divide(position - low, size, out=np.zeros_like(position), where=size > 0))
     image = np.clip(np.nan_to_num(image), -MOST_BOXES, MOST_BOXES)  # beyond these bounds the run has failed
-    if box.periodic:
+    if scene.box.periodic:
         inside = np.clip(position - image * size, low, np.nextafter(low + size, low))
         return Track(inside, velocity, (image - image[0]).astype(np.int32))
     mirrored = image % 2 == 1

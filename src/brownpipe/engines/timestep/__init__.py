@@ -3,7 +3,7 @@
 This file has its `Definition`; `simulation` says how it works.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
 from brownpipe.engines import forecast
 from brownpipe.engines.definition import Definition, Setting, one_of
@@ -14,11 +14,6 @@ from brownpipe.scene.scene import Scene
 
 SECONDS_PER_DISK_STEP = 8e-10  # CPU seconds per disk and time step
 TRIAL_STEPS = (0.5, 0.15, 0.05)  # time steps that `brownpipe plan` tries, in units of the largest allowed one
-
-
-def _model(scenes: Sequence[Scene], settings: dict) -> str:
-    """Return the model in a few words."""
-    return "all disks, in time steps"
 
 
 def _refuse_unfit(scene: Scene, settings: dict, record: frozenset) -> None:
@@ -55,7 +50,7 @@ TIMESTEP = Definition(
             COLLISIONS, "WHEN", "at_contact (default) or late", default="at_contact", unrecorded="late"
         ),
     },
-    model=_model,
+    model=lambda scenes, settings: "all disks, in time steps",
     refuse_unfit=_refuse_unfit,
     caution=forecast.few_collisions,
     forecast=_forecast,
