@@ -172,7 +172,7 @@ def _refuse_unlike(file: TrajectoryFile, runs: RunBlock, first: TrajectoryFile, 
 
 def select(runs: RunBlock, rows: np.ndarray) -> RunBlock:
     """Return the runs at `rows`: indices, or a mask (n,)."""
-    tracer = runs.tracer and Track(*(None if values is None else values[:, rows] for values in runs.tracer))
+    tracer = runs.tracer and runs.tracer.of(rows)
     return RunBlock(runs.seeds[rows], tracer, {name: values[rows] for name, values in runs.observables.items()})
 
 

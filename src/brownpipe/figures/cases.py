@@ -12,6 +12,8 @@ import numpy as np
 from brownpipe.errors import FigureError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from xarray import DataArray, Dataset
 
 NOTE_PARTICLES = 150  # of the 2020 note
@@ -42,26 +44,23 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
     A scene that lacks the requested count is left out.
     """
     selected = []
-    for in_scene in by_scene(cases).values():
+    for in_scene in _grouped(cases, lambda case: case.scene.item()).values():
         counts = [int(case.particles) for case in in_scene]
         count = particles or (NOTE_PARTICLES if NOTE_PARTICLES in counts else max(counts))
         selected += [case for case in in_scene if case.particles == count]
     return selected
 
 
-def by_scene(cases: list[Dataset]) -> dict[str, list[Dataset]]:
-    """Group the cases by the name of their scene; scenes and cases keep their order."""
-    groups: dict[str, list[Dataset]] = {}
-    for case in cases:
-        groups.setdefault(case.scene.item(), []).append(case)
-    return groups
-
-
 def by_series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
     """Group the cases that differ in particle count alone, under the name of their scene and engine."""
+    return _grouped(cases, lambda case: case.scene.item() + _engine_suffix(case))
+
+
+def _grouped(cases: list[Dataset], name: Callable[[Dataset], str]) -> dict[str, list[Dataset]]:
+    """Group the cases by name; names and cases keep their order."""
     groups: dict[str, list[Dataset]] = {}
     for case in cases:
-        groups.setdefault(case.scene.item() + _engine_suffix(case), []).append(case)
+        groups.setdefault(name(case), []).append(case)
     return groups
 
 

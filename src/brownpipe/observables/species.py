@@ -46,8 +46,7 @@ def tracer_tracks(scene: Scene, run: Run, average: str) -> Track:
     """Return the track of the tracer, M = 1; for an average over `disks` the tracks of all disks equal to it."""
     if average != "disks":
         return run.tracer
-    disks = equal_disks(scene)
-    return Track(*(None if values is None else values[:, disks] for values in run.whole))
+    return run.whole.of(equal_disks(scene))
 
 
 def bath_disks(scene: Scene) -> np.ndarray:

@@ -12,6 +12,10 @@ class Track(NamedTuple):
     velocity: np.ndarray | None = None  # (T, M, 2) [length/time]
     image: np.ndarray | None = None  # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
 
+    def of(self, disks: np.ndarray | slice | int) -> "Track":
+        """Return the tracks of some of the disks: indices or a mask (M,), a slice, or one index."""
+        return Track(*(None if values is None else values[:, disks] for values in self))
+
 
 class Run(Protocol):
     """One run, as in `engines.batch.RunResult`."""

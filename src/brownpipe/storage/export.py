@@ -76,7 +76,7 @@ def _tables(trajectories: Trajectories, path: str, seed: int | None) -> dict[int
     if seed is not None and seed not in seeds:
         raise RequestError(f"{path}: seed {seed} is not in it; its runs have the seeds {seed_text(seeds)}")
     chosen = range(len(seeds)) if seed is None else np.flatnonzero(seeds == seed)
-    return {int(seeds[s]): Track(*(v if v is None else v[:, s : s + 1] for v in tracer)) for s in chosen}
+    return {int(seeds[s]): tracer.of(slice(s, s + 1)) for s in chosen}
 
 
 # -- formats --------------------------------------------------------------------------------------------------------

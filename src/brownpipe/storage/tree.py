@@ -135,8 +135,7 @@ def _log(events: dict[int, Events]) -> Columns:
 def _whole(dataset: "Dataset", seeds: list[int]) -> dict[int, Track]:
     """Return the tracks of all disks by seed."""
     track = _track(dataset, DISK_DIMS)
-    parts = [[None if values is None else values[:, k] for values in track] for k in range(len(seeds))]
-    return {seed: Track(*part) for seed, part in zip(seeds, parts, strict=True)}
+    return {seed: track.of(k) for k, seed in enumerate(seeds)}
 
 
 def _events(dataset: "Dataset", seeds: list[int]) -> dict[int, Events]:

@@ -52,7 +52,7 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     """
     arrays = {"done": np.array(finished)}
     if ensemble.tracer is not None:
-        arrays |= _named("tracer", Track(*(_first_columns(values, finished) for values in ensemble.tracer)))
+        arrays |= _named("tracer", ensemble.tracer.of(slice(finished)))
     if finished:
         fields = [(name, values.dtype, values.shape[1:]) for name, values in ensemble.observables.items()]
         arrays["observables"] = np.empty(finished, fields)  # one table, which keeps the order of the observables
@@ -95,10 +95,6 @@ def _run_state(arrays: dict[str, np.ndarray]) -> RunState:
         samples={name: arrays[f"run.samples.{name}"] for name in SAMPLES},
         events=_record(Events, arrays, "run.events") if "run.events.time" in arrays else None,
     )
-
-
-def _first_columns(values: np.ndarray | None, columns: int) -> np.ndarray | None:
-    return None if values is None else values[:, :columns]
 
 
 def _named(group: str, record: NamedTuple) -> dict[str, np.ndarray]:
