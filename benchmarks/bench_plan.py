@@ -36,7 +36,7 @@ def main():
     for scene, tolerance in QUICK if quick else SCENES:
         with tempfile.TemporaryDirectory() as folder:
             words = [sys.executable, "-m", "brownpipe", "simulate", f"{ROOT}/config/scenes/{scene}.yaml"]
-            subprocess.run([*words, "--output", f"{folder}/first.h5.none"], check=True)  # compiles, if need be
+            subprocess.run([*words, "--output", f"{folder}/first/run.h5"], check=True)  # compiles, if need be
             print(row(scene, tolerance, Path(folder)), flush=True)
 
 

@@ -232,12 +232,14 @@ def test_several_rules_at_once(monkeypatch, clock, notes):
     assert last_line(screen) == "aggregate: 7,200 of 19,200 runs, 3 s, about 5 s to go; tradeoff: 5 s"
 
 
-def test_the_folder_of_notes_is_there_while_a_study_is_running(monkeypatch):
+def test_the_folder_of_notes_is_there_before_a_study_is_running_and_until_its_end(monkeypatch):
+    """Messages come in a thread of their own, in which the environment must not change."""
     monkeypatch.delenv(NOTES)
     handler, _ = display(monkeypatch)
-    start(handler)
     folder = Path(os.environ[NOTES])
     assert folder.is_dir()
+    start(handler)
+    assert os.environ[NOTES] == str(folder)
     handler.close()
     assert not folder.exists() and NOTES not in os.environ
 

@@ -86,6 +86,11 @@ class LogHandler(LogHandlerBase):
         self.running: dict[int, RunningJob] = {}  # by Snakemake's number of the job
         self.started = self.last_line = time.monotonic()
         self.notes: tempfile.TemporaryDirectory | None = None
+        if not self.verbatim and NOTES not in os.environ:
+            # Here and not in `start`: that is called in a thread of its own, while Snakemake may be starting a program
+            # (its scheduler's solver), which fails with "Bad address" if the environment changes at that moment.
+            self.notes = tempfile.TemporaryDirectory(prefix="brownpipe-progress-")
+            os.environ[NOTES] = self.notes.name
         self.remarks: set[str] = set()  # shown before
         self.shown_rules: set[str] = set()  # rules that had a line of progress, if the output is no terminal
         self.failures: list[str] = []  # explanations, shown at the end
@@ -124,9 +129,6 @@ class LogHandler(LogHandlerBase):
         self.planned = Counter({rule: count for rule, count in stats.items() if rule != "total"})
         self.started = self.last_line = time.monotonic()
         self.pace = Pace()
-        if NOTES not in os.environ:
-            self.notes = tempfile.TemporaryDirectory(prefix="brownpipe-progress-")
-            os.environ[NOTES] = self.notes.name
         threading.Thread(target=self.watch, daemon=True).start()
 
     def watch(self) -> None:

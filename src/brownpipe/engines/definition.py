@@ -1,7 +1,7 @@
 """What is known of an engine before it runs: its settings, its model, the scenes it refuses, and the cost of a run."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from brownpipe.engines.forecast import Cost
 from brownpipe.scene import reading
@@ -21,7 +21,7 @@ class Setting(NamedTuple):
     words: tuple[str, ...] = ()  # those allowed, if it takes a word
 
 
-def one_of(words: tuple[str, ...], metavar: str, help: str, **more) -> Setting:
+def one_of(words: tuple[str, ...], metavar: str, help: str, **more: Any) -> Setting:
     """Return a setting whose value is one of the words."""
     return Setting(lambda entry: reading.choice(entry, words), metavar, help, words=words, **more)
 
