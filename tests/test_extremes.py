@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from brownpipe.engines.exact import recording
+from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact.layout import begin
 from brownpipe.engines.exact.run import prepare_scene
 from brownpipe.engines.exact.simulation import simulate
@@ -246,6 +247,15 @@ def test_disks_that_touch_all_round_end_with_an_error():
     messages = done.stdout.splitlines()
     assert len(messages) == 2
     assert all("seed 7" in message and "no progress at t = " in message for message in messages)
+
+
+def test_calls_with_fewer_events_than_disks_are_no_standstill(monkeypatch):
+    """At the start of a block every disk is predicted at the same time: of millions of disks, for whole calls of the
+    kernel. Here a call has few events instead."""
+    scene = crystal(6, 0.01, 1.0)
+    whole = simulate(scene, [7])
+    monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", scene.particles // 3)
+    np.testing.assert_array_equal(simulate(scene, [7]).tracer.position, whole.tracer.position)
 
 
 # -- masses, speeds, times ------------------------------------------------------------------------------------------

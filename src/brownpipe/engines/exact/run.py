@@ -143,13 +143,15 @@ def _to_last_sample(
 ) -> Generator[RunState, None, bool]:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
     scene, frame = prepared.scene, prepared.frame
+    before, events = _block_and_time(w), 0
     while True:
         w.progress[ws.STOP] = due()
-        before = _block_and_time(w)
         outcome = advance(w, recorder, EVENTS_PER_CALL)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
-            events = EVENTS_PER_CALL if outcome == ws.PAUSED else len(recorder.log_time)
-            _refuse_standstill(w, frame, before, events)
+            events += EVENTS_PER_CALL if outcome == ws.PAUSED else len(recorder.log_time)
+            if events >= max(EVENTS_PER_CALL, 2 * scene.particles):
+                _refuse_standstill(w, frame, before, events)
+                before, events = _block_and_time(w), 0
             stages.within(_fraction(scene, frame, w, start.equilibrating))
         if len(recorder.log_time):
             logs.append(logged(recorder, w, frame))
@@ -205,7 +207,10 @@ def _fraction(scene: Scene, frame: Frame, w: ws.Workspace, equilibrating: bool) 
 
 
 def _refuse_standstill(w: ws.Workspace, frame: Frame, before: tuple[int, float], events: int) -> None:
-    """Raise RunError if at least `events` events since `before` took less time than round-off resolves."""
+    """Raise RunError if at least `events` events since `before` took less time than round-off resolves.
+
+    At the start of a block each disk has one event, its prediction, at the same time: `events` must be twice as many.
+    """
     block, time = _block_and_time(w)
     elapsed = (block - before[0]) * w.calendar.block + (time - before[1])
     if elapsed * len(frame.order) < SHORTEST_PATH * events:
