@@ -11,6 +11,7 @@ import yaml
 
 import brownpipe as bp
 from brownpipe.cli import main
+from brownpipe.engines.exact import recording
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
 from brownpipe.figures.render import render
 
@@ -73,18 +74,23 @@ def test_a_tree_has_names_units_and_meanings(runs):
     np.testing.assert_allclose(squares.transpose("seed", "time"), runs.square_displacement, rtol=1e-12, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("engine", "settings"), [("timestep", {"time_step": np.float32(2**-6)}), ("langevin", {"friction": "enskog"})]
-)
-def test_engines_take_their_settings_as_arguments(engine, settings):
-    runs = bp.simulate(SCENE, [3, 5], particles=5, engine=engine, quiet=True, **settings)
-    assert runs.attrs["engine"] == engine
-    assert list(runs.seed.values) == [3, 5]
+def test_engines_take_their_settings_as_arguments():
+    runs = bp.simulate(SCENE, [3, 5], particles=20, engine="timestep", time_step=np.float32(2**-6), quiet=True)
+    assert (runs.attrs["engine"], list(runs.seed.values)) == ("timestep", [3, 5])
+    with pytest.warns(UserWarning, match="langevin is rough here"):
+        runs = bp.simulate(SCENE, 2, engine="langevin", friction="enskog", quiet=True)
+    assert runs.attrs["settings"] == '{"friction": "enskog"}'
+
+
+def test_runs_that_failed_are_named(monkeypatch):
+    monkeypatch.setattr(recording, "HEALTH_BOUND", 1e-30)
+    with pytest.warns(UserWarning, match="^harrison2020: failed their health check: 2 of 2 runs: 0-1; analyse leaves"):
+        bp.simulate(SCENE, 2, particles=20, quiet=True)
 
 
 @pytest.mark.parametrize("seeds", ["0-2", [2, 0, 1], range(3), np.arange(3), np.int64(3), {0, 1, 2}])
 def test_seeds_in_every_form(seeds):
-    assert list(bp.simulate(SCENE, seeds, particles=2, quiet=True).seed.values) == [0, 1, 2]
+    assert list(bp.simulate(SCENE, seeds, particles=20, quiet=True).seed.values) == [0, 1, 2]
 
 
 def test_a_scene_from_numbers_is_that_of_the_file():

@@ -6,6 +6,7 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 `brownpipe.errors`, a ValueError of one line that names the argument, before anything is computed.
 """
 
+import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -99,7 +100,8 @@ def simulate(
     position and velocity (time, seed, disk, component) of all disks; with `record="events"`, `events` the
     collisions (event) of all runs. Unwrapped positions in a periodic box are position + image * (width, height).
 
-    Raises RequestError for what `brownpipe simulate` refuses, RunError if a run cannot continue.
+    Raises RequestError for what `brownpipe simulate` refuses, RunError if a run cannot continue. Warns of runs that
+    failed their health check, and of an engine that is rough in this scene.
     """
     if not isinstance(scene, SceneRecord):
         scene = read_scene(scene, _plain(particles))
@@ -112,8 +114,14 @@ def simulate(
     refuse_unfit(scene, names, average)
     chosen.refuse_unfit(scene, recorded)
     forecast.refuse_too_large(scene, len(numbers), chosen.forecast(scene, recorded, names, average))
+    if remark := chosen.definition.caution(scene):
+        warnings.warn(remark, stacklevel=2)
     with progress.shown("simulate", silent=quiet):
         ensemble = chosen.simulate(scene, numbers, recorded, observables=names, average=average)
+    failed = ensemble.seeds[ensemble.observables["failed"] > 0]
+    if len(failed):
+        these = f"failed their health check: {len(failed)} of {len(numbers)} runs: {seed_text(failed)}"
+        warnings.warn(f"{scene.name}: {these}; analyse leaves them out", stacklevel=2)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(simulation_of(chosen.name))))
 
 
