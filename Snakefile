@@ -35,15 +35,26 @@ engines = {
 report: "workflow/report/study.rst"
 
 
-# This rule has no output and so always runs: the summary is the last thing on the screen, even if all is up to date.
+include: "workflow/rules/simulate.smk"
+include: "workflow/rules/aggregate.smk"
+include: "workflow/rules/figures.smk"
+include: "workflow/rules/tradeoff.smk"
+
+
+# Everything that a study promises: what was deleted is made again. This rule has no output and so always runs: the
+# summary is the last thing on the screen, even if all is up to date.
 rule all:
     default_target: True
     input:
-        f"{results}/figures/summary.txt",
+        rules.figures.output,
+        rules.aggregate.output,
+        rules.aggregate.input,
+        summary=rules.figures.output.summary,
     params:
         report=os.environ.get("REPORT_COMMAND", "the same command with --report report.html"),
     shell:
-        "cat {input:q} && echo figures and tables: $(dirname {input:q}) && echo all on one page: {params.report:q}"
+        "cat {input.summary:q} && echo figures and tables: $(dirname {input.summary:q})"
+        " && echo all on one page: {params.report:q}"
 
 
 onstart:
@@ -53,9 +64,3 @@ onstart:
     runs = sum(int(seeds.last) - int(seeds.first) + 1 for seeds in to_do)
     workload = f"brownpipe: the study {study.name}: {describe_workload(study)}"
     logger.info(workload, extra={"forecast": True, "runs": runs})
-
-
-include: "workflow/rules/simulate.smk"
-include: "workflow/rules/aggregate.smk"
-include: "workflow/rules/figures.smk"
-include: "workflow/rules/tradeoff.smk"

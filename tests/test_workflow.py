@@ -268,6 +268,21 @@ def test_a_change_runs_what_depends_on_it_and_nothing_else(study, file, old, new
 
 
 @pytest.mark.parametrize(
+    ("deleted", "jobs"),
+    [
+        ("simulate/*/*/*/0-9.h5", {"simulate": 4, "aggregate": 1, "figures": 1}),
+        ("aggregate/study.nc", ANALYSIS),
+        ("figures/health.svg", FIGURES),
+        ("figures/summary.csv", FIGURES),
+    ],
+)
+def test_what_was_deleted_is_made_again(study, deleted, jobs):
+    for file in (study / "results" / "study").glob(deleted):
+        file.unlink()
+    assert planned(study) == jobs
+
+
+@pytest.mark.parametrize(
     ("source", "jobs"),
     [
         ("engines/exact/events.py", ALL),
