@@ -41,8 +41,9 @@ include: "workflow/rules/figures.smk"
 include: "workflow/rules/tradeoff.smk"
 
 
-# Everything that a study promises: what was deleted is made again. This rule has no output and so always runs: the
-# summary is the last thing on the screen, even if all is up to date.
+# All files of a study are inputs here, so that what a failed job left missing, or somebody deleted, is made again:
+# Snakemake takes results for up to date if a file that they were made from is missing. This rule has no output and so
+# always runs: the summary is the last thing on the screen.
 rule all:
     default_target: True
     input:
