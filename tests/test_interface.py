@@ -74,6 +74,15 @@ def test_a_tree_has_names_units_and_meanings(runs):
     np.testing.assert_allclose(squares.transpose("seed", "time"), runs.square_displacement, rtol=1e-12, atol=1e-15)
 
 
+def test_velocities_of_all_disks_and_their_histograms_stand_side_by_side(tmp_path):
+    runs = bp.simulate(SCENE, 3, particles=20, record=["all"], observables=["velocity_distribution"], quiet=True)
+    assert runs.disks.velocity.dims == ("time", "seed", "disk", "component")
+    assert runs.velocity_counts.dims == ("seed", "species", "velocity_bin")
+    bp.save(runs, tmp_path / "runs.h5")
+    assert bp.open(tmp_path / "runs.h5").identical(runs)
+    assert bp.analyse(runs).identical(bp.analyse(tmp_path / "runs.h5"))
+
+
 def test_engines_take_their_settings_as_arguments():
     runs = bp.simulate(SCENE, [3, 5], particles=20, engine="timestep", time_step=np.float32(2**-6), quiet=True)
     assert (runs.attrs["engine"], list(runs.seed.values)) == ("timestep", [3, 5])

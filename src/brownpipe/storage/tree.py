@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 TRACER_DIMS = ("time", "seed", "component")
 DISK_DIMS = ("time", "seed", "disk", "component")
+BIN = {"velocity": "velocity_bin", "speed": "speed_bin"}  # dimensions of histograms; groups have variables `velocity`
 LOG = {"event_time": "time", "a": "a", "b": "b", "impulse": "impulse"}  # variable: field of Events
 
 Columns = dict[str, tuple[tuple[str, ...], np.ndarray]]  # name: (dimensions, values)
@@ -47,9 +48,9 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
         "source_digest": source,
     }
     columns = {name: (("seed", *_dims(name)), values) for name, values in ensemble.observables.items()}
-    scales = {dim: along for name in columns if name in ARRAYS for dim, along in axes(scene, name).items()}
-    scales |= {"time": ensemble.times, "seed": ensemble.seeds, "component": ["x", "y"]}
-    root = _scales(scales) | _described(_motion(TRACER_DIMS, ensemble.tracer) | columns)
+    along = {dim: values for name in columns if name in ARRAYS for dim, values in axes(scene, name).items()}
+    along |= {"time": ensemble.times, "seed": ensemble.seeds, "component": ["x", "y"]}
+    root = _scales(along) | _described(_motion(TRACER_DIMS, ensemble.tracer) | columns)
     nodes = {"/": xarray.Dataset(root, attrs=attributes)}
     if ensemble.whole:
         tracks = zip(*(ensemble.whole[seed] for seed in ensemble.seeds.tolist()), strict=True)
@@ -93,12 +94,13 @@ def from_tree(tree: "DataTree") -> Trajectories:
 
 def _dims(name: str) -> tuple[str, ...]:
     """Return the dimensions of an observable of one run."""
-    return ARRAYS[name].dims if name in ARRAYS else ()
+    return tuple(BIN.get(dim, dim) for dim in ARRAYS[name].dims) if name in ARRAYS else ()
 
 
 def _scales(scales: dict) -> "dict[str, Variable]":
     """Return coordinates along dimensions of their names."""
-    return _described({dim: ((dim,), np.asarray(values)) for dim, values in scales.items()})
+    described = _described({dim: ((BIN.get(dim, dim),), np.asarray(values)) for dim, values in scales.items()})
+    return {BIN.get(dim, dim): variable for dim, variable in described.items()}
 
 
 def _described(values: Columns) -> "dict[str, Variable]":
