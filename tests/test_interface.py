@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,11 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, 2.5), "seeds: must be"),
         (lambda: bp.simulate(SCENE, engine="exakt"), "engine: 'exakt' is unknown; did you mean exact"),
         (lambda: bp.simulate(SCENE, time_step=0.1), "time_step 0.1: the exact engine has no such setting"),
+        (lambda: bp.simulate(SCENE, recrod="all"), "recrod all: no engine has such a setting; exact has no settings"),
+        (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt 1: no engine has such a setting; timestep has time_"),
+        (lambda: bp.simulate(KEYS), "scene: must be a scene or the path of a scene file, not {"),
+        (lambda: bp.simulate(SCENE, record=None), "record: must be a name or a list of names, not None"),
+        (lambda: bp.simulate(SCENE, observables=3), "observables: must be a name or a list of names, not 3"),
         (lambda: bp.simulate(SCENE, engine="timestep"), "time_step: missing; must be given with engine timestep"),
         (lambda: bp.simulate(SCENE, engine="timestep", time_step=0), "time_step: must be"),
         (lambda: bp.simulate(SCENE, record="everything"), "record everything: must be one or several of tracer"),
@@ -154,6 +160,8 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
         bp.plot(result, "mds")
     with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):
         bp.plot(result, "velocity_autocorrelation")
+    with pytest.raises(FigureError, match="result: has no dimension scene; plot it before squeeze or sel"):
+        bp.plot(result.squeeze())
     with pytest.raises(FigureError, match="particles: 7 is not in the dataset"):
         bp.plot(result, particles=7)
 
@@ -172,7 +180,8 @@ def test_importing_it_takes_no_time_and_lists_its_names():
     code = "import brownpipe, sys; print(*dir(brownpipe)); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     names, modules = done.stdout.splitlines()
-    assert set(bp.__all__) <= set(names.split())
+    assert {name for name in names.split() if not name.startswith("_")} == set(bp.__all__)
     assert not {"numpy", "numba", "xarray", "h5py", "matplotlib"} & set(modules.split())
+    assert bp.__version__ == version("brownpipe")
     with pytest.raises(AttributeError, match="no attribute 'simulat'"):
         _ = bp.simulat

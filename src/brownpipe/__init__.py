@@ -17,6 +17,10 @@ __all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "simulate"]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
     if name not in __all__:
         raise AttributeError(f"module 'brownpipe' has no attribute {name!r}")
     from importlib import import_module
@@ -25,4 +29,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*(name for name in globals() if name.startswith("_")), "__version__", *__all__})

@@ -6,6 +6,7 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 `brownpipe.errors`, a ValueError of one line that names the argument, before anything is computed.
 """
 
+import reprlib
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
@@ -75,7 +76,7 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
 
 def simulate(
     scene: SceneRecord | str | Path,
-    seeds: int | str | Iterable[int] = 1,
+    seeds: int | str | Collection[int] = 1,
     *,
     particles: int | None = None,
     engine: str = "exact",
@@ -90,7 +91,7 @@ def simulate(
     scene: a scene, or the path of a scene file.
     seeds: how many (seeds 0, 1, ...), or which: "17", "0-2399", a list or an array.
     particles: number of disks instead of that of the scene file.
-    engine, settings: "exact", "timestep" (time_step=...) or "langevin" (time_step=..., friction=...), as in studies.
+    engine, settings: "exact", "timestep" (time_step=...) or "langevin" (friction=...), as in studies.
     record: "tracer", "all", "events", "none", or several of them.
     observables, average: measured in each run, and over what displacements are averaged within it.
     quiet: no progress on stderr.
@@ -103,12 +104,15 @@ def simulate(
     Raises RequestError for what `brownpipe simulate` refuses, RunError if a run cannot continue. Warns of runs that
     failed their health check, and of an engine that is rough in this scene.
     """
+    if not isinstance(scene, SceneRecord | str | Path):
+        raise RequestError(f"scene: must be a scene or the path of a scene file, not {reprlib.repr(scene)}")
     if not isinstance(scene, SceneRecord):
         scene = read_scene(scene, _plain(particles))
     elif particles is not None:
         raise RequestError("particles: must not be given with a scene, which has its number of disks")
     chosen = requested(engine, {key: _plain(value) for key, value in settings.items()}, str)
-    recorded, names = read_record(_words(record), "record"), tuple(filter(None, _words(observables).split(",")))
+    recorded = read_record(_words("record", record), "record")
+    names = tuple(filter(None, _words("observables", observables).split(",")))
     numbers = _seeds(seeds)
     refuse_repetition([scene], numbers)
     refuse_unfit(scene, names, average)
@@ -128,7 +132,7 @@ def simulate(
 def analyse(
     runs: DataTree | str | Path | Sequence[DataTree | str | Path],
     *,
-    fit_windows: Sequence[tuple[float, float]] | None = None,
+    fit_windows: Sequence[Sequence[float]] | None = None,
     rings: Mapping | None = None,
     displacement_times: Sequence[float] = (),
 ) -> Dataset:
@@ -165,6 +169,9 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
     reading.choice(Entry(figure, "", ("figure",)), tuple(FIGURES))
     if not _is_analysis(result):
         raise FigureError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
+    for dim in ("scene", "particles", "engine"):
+        if dim not in result.dims:
+            raise FigureError(f"result: has no dimension {dim}; plot it before squeeze or sel, which remove it")
     drawn = draw(result, figure, _plain(particles))
     drawn._repr_png_ = partial(png_bytes, drawn)  # type: ignore[attr-defined]  # by which notebooks show an object
     return drawn
@@ -217,8 +224,10 @@ def _window(entry: Entry) -> tuple[float, float]:
     return (start, end) if start < end else must_be(entry, "two times [t0, t1] with t0 < t1")
 
 
-def _words(value: Any) -> str:
+def _words(name: str, value: Any) -> str:
     """Return names as one text with commas."""
+    if not isinstance(value, Iterable):
+        raise RequestError(f"{name}: must be a name or a list of names, not {value!r}")
     return value if isinstance(value, str) else ",".join(map(str, value))
 
 

@@ -142,8 +142,12 @@ def requested(name: str, values: dict[str, object], option: Callable[[str], str]
     settings = definition.settings
     defaults = _defaults(definition)
     for key in values.keys() - settings.keys():
-        owners = " or ".join(other.name for other in DEFINITIONS.values() if key in other.settings)
-        raise RequestError(f"{option(key)} {values[key]}: the {name} engine has no such setting; must go with {owners}")
+        owners = [other.name for other in DEFINITIONS.values() if key in other.settings]
+        if not owners:
+            own = ", ".join(map(option, settings)) or "no settings"
+            raise RequestError(f"{option(key)} {values[key]}: no engine has such a setting; {name} has {own}")
+        wrong = f"the {name} engine has no such setting; must go with {' or '.join(owners)}"
+        raise RequestError(f"{option(key)} {values[key]}: {wrong}")
     for key in settings.keys() - values.keys() - defaults.keys():
         raise RequestError(f"{option(key)}: missing; must be given with {option('engine')} {name}")
     entries = {key: Entry(value, "", (option(key),)) for key, value in (defaults | values).items()}
