@@ -107,6 +107,10 @@ def refused(capsys, *options):
 # -- what the files contain -----------------------------------------------------------------------------------------
 
 
+def test_whoever_may_read_the_xyz_may_read_the_gsd(fluid):
+    assert fluid.with_suffix(".gsd").stat().st_mode == fluid.with_suffix(".xyz").stat().st_mode
+
+
 def test_gsd_has_the_run_in_single_precision(fluid):
     scene, times, track = run_in(fluid, 5)
     edges, centre = edges_of(scene), np.array([7.0, 8.0])

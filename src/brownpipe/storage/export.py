@@ -104,6 +104,7 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) 
     edges = np.array([box.width, box.height])
     _refuse_if_not_single([edges, scene.radius, scene.mass], track.velocity)
     diameter, mass = (2 * scene.radius).astype(np.float32), scene.mass.astype(np.float32)
+    path.touch()  # with the usual permissions; gsd creates files that others cannot read
     file = gsd.fl.open(path, "w", application="brownpipe", schema="hoomd", schema_version=GSD_SCHEMA)
     with gsd.hoomd.HOOMDTrajectory(file) as trajectory:
         for k, time in enumerate(times):
