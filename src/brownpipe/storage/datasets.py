@@ -46,7 +46,7 @@ def read_dataset(path: str | Path) -> "xarray.Dataset":
     except WrongFileError as error:
         raise WrongFileError(f"{path}: {error}") from error
     except StorageError as error:
-        raise StorageError(f"{path}: {error}; delete it and rerun snakemake, or rerun brownpipe aggregate") from error
+        raise StorageError(f"{path}: {error}; delete it and run the study or brownpipe aggregate again") from error
 
 
 def _to_bytes(dataset: "xarray.Dataset") -> bytes:

@@ -399,6 +399,6 @@ def _remedy(path: str | Path) -> str:
     except OSError:
         return "check that it is there and can be read"
     if match is None:
-        return "if brownpipe wrote it, delete it and rerun snakemake or brownpipe simulate"
+        return "if brownpipe wrote it, delete it and run the study or brownpipe simulate again"
     command, seeds = (text.decode(errors="replace") for text in match.groups())
-    return f"seeds {seeds} are lost: delete it and rerun snakemake, or rerun {command} --output {path}"
+    return f"seeds {seeds} are lost: delete it and run the study again, or {command} --output {path}"
