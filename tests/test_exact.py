@@ -382,7 +382,7 @@ def starts(monkeypatch):
 def test_a_run_that_needs_more_room_leaves_no_trace_in_those_after_it(monkeypatch, starts):
     """In a batch the workspace is handed on; one run in which a cell or a list is too small must not tell."""
     squares = layout._squares
-    monkeypatch.setattr(layout, "_squares", lambda *given: (1.3 * squares(*given)[0], None))
+    monkeypatch.setattr(layout, "_squares", lambda *given: (2.55 * squares(*given)[0], True))
     scene = binary()
     batch = simulate(scene, range(8, 13))
     assert 5 < starts[0] < 10  # some had too little room
