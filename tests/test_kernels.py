@@ -204,45 +204,6 @@ def test_ctrl_c_ends_the_compiling_of_an_engine(tmp_path):
     assert not [path for path in tmp_path.rglob("*") if path.suffix in (".nbi", ".nbc") or "tmp" in path.suffix]
 
 
-EVERY_KERNEL = """
-import sys
-from collections import Counter
-from numba.core import event
-from brownpipe.engines import kernels
-from brownpipe.engines.exact import run as exact
-from brownpipe.scene import read_scene
-
-class Listener(event.Listener):
-    def on_start(self, each):
-        function = each.data["dispatcher"].py_func
-        if function.__module__.startswith("brownpipe"):
-            times[f"{function.__module__}.{function.__qualname__}"] += 1
-    def on_end(self, _):
-        pass
-
-times = Counter()
-kernels.on_compile.append(print)
-with event.install_listener("numba:compile", Listener()):
-    exact.prepare_scene(read_scene(sys.argv[1]))
-print(len(times), "kernels;", "more than once:", sorted(name for name in times if times[name] > 1))
-"""
-
-
-@pytest.mark.slow
-def test_every_kernel_is_compiled_once_and_only_the_first_time(tmp_path):
-    """Not once for disks that are int64 and once for uint32; and a second process finds the machine code."""
-    command = [sys.executable, "-c", EVERY_KERNEL, str(NOTE)]
-    settings = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    first, second = (
-        subprocess.run(command, env=settings, capture_output=True, text=True, check=True, timeout=300).stdout
-        for _ in range(2)
-    )
-    told, counted = first.splitlines()
-    assert told == "compiling the kernels for this kind of scene, once per machine: about 8 s"
-    assert int(counted.split()[0]) > 60 and counted.endswith("more than once: []")
-    assert second == "0 kernels; more than once: []\n"
-
-
 PLACED = """
 import sys
 from brownpipe.engines import inlining

@@ -5,6 +5,7 @@ import sys
 import sysconfig
 import tarfile
 import zipfile
+from importlib.metadata import Distribution
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,15 +41,31 @@ def build(kind, source, target):
     return file
 
 
+def install(wheel, packages, programs):
+    """Install a wheel of Python files alone as pip does: unpacked, with a program for each of its entry points.
+
+    pip would first have to be installed in the new environment, which takes 3 s of CPU.
+    """
+    with zipfile.ZipFile(wheel) as files:
+        assert not [name for name in files.namelist() if ".data/" in name]
+        files.extractall(packages)
+    (information,) = packages.glob("brownpipe-*.dist-info")
+    for script in Distribution.at(information).entry_points.select(group="console_scripts"):
+        program = programs / script.name
+        call = f"import sys\nfrom {script.module} import {script.attr}\nsys.exit({script.attr}())\n"
+        program.write_text(f"#!{programs / 'python'}\n{call}")
+        program.chmod(0o755)
+
+
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory):
     """The wheel in an environment of its own, which shares the other packages with that of the tests."""
     folder = tmp_path_factory.mktemp("wheel")
     wheel, sdist = build("wheel", ROOT, folder / "wheel"), build("sdist", ROOT, folder / "sdist")
     own = folder / "environment"
-    run(sys.executable, "-m", "venv", own, cwd=folder)
-    run(own / "bin" / "pip", "install", "--no-deps", "--no-index", "--no-compile", wheel, cwd=folder)
+    run(sys.executable, "-m", "venv", "--without-pip", own, cwd=folder)
     (packages,) = own.glob("lib/python*/site-packages")
+    install(wheel, packages, own / "bin")
     shared = [path for path in sys.path if path.endswith("site-packages")] or [sysconfig.get_path("purelib")]
     (packages / "others.pth").write_text("\n".join(shared) + "\n")
     (folder / "my work").mkdir()
@@ -56,24 +73,68 @@ def installed(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def finished(installed):
-    """What is printed by `brownpipe new` and `brownpipe run` for a first study, here with fewer runs and one figure."""
-    new = run(installed.bin / "brownpipe", "new", "first", cwd=installed.folder)
+def new(installed):
+    """What is printed by `brownpipe new`, which writes a first scene and study."""
+    return run(installed.bin / "brownpipe", "new", "first", cwd=installed.folder)
+
+
+EVERY_KERNEL = """
+import sys
+from collections import Counter
+from numba.core import event
+from brownpipe.engines import kernels
+from brownpipe.engines.exact import run as exact
+from brownpipe.scene import read_scene
+
+class Listener(event.Listener):
+    def on_start(self, each):
+        function = each.data["dispatcher"].py_func
+        if function.__module__.startswith("brownpipe"):
+            times[f"{function.__module__}.{function.__qualname__}"] += 1
+    def on_end(self, _):
+        pass
+
+times = Counter()
+kernels.on_compile.append(print)
+with event.install_listener("numba:compile", Listener()):
+    exact.prepare_scene(read_scene(sys.argv[1]))
+print(len(times), "kernels;", "more than once:", sorted(name for name in times if times[name] > 1))
+"""
+
+
+@pytest.fixture(scope="session")
+def compiled(installed, new):
+    """What a process and another one after it print of the kernels that they compile for the first scene."""
+    command = installed.bin / "python", "-c", EVERY_KERNEL, "first_scene.yaml"
+    return [run(*command, cwd=installed.folder) for _ in range(2)]
+
+
+@pytest.fixture(scope="session")
+def finished(installed, new, compiled):
+    """What is printed by `brownpipe run` for a first study, here with fewer runs and one figure."""
     study = installed.folder / "first.yaml"
     text = study.read_text()
     for old, other in SMALLER.items():
         assert old in text
         text = text.replace(old, other)
     study.write_text(text)
-    return new, run(installed.bin / "brownpipe", "run", "first.yaml", "-j2", cwd=installed.folder)
+    return run(installed.bin / "brownpipe", "run", "first.yaml", "-j2", cwd=installed.folder)
 
 
-def test_a_first_study_comes_to_its_figures(installed, finished):
-    new, printed = finished
+def test_every_kernel_is_compiled_once_and_only_the_first_time(compiled):
+    """Not once for disks that are int64 and once for uint32; and a second process finds the machine code."""
+    first, second = compiled
+    told, counted = first.splitlines()
+    assert told == "compiling the kernels for this kind of scene, once per machine: about 8 s"
+    assert int(counted.split()[0]) > 60 and counted.endswith("more than once: []")
+    assert second == "0 kernels; more than once: []\n"
+
+
+def test_a_first_study_comes_to_its_figures(installed, new, finished):
     figures = installed.folder / "results" / "first" / "figures"
     expected = {"msd.svg", "msd.png", "msd.csv", "summary.txt", "summary.csv"}
     assert {path.name for path in figures.iterdir()} == expected
-    assert printed.startswith((figures / "summary.txt").read_text())
+    assert finished.startswith((figures / "summary.txt").read_text())
     visible = {path.name for path in installed.folder.iterdir() if not path.name.startswith(".")}
     assert visible == {"first.yaml", "first_scene.yaml", "results"}
     readme = Path(new.rpartition("all keys: ")[2].strip())
@@ -82,7 +143,7 @@ def test_a_first_study_comes_to_its_figures(installed, finished):
 
 def test_the_command_for_the_report_works_as_printed_and_runs_nothing_again(installed, finished):
     made = {path: path.stat().st_mtime_ns for path in (installed.folder / "results").rglob("*.*")}
-    command = finished[1].rpartition("all on one page: ")[2]
+    command = finished.rpartition("all on one page: ")[2]
     assert run("bash", "-c", command, cwd=installed.folder).endswith("\nall on one page: report.html\n")
     assert "<svg" in (installed.folder / "report.html").read_text()
     assert {path: path.stat().st_mtime_ns for path in made} == made
