@@ -62,6 +62,16 @@ def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, run
     assert len(bp.open(folder / "second.h5").events.event_seed) == (runs.events.event_seed >= 25).sum()
 
 
+@pytest.mark.parametrize("part", [slice(50), slice(1, None), slice(0, None, 2)])
+def test_a_part_of_the_samples_is_not_taken_for_the_runs(runs, tmp_path, part):
+    """Rates refer to the whole duration, and displacements to the first sample."""
+    selected = runs.isel(time=part)
+    with pytest.raises(RequestError, match=r"a selection of its seeds \(\d+ of its 101 samples; select times from the"):
+        bp.analyse(selected)
+    with pytest.raises(RequestError, match="of its 101 samples"):
+        bp.save(selected, tmp_path / "part.h5")
+
+
 def test_a_tree_has_names_units_and_meanings(runs):
     assert runs.position.dims == ("time", "seed", "component")
     assert runs.disks.position.dims == ("time", "seed", "disk", "component")
@@ -143,6 +153,7 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.analyse("a.h5", displacement_times=[-1]), r"displacement_times\[0\]: must be a finite number > 0"),
         (lambda: bp.plot(xarray.Dataset()), "result: must be a dataset of brownpipe.analyse"),
         (lambda: bp.save("runs", "a.h5"), "data: must be"),
+        (lambda: bp.save(bp.simulate(SCENE, particles=2, quiet=True), "."), "is a folder; choose the name of a file"),
         (lambda: bp.save(xarray.Dataset(), "absent/a.h5/b.nc"), "data: must be"),
     ],
 )

@@ -53,6 +53,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     Raises StorageError as `write_file` does.
     """
     path = Path(path)
+    if not path.name:
+        raise StorageError(f"{path}: is a folder; choose the name of a file")
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -72,6 +72,9 @@ def from_tree(tree: "DataTree") -> Trajectories:
         attributes, root = tree.attrs, tree.to_dataset()
         scene = parse_scene(json.loads(attributes["scene"]), f"{attributes['scene_name']}.yaml")
         engine = recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
+        if root.sizes["time"] != len(scene.times):
+            samples = f"{root.sizes['time']} of its {len(scene.times)} samples"
+            raise ValueError(f"{samples}; select times from the analysis instead")
         seeds = root.seed.values.tolist()
         names = [str(name) for name in root.data_vars if name not in Track._fields]
         observables = {name: root[name].transpose("seed", *_dims(name)).values for name in names}
