@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -15,6 +16,8 @@ import pytest
 import yaml
 
 import forked
+from brownpipe.cli import main
+from brownpipe.errors import DONE
 from brownpipe.study import read_study
 
 ROOT = Path(__file__).parent.parent
@@ -92,6 +95,15 @@ def planned(folder, *arguments, **more):
     counts = re.findall(r"^(simulate|aggregate|figures) +(\d+)$", text.partition("Job stats:")[2], re.MULTILINE)
     assert counts or re.search(r"^all +1$", text, re.MULTILINE)  # nothing but to show the answer again
     return dict.fromkeys(("simulate", "aggregate", "figures"), 0) | {rule: int(count) for rule, count in counts}
+
+
+def run_here(folder, commands, patch):
+    """Run the commands of a dry run that write a file, in this process instead of one of its own for each."""
+    patch.chdir(folder)
+    shown = re.findall(r"^Shell command: brownpipe (.*? --output \S+\.(?:h5|nc).*?) 2?> ", commands, re.MULTILINE)
+    for words in map(shlex.split, shown):
+        assert main(words) == DONE
+    return len(shown)
 
 
 def contents(folder, *patterns):
@@ -215,10 +227,11 @@ def wait_for(condition, seconds=120):
         time.sleep(0.01)
 
 
-def test_batches_change_neither_trajectories_nor_results(finished, tmp_path):
+def test_batches_change_neither_trajectories_nor_results(finished, tmp_path, monkeypatch):
     """Figures and summary are made of the dataset alone, the same bytes of the same dataset."""
     folder = write_study(tmp_path / "study")
-    snakemake(folder, "--cores", "2", "--until", "aggregate", "--config", "batch=20")
+    commands = snakemake(folder, "--dry-run", "--until", "aggregate", "--config", "batch=20")
+    assert run_here(folder, commands, monkeypatch) == 4 + 1
     one, two = (contents(each, "*.nc") for each in (finished[0], folder))
     assert one == two and len(one) == 1
     of_figures = (ROOT / "workflow" / "rules" / "figures.smk").read_text().partition("    output:")[0]
@@ -327,27 +340,27 @@ def test_the_answer_is_printed_by_what_makes_it(study):
 
 @pytest.fixture(scope="module")
 def of_two_engines(tmp_path_factory):
-    """A study of one case by two engines in two batches, and what was printed meanwhile."""
+    """A study of one case by two engines, and what was printed meanwhile."""
     folder = write_study(tmp_path_factory.mktemp("two") / "study")
     engines = "engines: [exact, {name: langevin, friction: enskog}]\n"
-    (folder / "study.yaml").write_text(f"scenes: scenes/thermal.yaml\nseeds: 20\nbatch: 10\nfigures: [msd]\n{engines}")
+    (folder / "study.yaml").write_text(f"scenes: scenes/thermal.yaml\nseeds: 20\nfigures: [health]\n{engines}")
     return folder, snakemake(folder, "--cores", "1")
 
 
 def test_a_study_of_two_engines(of_two_engines):
     folder, printed = of_two_engines
     files = {str(file.relative_to(folder / "results/study/simulate")) for file in folder.rglob("*.h5")}
-    assert files == {f"thermal/N10/{label}/{n}.h5" for label in ("exact", "langevin-enskog") for n in ("0-9", "10-19")}
+    assert files == {f"thermal/N10/{label}/0-19.h5" for label in ("exact", "langevin-enskog")}
     assert re.search(r"^thermal +10 +exact +20 ", printed, re.MULTILINE)
     assert re.search(r"^thermal +10 +langevin-enskog +20 ", printed, re.MULTILINE)
-    log = (folder / "results/study/logs/simulate/thermal/N10/langevin-enskog/0-9.log").read_text()
+    log = (folder / "results/study/logs/simulate/thermal/N10/langevin-enskog/0-19.log").read_text()
     assert "langevin is rough here" in log
     assert planned(folder) == NOTHING
 
 
 @pytest.mark.parametrize(
     ("source", "simulated"),
-    [("engines/langevin/step.py", 2), ("engines/friction.py", 2), ("engines/exact/events.py", 4)],
+    [("engines/langevin/step.py", 1), ("engines/friction.py", 1), ("engines/exact/events.py", 2)],
 )
 def test_a_changed_engine_runs_its_own_jobs_again(of_two_engines, tmp_path, source, simulated):
     package = Path(shutil.copytree(ROOT / "src", tmp_path / "src")) / "brownpipe"
@@ -357,10 +370,12 @@ def test_a_changed_engine_runs_its_own_jobs_again(of_two_engines, tmp_path, sour
     assert planned(of_two_engines[0], PYTHONPATH=str(package.parent)) == jobs
 
 
-def test_what_is_measured_in_the_runs_is_passed_on(study):
+def test_what_is_measured_in_the_runs_is_passed_on(study, monkeypatch):
     measured = ["--config", "observables=[square_displacement,species_energy]", "record=none"]
     assert planned(study, "--until", "simulate", *measured) == {"simulate": 8, "aggregate": 0, "figures": 0}
-    snakemake(study, "--cores", "1", "--until", "simulate", *measured, "scenes=scenes/hot.yaml", "particles=8")
+    one_case = ("scenes=scenes/hot.yaml", "particles=8")
+    commands = snakemake(study, "--dry-run", "--until", "simulate", *measured, *one_case)
+    assert run_here(study, commands, monkeypatch) == 2
     with h5py.File(study / "results/study/simulate/hot/N8/exact/0-9.h5") as file:
         assert file["observables/run/species_energy"].shape == (10, 11, 2)
         assert "observables/run/square_displacement" in file and "particles/tracer" not in file
