@@ -229,9 +229,16 @@ def test_words_cover_no_data_and_no_words(dataset, name):
 
 def drawn(name, data):
     """The figure and its panels."""
+    figure, panels = made(name, data)
+    with style.drawing():
+        lay_out(figure)
+    return figure, panels
+
+
+def made(name, data):
+    """The same before its layout: curves, axes and words are there, and nothing has a place on the page yet."""
     with style.drawing():
         figure = module_of(name).draw(cases_shown(data)[name])
-        lay_out(figure)
     return figure, [axes for axes in figure.axes if axes.get_visible()]
 
 
@@ -268,7 +275,7 @@ def test_titles_of_a_row_stand_at_one_height(dataset):
 
 def test_green_kubo_needs_a_temperature(dataset, tmp_path, no_pictures):
     data = only_hot(dataset, "enskog_diffusion")
-    shown = [{line.get_label() for line in axes.lines} for axes in drawn("diffusion", data)[1]]
+    shown = [{line.get_label() for line in axes.lines} for axes in made("diffusion", data)[1]]
     assert [any("Green" in label for label in labels) for labels in shown] == [True, False]
     render(data, tmp_path, ["diffusion"])
     assert all(row["green_kubo"] for row in rows(tmp_path / "diffusion.csv"))
@@ -276,7 +283,7 @@ def test_green_kubo_needs_a_temperature(dataset, tmp_path, no_pictures):
 
 def test_residuals_only_where_theory_expects_something(dataset):
     def panels(data):
-        return len(drawn("thermodynamics", data)[0].axes)
+        return len(made("thermodynamics", data)[0].axes)
 
     theory = [name for name in dataset.data_vars if name.startswith(("enskog", "compressibility_rate"))]
     assert panels(dataset) == 6
@@ -287,7 +294,7 @@ def test_residuals_of_rates_are_those_at_the_temperature_of_the_scene(dataset):
     """Where a case has such a rate, with its own interval; the raw rate stays in the upper panel."""
     name = "collision_rate_at_temperature"
     scaled = {f"{name}{part}": 1.01 * dataset.enskog_collision_rate for part in ("", "_low", "_high")}
-    axes = drawn("thermodynamics", dataset.assign(scaled))[0].axes
+    axes = made("thermodynamics", dataset.assign(scaled))[0].axes
     for container in axes[4].containers:
         assert container.lines[0].get_ydata() == pytest.approx(np.ones(2))
         assert np.concatenate(container.lines[2][0].get_segments())[:, 1] == pytest.approx(np.ones(4))
@@ -299,10 +306,10 @@ def test_equations_of_state_end_where_they_are_known(dataset):
     dense = dataset.assign(
         packing_fraction=0 * dataset.packing_fraction + xarray.DataArray([0.68, 0.75], dims="particles")
     )
-    main = drawn("thermodynamics", dense)[1][0]
+    main = made("thermodynamics", dense)[1][0]
     curves = [line for line in main.lines if "equal disks" in line.get_label()]
     assert [line.get_xdata().max() for line in curves] == [0.7, 0.7]
-    residuals = [len(one.lines[0].get_xdata()) for one in drawn("thermodynamics", dense)[0].axes[3].containers]
+    residuals = [len(one.lines[0].get_xdata()) for one in made("thermodynamics", dense)[0].axes[3].containers]
     assert residuals == [1, 1]  # of the two particle counts of each scene
 
 
@@ -423,7 +430,7 @@ def test_correlation_and_its_band_stay_in_their_panel(dataset):
     added = xarray.where((dataset.scene == "hot") & (dataset.time > 0.2), -4.0, 0.0)
     noise = {"": 0.0, "_low": -2.0, "_high": 2.0}
     data = dataset.assign({f"{name}{part}": dataset[f"{name}{part}"] + added + more for part, more in noise.items()})
-    _, panels = drawn(name, data)
+    _, panels = made(name, data)
     for axes in panels[:2]:
         low, high = axes.get_ylim()
         extent = axes.collections[0].get_datalim(axes.transData)
@@ -436,7 +443,7 @@ def test_correlation_and_its_band_stay_in_their_panel(dataset):
 def test_logarithmic_panels_of_all_scenes_have_one_axis_that_holds_all_curves(dataset):
     larger = xarray.where(dataset.scene == "hot", 100.0, 1.0)
     data = dataset.assign({name: larger * dataset[name] for name in ("msd", "msd_low", "msd_high")})
-    low = drawn("msd", data)[1][2:]
+    low = made("msd", data)[1][2:]
     for axes in low:
         curve = axes.lines[0].get_ydata()
         assert axes.get_ylim()[0] < curve.min() and curve.max() < axes.get_ylim()[1]
@@ -452,7 +459,7 @@ def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(dataset, tmp_path,
     """Where the first window, or every one, begins with an MSD of more than half the ballistic one."""
 
     def claimed(data):
-        labels = [text.get_text() for axes in drawn("msd", data)[1][:2] for text in axes.get_legend().get_texts()]
+        labels = [text.get_text() for axes in made("msd", data)[1][:2] for text in axes.get_legend().get_texts()]
         return [label for label in labels if "diffusion" in label]
 
     free = dataset.drop_vars("accessible_half_width")
@@ -478,7 +485,7 @@ def with_windows(dataset, shifts):
 
 def test_every_window_has_its_d_at_its_particle_count(dataset):
     """Also a fourth one, whose D is below zero; the windows stand evenly on both sides of N."""
-    _, panels = drawn("particle_counts", with_windows(dataset, [0.0, 0.1, 0.05, -0.5]))
+    _, panels = made("particle_counts", with_windows(dataset, [0.0, 0.1, 0.05, -0.5]))
     right = panels[1]
     markers = np.array([bar.lines[0].get_xdata() for bar in right.containers])
     assert markers.shape == (4, 2)
@@ -493,9 +500,7 @@ def test_every_window_has_its_d_at_its_particle_count(dataset):
 def test_only_pairs_that_there_are_take_room(dataset):
     """One scene has tracer and bath, the other one a single species."""
     alone = (dataset.scene == "hot") | (dataset.species_pair == PAIRS[2])
-    figure, panels = drawn(
-        "pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(alone))
-    )
+    figure, panels = made("pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(alone)))
     assert [title(axes).get_text() for axes in panels] == [
         f"hot, N = 20: {PAIRS[1]}",
         f"hot, N = 20: {PAIRS[2]}",
@@ -504,9 +509,7 @@ def test_only_pairs_that_there_are_take_room(dataset):
     assert all(axes.axison for axes in panels)
     assert figure.get_size_inches() == pytest.approx([3 * style.PANEL[0], 3.6])
     other = (dataset.scene == "hot") == (dataset.species_pair == PAIRS[1])
-    figure, panels = drawn(
-        "pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(other))
-    )
+    figure, panels = made("pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(other)))
     assert [axes.axison for axes in panels] == [True, True]
     assert figure.get_size_inches() == pytest.approx([2 * style.PANEL[0], 3.6])
 
