@@ -161,15 +161,15 @@ def test_from_every_block_to_the_same_bytes(name, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("stops", [1, 2, 3])
 @pytest.mark.parametrize("name", ["walls", "periodic-mixture", "pinned"])
-def test_killed_again_and_again(name, stops, tmp_path):
+def test_killed_again_and_again(name, stops):
     scene, record = CASES[name]
-    expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
+    expected = bits_of(simulate(scene, SEEDS, record))
     kept, done, deaths = None, None, -1
     while done is None:
         kept, done = stopped_once(scene, record, kept, stops)
         deaths += 1
     assert deaths >= (6 if stops == 1 else 2)
-    assert file_of(tmp_path, scene, done) == expected
+    assert bits_of(done) == expected
 
 
 @pytest.mark.parametrize(("record", "average"), [("none", "origins"), ("tracer", "runs")])
@@ -177,28 +177,26 @@ def test_what_is_measured_in_the_runs(record, average, tmp_path):
     """From every block and from between the runs; where nothing else is kept of them, too."""
     more = {"sample_interval": 1.0, "equilibrate": {"time": 20.0, "tracer": "free"}, "velocities": {"temperature": 1.0}}
     scene, measured = around_tracer(P, 100.0, **more), {"observables": tuple(OBSERVABLES), "average": average}
-    expected = file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, **measured))
+    expected = bits_of(simulate(scene, SEEDS, {record}, **measured))
     kept = []
     checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
-    assert file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, checkpoints, **measured)) == expected
+    assert bits_of(simulate(scene, SEEDS, {record}, checkpoints, **measured)) == expected
     assert {int(arrays["done"]) for arrays in kept} == {0, 1, 2}
     for arrays in kept:
-        assert (
-            file_of(tmp_path, scene, simulate(scene, SEEDS, {record}, from_checkpoint(arrays), **measured)) == expected
-        )
+        assert bits_of(simulate(scene, SEEDS, {record}, from_checkpoint(arrays), **measured)) == expected
 
 
 @pytest.mark.slow
 def test_calls_that_pause_between_checkpoints(tmp_path, monkeypatch):
     scene, record = CASES["periodic-mixture"]
-    expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
+    expected = bits_of(simulate(scene, SEEDS, record))
     monkeypatch.setattr(run, "EVENTS_PER_CALL", 777)
     for stops in (1, 5):
         kept = []
         checkpoints = Checkpoints(due_every(stops), lambda arrays, kept=kept: kept.append(filed(tmp_path, arrays)))
-        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, checkpoints)) == expected
+        assert bits_of(simulate(scene, SEEDS, record, checkpoints)) == expected
         for arrays in kept[1::5]:
-            assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
+            assert bits_of(simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
 
 
 def full_in_block(number, most=10**9):
@@ -222,18 +220,18 @@ def full_in_block(number, most=10**9):
 def test_a_cell_that_proves_too_small(tmp_path, monkeypatch):
     """Then a run begins again, whatever it did so far, and without neighbour lists; and so it must if it goes on."""
     scene, record = CASES["crowded"]
-    usual = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
+    usual = bits_of(simulate(scene, SEEDS, record))
     monkeypatch.setattr(run, "advance", full_in_block(2))
-    expected = file_of(tmp_path, scene, simulate(scene, SEEDS, record))
+    expected = bits_of(simulate(scene, SEEDS, record))
     assert expected != usual
     kept = []
     checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
-    assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, checkpoints)) == expected
+    assert bits_of(simulate(scene, SEEDS, record, checkpoints)) == expected
     states = [arrays for arrays in kept if "run.slots" in arrays]
     slots = [(int(arrays["run.slots"]), int(arrays["run.progress"][ws.BLOCK])) for arrays in states]
     assert slots[0][0] < slots[1][0] and slots[1][1] == 1  # begun again
     for arrays in kept:
-        assert file_of(tmp_path, scene, simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
+        assert bits_of(simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
 
 
 def test_more_room_for_one_run_leaves_the_others_alone(monkeypatch):
