@@ -153,7 +153,9 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.analyse("a.h5", displacement_times=[-1]), r"displacement_times\[0\]: must be a finite number > 0"),
         (lambda: bp.plot(xarray.Dataset()), "result: must be a dataset of brownpipe.analyse"),
         (lambda: bp.save("runs", "a.h5"), "data: must be"),
-        (lambda: bp.save(bp.simulate(SCENE, particles=2, quiet=True), "."), "is a folder; choose the name of a file"),
+        (lambda: bp.save(xarray.DataTree(), "a.nc"), "path: a.nc: files of runs must end in .h5 or .hdf5"),
+        (lambda: bp.save(xarray.Dataset({"failed_runs": 0}), "a.h5"), "path: a.h5: files of datasets must end in .nc"),
+        (lambda: bp.save(xarray.DataTree(), "."), "path: .: files of runs must end in .h5"),
         (lambda: bp.save(xarray.Dataset(), "absent/a.h5/b.nc"), "data: must be"),
     ],
 )

@@ -194,8 +194,10 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
     Raises RequestError for anything else, StorageError and OSError if the file cannot be written.
     """
     if isinstance(data, DataTree):
+        _refuse_suffix(path, "runs", (".h5", ".hdf5"))
         write_trajectories(path, *from_tree(data))
     elif _is_analysis(data):
+        _refuse_suffix(path, "datasets", (".nc",))
         write_dataset(path, data)
     else:
         raise RequestError("data: must be what simulate, analyse or open returns")
@@ -238,6 +240,11 @@ def _seeds(value: Any) -> Sequence[int]:
     if isinstance(value, np.ndarray) and value.dtype.kind in "iu" and value.ndim == 1 and value.size:
         value = seed_text(np.unique(value)) if value.min() >= 0 else value
     return read_seeds(Entry(_plain(value), "", ("seeds",)))
+
+
+def _refuse_suffix(path: str | Path, what: str, suffixes: tuple[str, ...]) -> None:
+    if Path(path).suffix not in suffixes:
+        raise RequestError(f"path: {path}: files of {what} must end in {' or '.join(suffixes)}")
 
 
 def _is_analysis(data: object) -> bool:

@@ -11,7 +11,10 @@ import subprocess
 import sys
 import sysconfig
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
+
+import yaml
 
 from brownpipe.errors import RequestError
 from brownpipe.provenance import PACKAGE
@@ -64,9 +67,16 @@ def is_changed_by(further: Sequence) -> bool:
 def snakemake_command(study_file: str, cores: int | None = None, further: Sequence = ()) -> list[str]:
     """Return the command that runs the workflow of a study; it does not import Python files of the current folder."""
     folder = pipeline_folder()
-    files = ["--snakefile", folder / "Snakefile", "--workflow-profile", folder / "profiles" / "default"]
-    words = [*files, "--configfile", study_file, "--cores", cores or "all", *further]
+    files = ["--snakefile", folder / "Snakefile", "--configfile", study_file]
+    words = [*files, *_options_of_profile(folder), "--cores", cores or "all", *further]
     return [sys.executable, "-P", "-m", "snakemake", *map(str, words)]
+
+
+def _options_of_profile(folder: Path) -> list[str]:
+    """Return the options of the workflow's profile; given the profile itself, Snakemake would begin with its path."""
+    profile = yaml.safe_load((folder / "profiles" / "default" / "config.yaml").read_text())
+    options = [[f"--{key}"] if value is True else [f"--{key}", str(value)] for key, value in profile.items()]
+    return ["--workflow-profile", "none", *chain.from_iterable(options)]
 
 
 def environment_of(study_file: str, report: str | None = None, further: Sequence = ()) -> dict[str, str]:
