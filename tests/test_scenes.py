@@ -22,19 +22,8 @@ def test_every_scene_has_an_outcome():
 @pytest.mark.parametrize("lists_from", [0.0, np.inf], ids=["lists", "cells"])
 @pytest.mark.parametrize("name", EXPECTED)
 def test_scene(name, lists_from, monkeypatch):
-    """With neighbour lists (where they can be) and with cells alone, whatever the packing fraction.
-
-    Lists of unlike disks are wide, as in the crowded mixtures of test_exact.py, whose kernels are compiled anyway.
-    """
-    squares = layout._squares
-
-    def wide_for_mixtures(scene, radius):
-        half, wide = squares(scene, radius)
-        unlike = len({*zip(scene.radius, scene.mass, strict=True)}) > 1
-        return half, True if unlike else wide
-
+    """With neighbour lists (where they can be) and with cells alone, whatever the packing fraction."""
     monkeypatch.setattr(layout, "LISTS_FROM", lists_from)
-    monkeypatch.setattr(layout, "_squares", wide_for_mixtures)
     expected, path = EXPECTED[name], FOLDER / f"{name}.yaml"
     if "refused" in expected:
         with pytest.raises(RequestError) as refusal:
