@@ -60,8 +60,9 @@ def command(folder, *arguments):
 
 
 def environment(**more):
-    """As in a shell: not as below `make test`, which says how to make a report."""
-    usual = {name: value for name, value in os.environ.items() if name not in ("REPORT_COMMAND", "MAKEFLAGS")}
+    """As in a shell: not as below `make test`, which says how to make a report and remove a lock."""
+    of_make = ("REPORT_COMMAND", "UNLOCK_COMMAND", "MAKEFLAGS")
+    usual = {name: value for name, value in os.environ.items() if name not in of_make}
     return usual | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"} | more
 
 
