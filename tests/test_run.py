@@ -137,10 +137,12 @@ def test_run_starts_the_workflow_of_this_installation(capsys, study, started, mo
 def test_run_by_default_uses_all_cores_and_names_itself_as_it_was_called(capsys, study, started, monkeypatch):
     own = workflow._own_command()
     monkeypatch.setenv("PATH", str(own.parent))
-    assert said(capsys, "run", study, "-n") == (DONE, "", "")
+    assert said(capsys, "run", study) == (DONE, "", "")
     ((command, environment),) = started
-    assert command[-3:] == ["--cores", "all", "--dry-run"]
+    assert command[-2:] == ["--cores", "all"]
     assert environment["REPORT_COMMAND"] == "brownpipe run 'my studies/first.yaml' --report"
+    assert said(capsys, "run", study, "-n", "--", "--printshellcmds") == (DONE, "", "")
+    assert started[1][0] == [*command, "--printshellcmds", "--dry-run"]
 
 
 def test_the_report_is_written_after_a_run_that_succeeds(capsys, study, started, monkeypatch):
@@ -224,7 +226,8 @@ def test_what_differs_from_the_results_is_said_in_words(simulated, capsys, start
     lines = [*scene, "seeds 4 -> 8 (hot N10 exact)", "no runs yet (hot N12 exact)"]
     assert simulated() == lines
     status, out, _ = said(capsys, "run", "mine.yaml", "-n")
-    assert (status, out) == (DONE, "".join(f"differs from results/mine: {line}\n" for line in lines))
+    jobs = "to run: simulate 6, aggregate 1, figures 1\n"
+    assert (status, out) == (DONE, jobs + "".join(f"differs from results/mine: {line}\n" for line in lines))
 
 
 def test_the_oldest_file_of_a_case_counts(simulated):

@@ -4,6 +4,7 @@ An installed brownpipe has the workflow in its folder `pipeline`; a checkout has
 """
 
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -16,7 +17,7 @@ from pathlib import Path
 
 import yaml
 
-from brownpipe.errors import RequestError
+from brownpipe.errors import RequestError, RunError
 from brownpipe.provenance import PACKAGE
 from brownpipe.study.study_file import read_study
 
@@ -57,6 +58,22 @@ def run_study(
     environment = environment_of(study_file, report, further)
     status = _wait_for([*command, "--dry-run"] if dry_run else command, environment)
     return status if status or report is None else _wait_for([*command, "--report", report], environment)
+
+
+def planned_jobs(study_file: str, cores: int | None = None) -> str:
+    """Return in one line which jobs `run_study` would run.
+
+    Raises RequestError for a mistake in the study, RunError with Snakemake's last line if it cannot plan the jobs.
+    """
+    read_study(study_file)
+    command, environment = snakemake_command(study_file, cores, ["--dry-run"]), environment_of(study_file)
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    if done.returncode:
+        raise RunError(([*filter(None, done.stdout.splitlines())] or ["Snakemake failed"])[-1])
+    _, _, table = done.stdout.partition("Job stats:\n")
+    counts = dict(re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE))
+    jobs = [f"{rule} {count}" for rule, count in counts.items() if rule not in ("all", "total")]
+    return f"to run: {', '.join(jobs)}" if jobs else "nothing to run: all results are there and up to date"
 
 
 def is_changed_by(further: Sequence) -> bool:

@@ -14,7 +14,8 @@ def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("study", metavar="STUDY", help="study file (YAML)")
     add("-j", "--cores", type=cores, metavar="N", help="jobs at the same time (default: number of cores)")
-    add("-n", "--dry-run", action="store_true", help="only list the jobs, and what differs from the results that exist")
+    listed = "only say which jobs would run, and what differs from the results that exist"
+    add("-n", "--dry-run", action="store_true", help=listed)
     page = "afterwards write a page with all results (default: report.html)"
     add("--report", nargs="?", const="report.html", metavar="FILE", help=page)
 
@@ -23,14 +24,19 @@ def run(arguments: Namespace) -> int:
     """Run a study: simulate, aggregate, figures, with the results in `results` of this folder.
 
     A second run has nothing to do; after a change only the steps that depend on it run again. Further arguments after
-    `--` are passed to Snakemake: `brownpipe run my_study.yaml -- --config seeds=100`.
+    `--` are passed to Snakemake: `brownpipe run my_study.yaml -- --config seeds=100`. With -n and such arguments
+    Snakemake lists every job with its command and its reasons: `brownpipe run my_study.yaml -n -- --printshellcmds`.
     """
     from brownpipe.study import read_study
     from brownpipe.study.changes import changes
-    from brownpipe.study.workflow import is_changed_by, run_study
+    from brownpipe.study.workflow import is_changed_by, planned_jobs, run_study
 
     further = arguments.further
-    status = run_study(arguments.study, arguments.cores, arguments.dry_run, arguments.report, further)
+    status = DONE
+    if arguments.dry_run and not further and arguments.report is None:
+        print(planned_jobs(arguments.study, arguments.cores))
+    else:
+        status = run_study(arguments.study, arguments.cores, arguments.dry_run, arguments.report, further)
     if status == DONE and arguments.dry_run and not is_changed_by(further):
         study = read_study(arguments.study)
         for line in changes(study):
