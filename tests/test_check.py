@@ -280,6 +280,7 @@ PLACED = {  # numbers of disks of which nearly all and nearly no runs are placed
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLACED)
 def test_placement_is_foreseen_to_fail_where_it_does(name):
     """Between the two numbers of disks, 10 to 20 % apart, the share that fails goes from below 4 % to above 90 %.
@@ -400,6 +401,7 @@ def peak(folder, command):
     return 1024.0 * int(done.stdout.split()[-1])
 
 
+@pytest.mark.slow
 def test_memory_of_samples_is_said(tmp_path, monkeypatch):
     """1e7 samples of the tracer: measured 1.13 GB of memory and a file of 100 MB."""
     (line,) = [line for line in report(tmp_path, sampled(10_000_000)) if line.startswith("cost ")]

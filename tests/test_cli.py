@@ -482,6 +482,7 @@ def test_nobody_reads_on():
 # -- what it costs to start -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "absent"),
     [
@@ -500,6 +501,7 @@ def imported_by(code):
     return set(done.stdout.splitlines()[-1].split())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not inlining.is_tested(), reason="this version of Numba imports scipy.linalg by itself")
 def test_simulate_does_without_linear_algebra():
     """With every engine, all in one process: what is not imported in the end, none of them imports."""
@@ -511,6 +513,7 @@ def test_simulate_does_without_linear_algebra():
     assert "scipy.linalg" not in found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("argv", [["inspect", "RUNS"], ["aggregate", "RUNS", "--output", "a.nc"]])
 def test_files_are_read_without_numba(runs, argv):
     argv = [str(runs) if word == "RUNS" else word for word in argv]

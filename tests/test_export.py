@@ -31,7 +31,10 @@ from ensembles import make_runs, make_scene
 
 SINGLE = 2.0**-24  # largest relative error of a number rounded to single precision
 SHIFTED = 2.0**-25 + 1e-15  # and of a position, of the box: at most half of it from the centre
-pytestmark = pytest.mark.filterwarnings("ignore:Reader has no dt information")  # MDAnalysis does not read log/time
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore:Reader has no dt information"),  # MDAnalysis does not read log/time
+]
 
 
 @pytest.fixture(scope="module")

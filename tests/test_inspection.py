@@ -20,6 +20,8 @@ from brownpipe.scene import read_scene
 from brownpipe.storage import trajectories
 from ensembles import make_runs, make_scene, write
 
+pytestmark = pytest.mark.slow
+
 SCENE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
 TEN = [SCENE, "--particles", "10", "--seeds", "3,5-6"]
 PERIODIC = """\

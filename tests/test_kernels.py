@@ -65,6 +65,7 @@ print(work(record), record.values.tolist())
 """
 
 
+@pytest.mark.slow
 def test_several_processes_compile_for_other_types_at_once(tmp_path):
     """And each finds its own machine code afterwards, not that of another one, though the disk is slow."""
     settings = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join([*sys.path, str(HERE)])}
@@ -264,6 +265,7 @@ print(arraymath._HAVE_BLAS, arraymath.ensure_blas is linalg.ensure_blas, linalg.
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("uses", "version", "imported"),
     [

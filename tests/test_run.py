@@ -216,6 +216,7 @@ def edit(file, *replacements):
     Path(file).write_text(text)
 
 
+@pytest.mark.slow
 def test_what_differs_from_the_results_is_said_in_words(simulated, capsys, started):
     assert simulated() == []
     respelled = ("position: [0.0, 0.0]", "position: [0, 0]")
