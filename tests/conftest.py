@@ -3,6 +3,8 @@
 import os
 import signal
 
+import pytest
+
 # Before numpy is imported, and for all processes that tests start: the tests themselves are on all cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -23,3 +25,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def pytest_collection_modifyitems(items):
     """Bring the tests into the order of `FIRST`; within a file, and after these, it stays."""
     items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))
+
+
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch):
+    """A test in a folder of its own; SIGTERM as before."""
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)

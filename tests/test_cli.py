@@ -28,13 +28,7 @@ STUDY = str(SCENES.parent / "small.yaml")
 STEP, LANGEVIN = ["--engine", "timestep", "--time-step", "0.01"], ["--engine", "langevin", "--friction"]
 
 
-@pytest.fixture(autouse=True)
-def _elsewhere(tmp_path, monkeypatch):
-    """Every test in a folder of its own, SIGTERM as before."""
-    monkeypatch.chdir(tmp_path)
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
+pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
 @pytest.fixture(scope="module")

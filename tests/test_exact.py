@@ -160,6 +160,7 @@ SCENES = {
     "periodic-crowded-few": crowded(box(1.1, 1.1, P), [(4, 0.25, 1)], 4.0),
     "periodic-crowded-12": crowded(box(1.5, 1.4, P, (3.0, 1.0)), [(12, 0.19, 1)], 0.7),
     "periodic-crowded-mixture": crowded(box(2.5, 2, P), [(32, 0.14, 1), (30, 0.11, 0.2)], 0.3),
+    "periodic-crowded-alike": crowded(box(2.5, 2, P), [(30, 0.14, 1), (27, 0.12, 0.2)], 0.3),  # narrow lists
     "periodic-crowded-unlike": interstitial(4, 0.3),
     # big ones among small ones
     "note": note_scene(0.35),

@@ -21,13 +21,7 @@ from brownpipe.study import changes, read_study, workflow
 ROOT = Path(__file__).parent.parent
 
 
-@pytest.fixture(autouse=True)
-def _elsewhere(tmp_path, monkeypatch):
-    """Every test in a folder of its own, SIGTERM as before."""
-    monkeypatch.chdir(tmp_path)
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
+pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
 @pytest.fixture
