@@ -1,6 +1,7 @@
-"""What all tests need: one thread each, an order that keeps all cores busy, and Ctrl-C."""
+"""What all tests need: one thread each, an order that keeps all cores busy, Ctrl-C, and random faults."""
 
 import os
+import random
 import signal
 
 import pytest
@@ -22,6 +23,11 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_addoption(parser):
+    parser.addoption("--faults", type=int, default=1, help="times as many random faults as in the everyday tests")
+    parser.addoption("--fault-seed", type=int, help="the seed of the random faults; default: another one each time")
+
+
 def pytest_collection_modifyitems(items):
     """Bring the tests into the order of `FIRST`; within a file, and after these, it stays."""
     items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))
@@ -34,3 +40,22 @@ def elsewhere(tmp_path, monkeypatch):
     before = signal.getsignal(signal.SIGTERM)
     yield
     signal.signal(signal.SIGTERM, before)
+
+
+class Faults:
+    """Random faults: moments, bytes, inputs. A failing test shows its seed, and --fault-seed repeats it."""
+
+    def __init__(self, factor, seed):
+        self.factor = factor
+        self.seed = random.SystemRandom().randrange(2**32) if seed is None else seed
+        self.random = random.Random(self.seed)
+        print(f"--fault-seed {self.seed}")  # shown if the test fails
+
+    def tries(self, everyday):
+        """Yield the numbers of the tries: as many as in the everyday tests, or --faults times as many."""
+        yield from range(everyday * self.factor)
+
+
+@pytest.fixture
+def faults(request):
+    return Faults(request.config.getoption("--faults"), request.config.getoption("--fault-seed"))
