@@ -1,6 +1,6 @@
-# make study | report | tradeoff | test | test-quick | bench | lint : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | report | tradeoff | test | test-quick | soak | bench | lint : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study report tradeoff test test-quick bench lint ready ready_dev has_python
+.PHONY: study report tradeoff test test-quick soak bench lint ready ready_dev has_python
 SHELL := /bin/bash
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
@@ -25,6 +25,10 @@ test: ready_dev
 # Without the tests marked `slow`: studies in processes of their own, benchmarks, statistics of many runs.
 test-quick: ready_dev
 	python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder -m "not slow"
+
+# Faults at random moments, in random bytes and inputs: 50 times as many as in the tests, from a new seed.
+soak: ready_dev
+	python -m pytest -n $(CORES) --dist loadfile -m promise --faults 50 --reliability docs/reliability.md
 
 bench: ready
 	for benchmark in benchmarks/bench_*.py; do python $$benchmark || exit 1; done

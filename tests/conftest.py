@@ -3,8 +3,10 @@
 import os
 import random
 import signal
+from pathlib import Path
 
 import pytest
+from reliability import Page, promises
 
 # Before numpy is imported, and for all processes that tests start: the tests themselves are on all cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -25,12 +27,21 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 def pytest_addoption(parser):
     parser.addoption("--faults", type=int, default=1, help="times as many random faults as in the everyday tests")
+    parser.addoption("--reliability", metavar="FILE", type=Path, help="write the page of the promises and their tests")
     parser.addoption("--fault-seed", type=int, help="the seed of the random faults; default: another one each time")
+
+
+def pytest_configure(config):
+    path = config.getoption("--reliability")
+    if path and not hasattr(config, "workerinput"):  # not in a process to which tests are distributed
+        config.pluginmanager.register(Page(path))
 
 
 def pytest_collection_modifyitems(items):
     """Bring the tests into the order of `FIRST`; within a file, and after these, it stays."""
     items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))
+    for item in items:
+        item.user_properties += [("promise", promise) for promise in promises(item)]
 
 
 @pytest.fixture
@@ -45,17 +56,20 @@ def elsewhere(tmp_path, monkeypatch):
 class Faults:
     """Random faults: moments, bytes, inputs. A failing test shows its seed, and --fault-seed repeats it."""
 
-    def __init__(self, factor, seed):
+    def __init__(self, factor, seed, note):
         self.factor = factor
+        self._note = note
         self.seed = random.SystemRandom().randrange(2**32) if seed is None else seed
         self.random = random.Random(self.seed)
         print(f"--fault-seed {self.seed}")  # shown if the test fails
 
     def tries(self, everyday):
         """Yield the numbers of the tries: as many as in the everyday tests, or --faults times as many."""
+        self._note("tries", everyday * self.factor)
         yield from range(everyday * self.factor)
 
 
 @pytest.fixture
-def faults(request):
-    return Faults(request.config.getoption("--faults"), request.config.getoption("--fault-seed"))
+def faults(request, record_property):
+    option = request.config.getoption
+    return Faults(option("--faults"), option("--fault-seed"), record_property)
