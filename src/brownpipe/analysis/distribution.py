@@ -18,6 +18,7 @@ from brownpipe.analysis.displacement import labels, per_run_lines, squared_of, t
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Variable, estimate_of, kept_always
+from brownpipe.elementary import exp, log
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
 MOST_RINGS, REACH = 32, 3.0  # default rings: at most MOST_RINGS, out to REACH rms displacements
@@ -82,7 +83,8 @@ def rings_of(case: Case, blocks: Sequence[RunBlock]) -> tuple[np.ndarray, ...]:
     for column in np.concatenate([of_block[:, at] for of_block in squared]).T:
         nearly_all = np.sqrt(np.quantile(column, 1 - BEYOND, method="higher"))
         reach = max(REACH * np.sqrt(np.mean(column)), nearly_all) or size
-        width = np.ldexp(1.0, int(np.ceil(np.log2(reach / MOST_RINGS))))
+        mantissa, exponent = np.frexp(reach / MOST_RINGS)
+        width = np.ldexp(1.0, exponent - (mantissa == 0.5))
         edges.append(ring_edges(width, int(np.ceil(reach / width))))
     return tuple(edges)
 
@@ -98,7 +100,8 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
         ring = np.searchsorted(edges, np.sqrt(column), side="right") - 1
         counts.append(np.bincount(ring, minlength=size))
         shared.append([np.bincount(ring, one, size) for one in (squared[:, k], *slopes.T)])
-    return Columns({"r2": r2, "r4": r2**2}, {"r6": r2**3}, {"rings": np.array(counts), "shared": np.array(shared)})
+    sums = {"rings": np.array(counts), "shared": np.array(shared)}
+    return Columns({"r2": r2, "r4": r2**2}, {"r6": r2 * r2 * r2}, sums)
 
 
 def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -169,7 +172,7 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     for d, half_width, source in _models(case, averages, k):
         expected, raised, lowered, *wrong = (
             expected_ring_counts(runs, edges, t or 1.0, d * scale, half_width)
-            for scale in (1.0, np.exp(LOG_STEP), np.exp(-LOG_STEP), 1 + WRONG_BY, 1 - WRONG_BY)
+            for scale in (1.0, float(exp(LOG_STEP)), float(exp(-LOG_STEP)), 1 + WRONG_BY, 1 - WRONG_BY)
         )
         source = source._replace(change=(raised - lowered) / (2 * LOG_STEP))
         test = goodness.chi_square(counts, expected, source)
@@ -217,10 +220,15 @@ def kurtosis(averages: Averages) -> resampling.Estimate:
     error = np.sqrt(variance / (averages.runs - 1)) if averages.runs > 1 else np.full_like(cube, np.nan)
     degrees = resampling.degrees(averages.sums)
     of_cube = resampling.studentized(averages.runs, cube, error, drawn - cube, drawn_variance / degrees)
-    with np.errstate(divide="ignore"):  # an interval that reaches 0 has no upper end
-        low, high = (np.maximum(end, 0.0) ** (-1 / 3) for end in (of_cube.high, of_cube.low))
-    mean = cube ** (-1 / 3)
+    with np.errstate(over="ignore"):  # an interval that reaches 0 has no upper end
+        low, high = (_inverse_root(np.maximum(end, 0.0)) for end in (of_cube.high, of_cube.low))
+    mean = _inverse_root(cube)
     return resampling.Estimate(mean, mean * error / (3 * cube), low, high)
+
+
+def _inverse_root(x: np.ndarray) -> np.ndarray:
+    """x^(-1/3)."""
+    return exp(log(x) / -3.0)
 
 
 def _inverse_cube(
@@ -230,7 +238,8 @@ def _inverse_cube(
     m2, m4 = np.where(m2 > 0.0, m2, np.nan), np.where(m4 > 0.0, m4, np.nan)
     covariance = (m6 - m2 * m4) / (m2 * m4)
     of_logarithm = 4 * variance2 / m2**2 + variance4 / m4**2 - 4 * covariance
-    cube = (2 * m2**2 / m4) ** 3
+    inverse = 2 * m2**2 / m4
+    cube = inverse * inverse * inverse
     return cube, 9 * cube**2 * np.maximum(of_logarithm, 0.0)
 
 

@@ -15,11 +15,14 @@ E. L. Lehmann, Ann. Math. Stat. 25, 579 (1954), treat a D fitted to single runs 
 docs/theory.md, section 5.
 """
 
+import math
 from fractions import Fraction
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+
+from brownpipe.elementary import cos, exp, log, sin
 
 FEWEST_EXPECTED = 5.0  # bins with fewer expected counts are pooled before a chi-square
 LEVEL = 0.01  # significance level of the verdict on one model at one time
@@ -87,10 +90,10 @@ def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = K
     mean = ones + first + second + (shift**2).sum()
     along = max((shift * projected).sum(), 0.0)  # negative only where the runs are far from the model
     variance = 2 * (ones + first**2 + second**2) + 4 * along
-    third = 8 * (ones + first**3 + second**3) + 24 * (projected**2).sum()
+    third = 8 * (ones + first * first * first + second * second * second) + 24 * (projected**2).sum()
     from scipy.special import gammaincc
 
-    shape = 4 * variance**3 / third**2
+    shape = 4 * variance * variance * variance / third**2
     return float(gammaincc(shape, max(shape + (_quantile(level, weights) - mean) * np.sqrt(shape / variance), 0.0)))
 
 
@@ -143,14 +146,14 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
     if ones < 0:
         return float(gammaincc(0.5, x / (2 * first))) if first > 0.0 else float(x <= 0.0)
     angle = np.pi / 2 * (np.arange(48) + 0.5) / 48
-    weight = 2 * (first * np.cos(angle) ** 2 + second * np.sin(angle) ** 2)
+    weight = 2 * (first * cos(angle) ** 2 + second * sin(angle) ** 2)
     end = np.minimum(np.divide(x, weight, out=np.full(48, INTEGRAL_END), where=weight > 0.0), INTEGRAL_END)
     at = end[:, None] * np.linspace(0, 1, 401)
     left = np.maximum(x - weight[:, None] * at, 0.0) / 2
-    inner = np.exp(-at) * (gammaincc(ones / 2, left) if ones else left <= 0.0)
+    inner = exp(-at) * (gammaincc(ones / 2, left) if ones else left <= 0.0)
     simpson = np.where(np.arange(401) % 2, 4.0, 2.0)
     simpson[[0, -1]] = 1.0
-    return float((np.exp(-end) + end / 1200 * (inner * simpson).sum(axis=1)).mean())
+    return float((exp(-end) + end / 1200 * (inner * simpson).sum(axis=1)).mean())
 
 
 def _quantile(level: float, weights: tuple[int, float, float]) -> float:
@@ -179,7 +182,7 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
     shift, scale, width = _lognormal(int(runs))
     if kurtosis <= shift:
         return 0.0
-    return float(2 * ndtr(-abs(np.log((kurtosis - shift) / scale)) / width))
+    return float(2 * ndtr(-abs(log((kurtosis - shift) / scale)) / width))
 
 
 @lru_cache(maxsize=64)
@@ -191,7 +194,7 @@ def _lognormal(runs: int) -> tuple[float, float, float]:
         w = (low + high) / 2
         low, high = (w, high) if (w + 2) * np.sqrt(w - 1) < skewness else (low, w)
     scale = np.sqrt(variance / (w * (w - 1)))
-    return mean - scale * np.sqrt(w), scale, np.sqrt(np.log(w))
+    return mean - scale * np.sqrt(w), scale, np.sqrt(log(w))
 
 
 def _greenwood(n: int) -> tuple[float, float, float]:
@@ -204,7 +207,7 @@ def _greenwood(n: int) -> tuple[float, float, float]:
     second = Fraction(24 * n + 4 * n * (n - 1)) / rising(4)
     third = Fraction(720 * n + 144 * n * (n - 1) + 8 * n * (n - 1) * (n - 2)) / rising(6)
     variance = second - first**2
-    skewness = float(third - 3 * first * second + 2 * first**3) / float(variance) ** 1.5
+    skewness = float(third - 3 * first * second + 2 * first**3) / (float(variance) * math.sqrt(variance))
     return float(first * n / 2), float(variance * n * n / 4), skewness
 
 

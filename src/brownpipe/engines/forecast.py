@@ -246,7 +246,7 @@ def mean_free_path(scene: Scene) -> float:
 
 def _path_rate(mixture: Mixture) -> float:
     """Return the length of all disks' paths per time [length/time]; the mean speed is sqrt(pi/2) times `speed`."""
-    return float(np.sqrt(np.pi / 2) * (mixture.number @ mixture.speed))
+    return float(np.sqrt(np.pi / 2) * (mixture.number * mixture.speed).sum())
 
 
 def few_collisions(scene: Scene) -> str | None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from brownpipe.elementary import exp
 from brownpipe.figures.cases import has, title_of
 from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
 from brownpipe.figures.tables import Table, long_table
@@ -42,7 +43,7 @@ def _normal(v: np.ndarray) -> np.ndarray:
 
 def _rayleigh(u: np.ndarray) -> np.ndarray:
     """Probability that a speed in units of sqrt(kT/m) is below u, in two dimensions."""
-    return 1 - np.exp(-(np.maximum(u, 0) ** 2) / 2)
+    return 1 - exp(-(np.maximum(u, 0) ** 2) / 2)
 
 
 SHOWN = {

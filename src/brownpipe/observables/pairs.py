@@ -18,7 +18,7 @@ FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
 MOST_COUNTS = 1_000_000  # bins of all histograms of a run
 SECONDS_PER_HISTOGRAM = 4e-5  # CPU seconds, and
 SECONDS_PER_PAIR = 9e-8  # for a pair of disks closer than the end of the histogram,
-SECONDS_PER_RING = 6e-8  # for a bin of distance around a lone disk between walls
+SECONDS_PER_RING = 1.4e-7  # for a bin of distance around a lone disk between walls
 SAMPLES_AT_ONCE = 16  # samples whose rings are intersected with the box in one call, three times as fast as one by one
 
 
