@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tradeoff import summary as tradeoff_summary
 from brownpipe.inspection import reproduction, results
-from brownpipe.provenance import versions
+from brownpipe.provenance import STEPS, packages, versions
 from brownpipe.scene import read_scene
 from brownpipe.storage import trajectories
 from ensembles import make_runs, make_scene, write
@@ -153,8 +154,9 @@ def test_a_dataset_says_what_made_it(dataset):
     _, contents, text = dataset
     line = re.search(r"^source       (\w{12}), that of this installation$", text, re.MULTILINE)
     assert line[1] == contents.attrs["source_digest"][:12]
-    versions = r"^written by   brownpipe \S+, numpy \S+, scipy \S+, xarray \S+, h5py \S+$"
-    assert re.search(versions, text, re.MULTILINE)
+    told = [f"{name} {version(name)}" for name in ("brownpipe", *packages(*STEPS["aggregate"]))]
+    assert {"numpy", "scipy", "xarray", "h5py", "pandas"} <= {name.split()[0] for name in told}
+    assert f"\nwritten by   {', '.join(told)}\n" in text
     other = results.describe(contents.assign_attrs(source_digest="0" * 64))
     assert "source       000000000000, not that of this installation" in other
     earlier = results.describe(contents.drop_attrs())
@@ -276,7 +278,7 @@ def test_only_the_run_asked_for_is_compared(folder, capsys):
 
 
 def test_another_source_is_said_before_the_runs_begin(folder, capsys, monkeypatch):
-    monkeypatch.setattr(trajectories, "source_digest", lambda _: "f00d" * 16)
+    monkeypatch.setattr(trajectories, "source_digest", lambda *_: "f00d" * 16)
     monkeypatch.setattr(trajectories, "versions", lambda: versions() | {"numba_version": "0.1"})
     path = changed(folder / "nothing.h5", lambda _: None)
 

@@ -237,7 +237,7 @@ def test_other_batches_versions_and_sources_are_named(simulated, monkeypatch):
     edit("mine.yaml", ("seeds: 4\nbatch: 2", "seeds: [0-1, 3]\nbatch: 2"))
     assert simulated() == ["batch: the same seeds in other jobs"]
     monkeypatch.setattr(changes, "versions", lambda: provenance.versions() | {"numba_version": "99"})
-    monkeypatch.setattr(changes, "source_digest", lambda module: "another")
+    monkeypatch.setattr(changes, "source_digest", lambda *_: "another")
     numba = provenance.versions()["numba_version"]
     assert simulated()[:2] == ["engine exact: its source code", f"engine exact: numba {numba} -> 99"]
 

@@ -135,7 +135,7 @@ def test_round_trip(case, engine, tmp_path):
     scene, ensemble = case
     storage.write_trajectories(tmp_path / "new" / "runs.h5", scene, engine, ensemble)
     assert os.listdir(tmp_path / "new") == ["runs.h5"]
-    source = provenance.source_digest(provenance.simulation_of(engine.name))
+    source = provenance.made_with("simulate", engine.name)["source"]
     written = storage.Trajectories(scene, engine, ensemble, source)
     assert same(storage.read_trajectories(tmp_path / "new" / "runs.h5"), written)
     assert f"engine       {engine.options}\n" in inspection.report(tmp_path / "new" / "runs.h5")

@@ -314,7 +314,7 @@ def test_a_changed_source_runs_its_step_again(study, tmp_path, source, jobs):
 
 @pytest.mark.parametrize(
     ("package", "jobs"),
-    [("numba", ALL), ("matplotlib", FIGURES)],
+    [("numba", ALL), ("llvmlite", ALL), ("matplotlib", FIGURES)],
 )
 def test_a_changed_version_runs_its_step_again(study, tmp_path, package, jobs):
     told = tmp_path / "site" / f"{package}-99.dist-info" / "METADATA"

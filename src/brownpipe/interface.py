@@ -24,7 +24,7 @@ from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
 from brownpipe.figures.style import png_bytes
 from brownpipe.observables import refuse_unfit
-from brownpipe.provenance import simulation_of, source_digest
+from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene, read_scene, reading
 from brownpipe.scene.reading import Entry, must_be
@@ -126,7 +126,7 @@ def simulate(
     if len(failed):
         these = f"failed their health check: {len(failed)} of {len(numbers)} runs: {seed_text(failed)}"
         warnings.warn(f"{scene.name}: {these}; analyse leaves them out", stacklevel=2)
-    return to_tree(Trajectories(scene, chosen, ensemble, source_digest(simulation_of(chosen.name))))
+    return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))
 
 
 def analyse(

@@ -1,34 +1,33 @@
 """Which source files and package versions determine a result. Imports nothing heavy.
 
-The source files of a result are found by their imports: a module and every module of brownpipe that it imports,
-directly or not, at the head of a file or inside a function.
+Both are found by imports, at the head of a file or inside a function. The source files of a result are a module and
+every module of brownpipe that it imports, directly or not. The packages are those that these files import, and all
+that these packages require. The version of Python is not among them: with the same packages it changes no number and no
+byte of a file, as all numbers are computed by packages or by arithmetic that IEEE 754 defines.
 """
 
 import hashlib
 import re
+import sys
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 PACKAGE = Path(__file__).parent
+UNKNOWN = "unknown"  # version of a package that is not installed
 NAME = PACKAGE.name
 CATALOGUE = f"{NAME}.engines"  # imports all engines, but only the one that runs determines the results
-IMPORT = re.compile(rf"^[ \t]*(?:from ({NAME}[\w.]*) import (\([^)]*\)|[^\n#]*)|import ({NAME}[\w.]*))", re.MULTILINE)
+IMPORT = re.compile(r"^[ \t]*(?:from (\w[\w.]*) import (\([^)]*\)|[^\n#]*)|import (\w[\w.]*))", re.MULTILINE)
+REQUIREMENT = re.compile(r"([\w.-]+)(?!.*\bextra\b)")  # of a package; one with `extra` is optional
+DISTRIBUTIONS = {"PIL": "pillow", "yaml": "pyyaml"}  # of packages that are imported under another name
 
-
-class Step(NamedTuple):
-    """What determines the output of a step of the pipeline, besides its input and options."""
-
-    modules: tuple[str, ...]  # of brownpipe, with all modules that they import; `figures.*`: every module of a room
-    packages: tuple[str, ...]  # whose versions count
-
-
+# Modules of brownpipe that determine the output of a step, besides its input and options, with all that they import.
+# `figures.*` stands for every module of a room. The engine that runs is added.
 STEPS = {
-    "simulate": Step(("storage.trajectories",), ("numpy", "numba", "h5py")),  # and the engine
-    "aggregate": Step(("storage", "analysis"), ("numpy", "scipy", "xarray", "h5py")),
-    "tradeoff": Step(("storage", "tradeoff"), ("numpy", "scipy", "xarray", "h5py")),
-    "tradeoff_figures": Step(("figures.tradeoff",), ("numpy", "matplotlib")),
-    "figures": Step(("figures.*",), ("numpy", "matplotlib")),
+    "simulate": ("engines", "scene.seeds", "storage.trajectories", "storage.checkpoints"),
+    "aggregate": ("storage", "analysis"),
+    "tradeoff": ("storage", "tradeoff"),
+    "tradeoff_figures": ("storage", "figures.tradeoff"),
+    "figures": ("storage", "figures.*"),
 }
 
 
@@ -37,9 +36,13 @@ def made_with(step: str, engine: str | None = None) -> dict[str, str]:
 
     With an `engine`, its source is part of the step.
     """
-    modules, packages = STEPS[step]
-    roots = modules if engine is None else (*modules, simulation_of(engine))
-    return {"source": source_digest(*roots)} | {name: _version(name) for name in packages}
+    modules = modules_of(step, engine)
+    return {"source": source_digest(*modules)} | {name: _version(name) for name in packages(*modules)}
+
+
+def modules_of(step: str, engine: str | None = None) -> tuple[str, ...]:
+    """Return the modules that determine the output of a step, with all that they import; with that of an `engine`."""
+    return STEPS[step] if engine is None else (*STEPS[step], simulation_of(engine))
 
 
 def simulation_of(engine: str) -> str:
@@ -64,19 +67,21 @@ def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
 def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
     """Return the files of modules and of all that they import, sorted; imports of the list of engines are not followed.
 
+    The list itself is among them if a file imports names from it.
+
     Raises FileNotFoundError for a missing module.
     """
     files: dict[str, Path] = {}
     waiting = [f"{NAME}.{member}" for name in modules for member in _members(folder, name)]
     while waiting:
         module = waiting.pop()
-        if module in files or module == CATALOGUE:
+        if module in files:
             continue
         file = _file(folder, module)
         if file is None:
             raise FileNotFoundError(f"{folder}: has no module {module}")
         files[module] = file
-        waiting += _imported(folder, file)
+        waiting += _imported(folder, file) if module != CATALOGUE else []
     return tuple(sorted(files.values()))
 
 
@@ -90,10 +95,44 @@ def _imported(folder: Path, file: Path) -> list[str]:
     """Return the modules that a file imports, or imports names from."""
     modules = []
     for package, names, module in IMPORT.findall(file.read_text(encoding="utf-8")):
+        if _top(package or module) != NAME:
+            continue
         for name in re.findall(r"(\w+)(?: as \w+)?", names):
             modules.append(f"{package}.{name}" if _file(folder, f"{package}.{name}") else package)
         modules += [module] if module else []
     return modules
+
+
+def _top(module: str) -> str:
+    return module.partition(".")[0]
+
+
+@cache
+def packages(*modules: str, folder: Path = PACKAGE) -> tuple[str, ...]:
+    """Return the names of the packages that modules of brownpipe and all that they import need, sorted.
+
+    These are the packages that the files import and, directly or not, all installed packages that these require.
+    """
+    waiting = []
+    for file in sources(*modules, folder=folder):
+        imports = IMPORT.findall(file.read_text(encoding="utf-8"))
+        tops = {_top(package or module) for package, _, module in imports}
+        waiting += [DISTRIBUTIONS.get(top, top) for top in tops - sys.stdlib_module_names - {NAME}]
+    found: set[str] = set()
+    while waiting:
+        name = re.sub(r"[-_.]+", "_", waiting.pop()).lower()
+        if name not in found and _version(name) != UNKNOWN:
+            found.add(name)
+            waiting += _requirements(name)
+    return tuple(sorted(found))
+
+
+@cache
+def _requirements(name: str) -> tuple[str, ...]:
+    """Return the names of the packages that an installed package requires."""
+    from importlib.metadata import requires
+
+    return tuple(match[1] for line in requires(name) or () if (match := REQUIREMENT.match(line)))
 
 
 def _file(folder: Path, module: str) -> Path | None:
@@ -105,10 +144,12 @@ def _file(folder: Path, module: str) -> Path | None:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of brownpipe and of the packages that determine its numbers and its files."""
-    return {f"{name}_version": _version(name) for name in ("brownpipe", "numpy", "numba", "h5py")}
+    """Return the versions of brownpipe and of the packages that determine runs and their files."""
+    engines = (f"engines.{path.parent.name}.simulation" for path in PACKAGE.glob("engines/*/simulation.py"))
+    return {f"{name}_version": _version(name) for name in (NAME, *packages(*STEPS["simulate"], *engines))}
 
 
+@cache
 def _version(name: str) -> str:
     """Return the version of an installed package."""
     from importlib.metadata import PackageNotFoundError, version  # takes 15 ms
@@ -116,4 +157,4 @@ def _version(name: str) -> str:
     try:
         return version(name)
     except PackageNotFoundError:
-        return "unknown"
+        return UNKNOWN

@@ -17,7 +17,7 @@ from brownpipe.inspection import trajectories_of
 from brownpipe.inspection.lines import DIGITS, is_version
 from brownpipe.inspection.runs import column_of, seeds_in_words
 from brownpipe.observables import observables_making
-from brownpipe.provenance import simulation_of, source_digest, versions
+from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import read_header
 
@@ -60,7 +60,7 @@ def read_original(path: str | Path, seed: int | None = None) -> Original:
 
 def _changes(header: dict[str, str]) -> tuple[str, ...]:
     """Return what differs between source and packages that made a file and those of this installation."""
-    here = versions() | {"source_digest": source_digest(simulation_of(header["engine"]))}
+    here = versions() | {"source_digest": source_digest(*modules_of("simulate", header["engine"]))}
     stored = {name: header.get(name, "unknown") for name in here}
     pairs = ((name, stored[name][:DIGITS], here[name][:DIGITS]) for name in here if stored[name] != here[name])
     return tuple(f"{_word(name)} {before}, here {now}" for name, before, now in pairs)

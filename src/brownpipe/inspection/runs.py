@@ -11,7 +11,7 @@ from brownpipe.errors import RequestError
 from brownpipe.inspection.lines import provenance, worst
 from brownpipe.observables import ARRAYS
 from brownpipe.observables.displacement import displacement
-from brownpipe.provenance import simulation_of, source_digest
+from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage import Trajectories
@@ -36,7 +36,7 @@ def describe(path: str | Path, contents: Trajectories) -> list[str]:
         f"health       {_health(ensemble)}",
         *_statistics(ensemble.observables),
         *_arrays(ensemble),
-        *provenance(header, source_digest(simulation_of(header["engine"]))),
+        *provenance(header, source_digest(*modules_of("simulate", header["engine"]))),
         f"contents     {header['contents_digest'][:12]}",
         f"run again    brownpipe inspect {shlex.quote(str(path))} --reproduce",
     ]

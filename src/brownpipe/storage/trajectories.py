@@ -14,7 +14,7 @@ from brownpipe.engines import Engine, recorded
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import ARRAYS, AXES
-from brownpipe.provenance import simulation_of, source_digest, versions
+from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Box, Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage import arrays
@@ -108,7 +108,7 @@ def write_trajectories(
 
     Raises StorageError if the file cannot be written, or if HDF5 decodes other values from its bytes.
     """
-    source = source or source_digest(simulation_of(engine.name))
+    source = source or source_digest(*modules_of("simulate", engine.name))
     parameters = _parameters(scene, engine, ensemble, source)
     nodes = _layout(scene, ensemble) | parameters
     expected = digest(nodes)

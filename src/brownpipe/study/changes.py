@@ -6,7 +6,7 @@ from itertools import groupby
 from pathlib import Path
 
 from brownpipe.errors import StorageError
-from brownpipe.provenance import STEPS, simulation_of, source_digest, versions
+from brownpipe.provenance import NAME, UNKNOWN, modules_of, source_digest, versions
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import Entry
 from brownpipe.scene.scene import as_mapping
@@ -60,11 +60,11 @@ def _in_files(files: list[Path], scene: Scene) -> Iterator[str]:
         yield f"scene {scene.name}: {key} {_shown(before.get(key))} -> {_shown(now.get(key))}"
     if len(keys) > MOST_KEYS:
         yield f"scene {scene.name}: {len(keys) - MOST_KEYS} more keys"
-    if outline.source != source_digest(simulation_of(outline.engine.name)):
+    if outline.source != source_digest(*modules_of("simulate", outline.engine.name)):
         yield f"engine {outline.engine.name}: its source code"
-    for name in STEPS["simulate"].packages:
-        old, new = header[f"{name}_version"], versions()[f"{name}_version"]
-        if old != new:
+    for key, new in versions().items():
+        old, name = header.get(key, UNKNOWN), key.removesuffix("_version")
+        if old != new and name != NAME:
             yield f"engine {outline.engine.name}: {name} {old} -> {new}"
 
 
