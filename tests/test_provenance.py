@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from functools import cache
 from importlib.metadata import packages_distributions
 
 import pytest
@@ -46,17 +47,23 @@ def test_what_a_verb_imports_is_in_the_digest_or_decides_nothing(step, engine):
     assert [name for name in sorted(left) if not name.startswith(tuple(set().union(*SILENT.values())))] == []
 
 
+owners = cache(packages_distributions)
+
+
+@cache
+def imports_of(file):
+    """The packages that a file imports."""
+    nodes = [*ast.walk(ast.parse(file.read_text()))]
+    modules = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    modules += [node.module for node in nodes if isinstance(node, ast.ImportFrom)]
+    return {module.partition(".")[0] for module in modules}
+
+
 @pytest.mark.parametrize(("step", "engine"), [*CASES, ("tradeoff_figures", None), ("figures", None)])
 def test_all_packages_that_are_imported_are_in_the_digest(step, engine):
     """By Python's own parser, and by what the installed packages say of their modules."""
-    modules, owners = provenance.modules_of(step, engine), packages_distributions()
-    imported = set()
-    for file in provenance.sources(*modules):
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Import | ast.ImportFrom):
-                paths = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module]
-                imported |= {path.partition(".")[0] for path in paths}
-    wanted = {owners[name][0].lower() for name in imported - sys.stdlib_module_names - {"brownpipe"}}
+    imported = set().union(*map(imports_of, provenance.sources(*provenance.modules_of(step, engine))))
+    wanted = {owners()[name][0].lower() for name in imported - sys.stdlib_module_names - {"brownpipe"}}
     assert wanted, step
     assert wanted <= provenance.made_with(step, engine).keys()
 
