@@ -8,8 +8,7 @@ Each scene is run by `brownpipe simulate` with every engine and its settings; so
 `brownpipe aggregate`. Of each file all datasets of trajectories, collisions and observables are hashed: path, shape,
 type and bytes. Attributes and /parameters (the scene's text, versions, digests) are left out. Where an engine refuses a
 scene, the exit status is all there is to compare. This script uses the command line and h5py alone, so that it works
-with any arrangement of the modules. Compare hashes of one machine and one set of packages only: NumPy's elementary
-functions may differ in the last bit from one processor to the next.
+with any arrangement of the modules. Compare hashes of one set of packages only; the processor does not matter.
 """
 
 import argparse
