@@ -20,6 +20,7 @@ from brownpipe.scene import reading
 from brownpipe.verbs import simulate
 
 ROOMS = (  # each may import those before it
+    "quoting",
     "errors",
     "formatting",
     "provenance",

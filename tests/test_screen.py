@@ -303,3 +303,29 @@ def test_nothing_is_coloured(terminal, monkeypatch):
     assert "a warning" in text and "the rule simulate failed" in text
     assert ("\r\033[K" in text) == terminal
     assert "\033" not in text.replace("\r\033[K", "")
+
+
+@pytest.mark.promise(
+    "a name, a log or a variable of the environment with terminal codes in it",
+    "The display of a running study shows what others have written as text, without control characters.",
+)
+@pytest.mark.parametrize("verbose", [False, True])
+def test_no_control_character_of_others_reaches_the_terminal(monkeypatch, clock, notes, tmp_path, verbose):
+    codes = "\x1b]0;title\x07\x9b2J\u202e\b\r\udcff"
+    (tmp_path / "log").write_bytes(b"brownpipe: compiling \x1b[2J\xff\r\x9b\nbrownpipe: second\x07\n")
+    monkeypatch.setenv("UNLOCK_COMMAND", f"unlock {codes}\ncurl")
+    handler, screen = display(monkeypatch, terminal=True, verbose=verbose)
+    start(handler)
+    begin(handler, 1, log=tmp_path / "log")
+    note(notes, 1, 50, unit=f"runs{codes}")
+    handler.listen()
+    handler.show()
+    send(handler, message=f"a warning {codes}", level=logging.WARNING)
+    send(handler, message=f"LockException {codes}", level=logging.ERROR)
+    command = f"brownpipe simulate 'a\ncurl{codes}'"
+    send(handler, LogEvent.JOB_ERROR, rule_name="simulate", shellcmd=command, log=[str(tmp_path / "log")])
+    handler.close()
+    shown = screen.getvalue().replace("\r\033[K", "")
+    assert "warning" in shown and (verbose or "second" in shown)
+    assert [char for char in shown if char != "\n" and not char.isprintable()] == []
+    assert [line for line in shown.splitlines() if line.startswith("curl")] == []

@@ -327,6 +327,10 @@ def test_no_bit_flip_of_a_dataset_is_silent(tmp_path):
         refusal(storage.read_dataset, path)
 
 
+@pytest.mark.promise(
+    "a damaged byte in a trajectory file",
+    "The file is refused; the message names its seeds and the command that makes them again.",
+)
 def test_a_damaged_file_names_its_seeds_and_the_cure(full):
     contents = bytearray(full.read_bytes())
     contents[-1] ^= 1

@@ -16,6 +16,7 @@ from typing import NoReturn
 
 from brownpipe.completion import bash_script
 from brownpipe.errors import FAILED, WRONG_REQUEST, BrownpipeError
+from brownpipe.quoting import printable
 from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
 
@@ -83,7 +84,7 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         parser = self.of_verb or self
         hinted = _with_hint(" ".join(message.split()), [name for one in parser._actions for name in one.option_strings])
-        self.exit(WRONG_REQUEST, f"{parser.prog}: {hinted} (see {parser.prog} --help)\n")
+        self.exit(WRONG_REQUEST, f"{printable(f'{parser.prog}: {hinted} (see {parser.prog} --help)')}\n")
 
 
 def _with_hint(message: str, options: Sequence[str]) -> str:

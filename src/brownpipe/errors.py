@@ -1,4 +1,6 @@
-"""The exceptions of brownpipe, with the exit status of the command line. Every message is one line."""
+"""The exceptions of brownpipe, with the exit status of the command line. Every message is one printable line."""
+
+from brownpipe.quoting import printable
 
 DONE = 0
 FAILED = 1
@@ -11,7 +13,7 @@ class BrownpipeError(Exception):
     exit_status = FAILED
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.splitlines()))
+        super().__init__(printable(message))
 
 
 class RequestError(BrownpipeError, ValueError):

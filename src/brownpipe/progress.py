@@ -20,6 +20,7 @@ from typing import Any
 
 from brownpipe import stages
 from brownpipe.formatting import in_time
+from brownpipe.quoting import printable
 from brownpipe.stages import Stage
 
 DELAY = 2.0  # s of work before a bar is drawn
@@ -109,7 +110,7 @@ class Display:
             while self.remarks:
                 if self.bar is not None:
                     self.bar.clear()
-                print(f"brownpipe: {self.remarks.popleft()}", file=sys.stderr, flush=True)
+                print("brownpipe:", printable(self.remarks.popleft()), file=sys.stderr, flush=True)
             if now >= self.due:
                 self.due = now + (INTERVAL if self.draws_bar else LINE_INTERVAL)
                 left = None if self.stage is None else self.pace.left(now, self.stage.total)
@@ -165,7 +166,7 @@ def line(title: str, stage: Stage | None, seconds: float, left: float | None = N
     parts.append(_whole_seconds(seconds))
     if left is not None:
         parts.append(f"about {_whole_seconds(left)} to go")
-    return f"{title}: {', '.join(parts)}"
+    return printable(f"{title}: {', '.join(parts)}")
 
 
 def _whole_seconds(seconds: float) -> str:

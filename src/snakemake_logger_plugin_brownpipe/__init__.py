@@ -25,6 +25,7 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from brownpipe.progress import LINE_INTERVAL, NOTES, Pace, line
+from brownpipe.quoting import in_lines, printable
 from brownpipe.stages import Stage
 
 CHATTER = ("Assuming unrestricted", "Building DAG", "Using shell", "Select jobs", "Execute ", "Complete log", "Elapsed")
@@ -120,7 +121,7 @@ class LogHandler(LogHandlerBase):
             text = self.format(record)
             self.interrupted |= text.startswith("Terminating processes on user request")
             if text.startswith("LockException"):
-                text = LOCKED.format(os.environ.get("UNLOCK_COMMAND", "the same command with --unlock"))
+                text = LOCKED.format(printable(os.environ.get("UNLOCK_COMMAND", "the same command with --unlock")))
             if self.failures or record.levelno > logging.INFO or not text.startswith(CHATTER):
                 self.write(text)
 
@@ -198,10 +199,10 @@ class LogHandler(LogHandlerBase):
         return Stage("runs", done, runs), None if self.pace is None else self.pace.left(now, runs)
 
     def write(self, text: str) -> None:
-        """Write a line in place of the line of progress."""
+        """Write a message in place of the line of progress; of control characters it keeps line feeds alone."""
         if text and text != "None":
             self.erase()
-            self.stream.write(f"{text}\n")
+            self.stream.write(f"{in_lines(text.split(chr(10)))}\n")
             self.stream.flush()
 
     def erase(self) -> None:
@@ -283,8 +284,8 @@ def notes_of_jobs() -> list[Note]:
 
 def failure(record: Message) -> str:
     """Return an explanation of a failed job: the rule, its command, and its log."""
-    lines = [f"brownpipe: the rule {record.rule_name} failed: {record.shellcmd}"]
+    lines = [printable(f"brownpipe: the rule {record.rule_name} failed: {record.shellcmd}")]
     for log in map(str, record.log or ()):
         with suppress(OSError):
             lines += [f"{log}:", *(f"    {line}" for line in Path(log).read_text(errors="replace").splitlines())]
-    return "\n".join(lines)
+    return in_lines(lines)

@@ -5,17 +5,20 @@ A case is one scene with one particle count and one engine: the dataset without 
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, SupportsFloat
 
 import numpy as np
 
 from brownpipe.errors import FigureError
+from brownpipe.scene.reading import NAME
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from xarray import DataArray, Dataset
 
+LABEL = re.compile(r"[ -#%-~]{1,200}")  # of engines, windows, models, ...: ASCII without $, by which formulae begin
 NOTE_PARTICLES = 150  # of the 2020 note
 
 
@@ -24,6 +27,15 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
     labels = [(s, n, e) for s in dataset.scene.values for n in dataset.particles.values for e in dataset.engine.values]
     cases = [dataset.sel(scene=s, particles=n, engine=e) for s, n, e in labels]
     return [case for case in cases if case.runs + case.failed_runs > 0]
+
+
+def check_names(dataset: Dataset) -> None:
+    """Raise FigureError for a name that no scene, engine, window, ... has; names are in figures and names of files."""
+    for dim, coordinate in dataset.coords.items():
+        allowed = NAME if dim == "scene" else LABEL
+        for name in coordinate.values.ravel() if coordinate.dtype.kind in "OSU" else ():
+            if not allowed.fullmatch(str(name)):
+                raise FigureError(f"{dim}: {str(name)[:80]!r} is no name that brownpipe gives; make the dataset again")
 
 
 def has(case: Dataset, *names: str) -> bool:

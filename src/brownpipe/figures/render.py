@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import cases_of, check_count, has, one_count
+from brownpipe.figures.cases import cases_of, check_count, check_names, has, one_count
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.catalogue import Figure as Entry
 from brownpipe.figures.style import drawing, image_bytes
@@ -77,6 +77,7 @@ def module_of(name: str) -> ModuleType:
 
 def cases_shown(dataset: Dataset, particles: int | None = None) -> dict[str, list[Dataset]]:
     """Return for each figure the cases it shows: those with data for it, of one particle count or of all."""
+    check_names(dataset)
     cases = cases_of(dataset)
     check_count(cases, particles)
     return {name: _selected(figure, cases, particles) for name, figure in FIGURES.items()}

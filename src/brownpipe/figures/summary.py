@@ -11,6 +11,7 @@ from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
 from brownpipe.figures.cases import at_last_distribution, cases_of, has, over_time, plus_minus, title_of
 from brownpipe.figures.tables import Table, aligned
+from brownpipe.quoting import in_lines
 from brownpipe.scene.seeds import brief_seed_text
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def summary(dataset: Dataset) -> str:
     columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
     lines = aligned(columns)
     above = [" " * lines[0].index(TESTS[0]) + QUESTION] if tests else []
-    return "\n".join([*above, *lines, *_legend(dataset, cases, tests), *missing_runs(cases)]) + "\n"
+    return in_lines([*above, *lines, *_legend(dataset, cases, tests), *missing_runs(cases)]) + "\n"
 
 
 def heading_of_msd(cases: list[Dataset]) -> str:

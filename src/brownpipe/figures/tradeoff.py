@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.figures.cases import plus_minus
+from brownpipe.figures.cases import check_names, plus_minus
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, image_bytes, log_axis
 from brownpipe.figures.tables import Table, aligned, to_csv
+from brownpipe.quoting import in_lines
 from brownpipe.stages import tracked
 from brownpipe.storage import write_file
 from brownpipe.tradeoff.front import FEWEST_RUNS, Interval, Setting, pareto_front, settings_of, total_error
@@ -147,7 +148,7 @@ def table(dataset: Dataset) -> Table:
 
 def summary(dataset: Dataset) -> str:
     """Return the trade-off as text: for every scene a table, and the settings that are not on the Pareto front."""
-    return "\n".join("\n".join(_of_scene(dataset, scene)) for scene in _scenes(dataset)) + "\n" + REMARK
+    return "\n".join(in_lines(_of_scene(dataset, scene)) for scene in _scenes(dataset)) + "\n" + REMARK
 
 
 REMARK = (
@@ -176,7 +177,9 @@ def _of_scene(dataset: Dataset, scene: str) -> Iterator[str]:
     never = [of_setting.setting.item() for of_setting in missing if np.isnan(of_setting.may_pay_from)]
     possibly = [of_setting.setting.item() for of_setting in missing if not np.isnan(of_setting.may_pay_from)]
     yield f"  not on the Pareto front: {'; '.join(never) or 'none of them'}"
-    yield f"  on it only if an unresolved bias is small or its cost low: {'; '.join(possibly)}\n" if possibly else ""
+    if possibly:
+        yield f"  on it only if an unresolved bias is small or its cost low: {'; '.join(possibly)}"
+    yield ""
 
 
 def _row(setting: Dataset, exact_seconds: float) -> tuple[str, ...]:
@@ -240,6 +243,7 @@ def _scenes(dataset: Dataset) -> list[str]:
 
 def render(dataset: Dataset, folder: str | Path) -> list[Path]:
     """Write tradeoff_SCENE.png and .svg for every scene, tradeoff.csv and tradeoff.txt; return the paths."""
+    check_names(dataset)
     files: dict[str, bytes] = {}
     with drawing():
         for scene in tracked([*_scenes(dataset)], "figures"):

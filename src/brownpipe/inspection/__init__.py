@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from brownpipe.errors import WrongFileError
 from brownpipe.inspection import results, runs
+from brownpipe.quoting import in_lines
 from brownpipe.scene import scene_yaml
 from brownpipe.storage import Trajectories, read_dataset, read_trajectories
 
@@ -31,7 +32,7 @@ def report(path: str | Path) -> str:
     else:
         lines, table = results.describe(contents), ["", *results.table(contents)]
     size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
-    return "\n".join([f"{path}  {size}", *lines, "intact       yes: every byte as it was written", *table])
+    return in_lines([f"{path}  {size}", *lines, "intact       yes: every byte as it was written", *table])
 
 
 def report_run(path: str | Path, seed: int) -> str:
@@ -39,7 +40,7 @@ def report_run(path: str | Path, seed: int) -> str:
 
     Raises RequestError, which names the seeds of the file, if this one is not among them; other errors as of `report`.
     """
-    return "\n".join(runs.describe_run(path, trajectories_of(path, "--seed"), seed))
+    return in_lines(runs.describe_run(path, trajectories_of(path, "--seed"), seed))
 
 
 def variables(path: str | Path) -> str:
@@ -47,7 +48,7 @@ def variables(path: str | Path) -> str:
     contents = _read(path)
     if isinstance(contents, Trajectories):
         raise WrongFileError(f"{path}: is a trajectory file; --variables works on {OF_DATASETS}")
-    return "\n".join(results.variables(contents))
+    return in_lines(results.variables(contents))
 
 
 def scene_text(path: str | Path) -> str:

@@ -18,6 +18,7 @@ from brownpipe.inspection.lines import DIGITS, is_version
 from brownpipe.inspection.runs import column_of, seeds_in_words
 from brownpipe.observables import observables_making
 from brownpipe.provenance import modules_of, source_digest, versions
+from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import read_header
 
@@ -142,7 +143,7 @@ def verdict(original: Original, found: list[Difference]) -> str:
     for name, seeds, largest in found:
         size = "in shape, type or NaN" if np.isnan(largest) else f"by at most {largest:.2g}"
         lines.append(f"  {name}: {size} ({seeds_in_words(seeds)})")
-    return "\n".join(lines)
+    return in_lines(lines)
 
 
 def _number(runs: int) -> str:

@@ -1,6 +1,5 @@
 """The runs of a trajectory file in words: all of them together, or a single one."""
 
-import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from brownpipe.inspection.lines import provenance, worst
 from brownpipe.observables import ARRAYS
 from brownpipe.observables.displacement import displacement
 from brownpipe.provenance import modules_of, source_digest
+from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage import Trajectories
@@ -38,7 +38,7 @@ def describe(path: str | Path, contents: Trajectories) -> list[str]:
         *_arrays(ensemble),
         *provenance(header, source_digest(*modules_of("simulate", header["engine"]))),
         f"contents     {header['contents_digest'][:12]}",
-        f"run again    brownpipe inspect {shlex.quote(str(path))} --reproduce",
+        f"run again    brownpipe inspect {shell_path(path)} --reproduce",
     ]
 
 

@@ -16,10 +16,12 @@ from typing import Any, NamedTuple, NoReturn
 import yaml
 
 from brownpipe.errors import RequestError
+from brownpipe.quoting import printable, shell_path
 
 _HDF5 = b"\x89HDF"  # the first bytes of an HDF5 file
 _DEEPEST = 10  # levels of nesting; a scene needs 4
 _LONGEST_NUMBER = 64  # characters
+_LONGEST_SHOWN = 80  # characters of a value in a message
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|0o[0-7]+|0x[0-9a-fA-F]+")
 _LIST = "a list has brackets: [{}]"
@@ -71,7 +73,8 @@ def _text(path: str | Path, most_bytes: int) -> str:
     except ValueError as error:  # a file name that no system allows
         raise RequestError(f"{str(path)!r}: cannot be read: {error}") from None
     if data.startswith(_HDF5):
-        raise RequestError(f"{path}: not text: byte 0 is not UTF-8; it is an HDF5 file: brownpipe inspect {path}")
+        command = f"brownpipe inspect {shell_path(path)}"
+        raise RequestError(f"{path}: not text: byte 0 is not UTF-8; it is an HDF5 file: {command}")
     if len(data) > most_bytes:
         raise RequestError(f"{path}: larger than {most_bytes / 2**20:g} MiB, the most that is read")
     try:
@@ -100,7 +103,7 @@ def _value(file: str, events: Iterator[yaml.Event], event: Any, depth: int) -> o
     if event.anchor is not None:
         _refuse_line(file, event, "anchors (&name) and aliases (*name) are not allowed; write the value out")
     if event.tag is not None:
-        _refuse_line(file, event, f"the tag {event.tag} is not allowed; write a plain value")
+        _refuse_line(file, event, f"the tag {event.tag:.{_LONGEST_SHOWN}} is not allowed; write a plain value")
     if depth > _DEEPEST:
         _refuse_line(file, event, f"nested more than {_DEEPEST} levels deep")
     if isinstance(event, yaml.ScalarEvent):
@@ -264,11 +267,8 @@ def choice(entry: Entry, options: tuple[str, ...]) -> str:
     if not isinstance(entry.value, str):
         must_be(entry, " or ".join(options))
     if entry.value not in options:
-        hint = (
-            f"{_LIST.format(entry.value)}; "
-            if entry.file and "," in entry.value
-            else _did_you_mean(entry.value, options)
-        )
+        is_list = entry.file and "," in entry.value and len(entry.value) <= _LONGEST_SHOWN
+        hint = f"{_LIST.format(entry.value)}; " if is_list else _did_you_mean(entry.value, options)
         refuse(entry, f"{_shown(entry.value)} is unknown; {hint}must be {' or '.join(options)}")
     return entry.value
 
@@ -279,7 +279,7 @@ def current_name(entry: Entry, renamed: dict[str, str]) -> Entry:
         return entry
     current = renamed[entry.value]
     place = ": ".join(filter(None, (entry.file, entry.key)))
-    print(f"brownpipe: {place} {entry.value}: now called {current}", file=sys.stderr)
+    print("brownpipe:", printable(f"{place} {entry.value}: now called {current}"), file=sys.stderr)
     return entry._replace(value=current)
 
 
@@ -324,7 +324,8 @@ def _integer_hint(value: object) -> str:
     text = value.strip("() ") if isinstance(value, str) else ""
     if re.fullmatch(r"[0-9]+(_[0-9]+)+", text):
         return f"; write {text.replace('_', '')}"
-    return f"; {_LIST.format(text)}" if re.fullmatch(r"[0-9]+( *, *[0-9]+)+", text) else ""
+    is_list = len(text) <= _LONGEST_SHOWN and re.fullmatch(r"[0-9]+( *, *[0-9]+)+", text)
+    return f"; {_LIST.format(text)}" if is_list else ""
 
 
 def _shown(value: object) -> str:
@@ -336,4 +337,4 @@ def _shown(value: object) -> str:
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     text = repr(list(value) if isinstance(value, tuple) else value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + "..."

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.errors import RequestError
+from brownpipe.quoting import shell_path
 from brownpipe.scene import reading, sample_times
 from brownpipe.scene.packing import ROUND_OFF, most_disks, overlap
 from brownpipe.scene.reading import Entry, must_be, refuse
@@ -52,7 +53,7 @@ def parse_scene(mapping: object, where: str, particles: int | None = None, name:
     Raises RequestError for anything wrong.
     """
     if isinstance(mapping, dict) and "box" not in mapping and is_study(mapping):
-        raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {where}")
+        raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
     optional = dict.fromkeys(("particles", "velocities", "sample_interval", "samples", "equilibrate"))
     entries = reading.fields(Entry(mapping, where), REQUIRED, optional)
     disks = entries["disks"].value

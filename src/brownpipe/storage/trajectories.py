@@ -10,13 +10,16 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from brownpipe.engines import Engine, recorded
+from brownpipe.engines import DEFINITIONS, RECORDS, Engine, option, recorded, requested
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
-from brownpipe.observables import ARRAYS, AXES
+from brownpipe.observables import ARRAYS, AVERAGES, AXES, OBSERVABLES, RENAMED
 from brownpipe.provenance import modules_of, source_digest, versions
-from brownpipe.scene import Box, Scene, parse_scene
-from brownpipe.scene.seeds import seed_text
+from brownpipe.quoting import shell_path
+from brownpipe.scene import Box, Scene, parse_scene, reading
+from brownpipe.scene.reading import Entry
+from brownpipe.scene.scene_file import MOST_DISKS
+from brownpipe.scene.seeds import parse_seeds, seed_text
 from brownpipe.storage import arrays
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
 from brownpipe.storage.hdf5 import Link, Node, Tree, digest, from_bytes, some_from_bytes, to_bytes
@@ -31,6 +34,10 @@ OUTLINE = (  # paths from which an Outline is made
     "particles/tracer/position/time",
     "observables/run/time",
 )
+COMMAND = re.compile(  # as `_command` writes it; none of its characters means anything to a shell
+    rb"`brownpipe simulate ([A-Za-z0-9][A-Za-z0-9._-]{0,63})\.yaml((?: --[a-z-]+ [A-Za-z0-9.,_+-]+)+)`"
+)
+WORDS_OF = {"--record": RECORDS, "--observables": (*OBSERVABLES, *RENAMED), "--average": AVERAGES}  # in the command
 TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
 
 MEANING = {  # dataset: units, long_name
@@ -393,12 +400,37 @@ def _naming(path: str | Path) -> Iterator[None]:
 
 
 def _remedy(path: str | Path) -> str:
-    """Return how to make a damaged file again: the command found in its raw bytes, without the help of HDF5."""
+    """Return how to make a damaged file again: by the command found in its raw bytes, without the help of HDF5."""
     try:
-        match = re.search(rb"`(brownpipe simulate [^`]* --seeds ([0-9,-]+)[^`]*)`", Path(path).read_bytes())
+        match = COMMAND.search(Path(path).read_bytes())
     except OSError:
         return "check that it is there and can be read"
-    if match is None:
+    try:
+        seeds, command = _valid_command(match)
+    except (RequestError, ValueError):
         return "if brownpipe wrote it, delete it and run the study or brownpipe simulate again"
-    command, seeds = (text.decode(errors="replace") for text in match.groups())
-    return f"seeds {seeds} are lost: delete it and run the study again, or {command} --output {path}"
+    return f"seeds {seeds} are lost: delete it and run the study again, or {command} --output {shell_path(path)}"
+
+
+def _valid_command(match: re.Match[bytes] | None) -> tuple[str, str]:
+    """Return the seeds and the command that `_command` wrote, made anew from its values, as bytes may say anything.
+
+    Raises ValueError or RequestError unless there is a command and every part of it is valid.
+    """
+    if match is None:
+        raise ValueError("no command")
+    name, options = (text.decode("ascii") for text in match.groups())
+    words = options.split()
+    given = dict(zip(words[::2], words[1::2], strict=True))
+    known = DEFINITIONS[reading.choice(Entry(given.pop("--engine", ""), ""), tuple(DEFINITIONS))]
+    settings = {key: given.pop(option(key)) for key in known.settings if option(key) in given}
+    values = {key: float(text) if known.settings[key].is_positive else text for key, text in settings.items()}
+    seeds = seed_text(parse_seeds(given.pop("--seeds", "")))
+    particles = given.pop("--particles", None)
+    parts = [f"brownpipe simulate {name}.yaml"]
+    parts += [] if particles is None else [f"--particles {reading.integer(Entry(int(particles), ''), 0, MOST_DISKS)}"]
+    parts += [f"--seeds {seeds} --engine {requested(known.name, values).options}"]
+    for key, text in given.items():
+        names = [reading.choice(Entry(word, ""), WORDS_OF.get(key, ())) for word in text.split(",")]
+        parts.append(f"{key} {','.join(names)}")
+    return seeds, " ".join(parts)

@@ -14,6 +14,7 @@ from brownpipe.engines.saturation import placement_caution
 from brownpipe.engines.units import frame_of
 from brownpipe.errors import RequestError
 from brownpipe.formatting import in_bytes, in_time
+from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene, parse_scene, reading
 from brownpipe.scene.scene_file import MOST_BYTES, is_study
 from brownpipe.study import Study, read_study
@@ -31,8 +32,8 @@ def describe(path: str, particles: int | None = None) -> str:
     if isinstance(mapping, dict) and is_study(mapping):
         if particles is not None:
             raise RequestError(f"{path}: --particles is for scenes; a study says for itself")
-        return "\n".join([f"{path}: a valid study", *_study(read_study(path))])
-    return "\n".join([f"{path}: a valid scene", *_scene(parse_scene(mapping, path, particles))])
+        return in_lines([f"{path}: a valid study", *_study(read_study(path))])
+    return in_lines([f"{path}: a valid scene", *_scene(parse_scene(mapping, path, particles))])
 
 
 def _scene(scene: Scene) -> list[str]:

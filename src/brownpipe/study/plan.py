@@ -5,6 +5,7 @@ unresolved bias, is at least as large as the tolerance.
 """
 
 from brownpipe.formatting import in_bytes, in_time
+from brownpipe.quoting import in_lines
 from brownpipe.scene.reading import Entry
 from brownpipe.study.offers import Offer, cores, offers
 from brownpipe.study.performance import CasePerformance, EnginePerformance
@@ -40,7 +41,7 @@ def describe(cases: list[CasePerformance], target: str, tolerance: float | None,
         lines += _excluded(case, tolerance)
     if len(cases) > 1:
         lines += ["the same engine in all cases", *_choice(cases, tolerance, budget)]
-    return "\n".join(lines)
+    return in_lines(lines)
 
 
 def _choice(cases: list[CasePerformance], tolerance: float | None, budget: float | None) -> list[str]:

@@ -16,6 +16,7 @@ from brownpipe import observables as measures
 from brownpipe.engines import read_engine
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
+from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene, parse_scene, reading
 from brownpipe.scene.reading import Entry, must_be, refuse
 from brownpipe.scene.sample_times import default_fit_windows
@@ -63,7 +64,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     mapping, file = reading.read_yaml(path, MOST_STUDY_BYTES), str(path)
     if isinstance(mapping, dict) and not is_study(mapping) and mapping.keys() & set(SCENE_KEYS):
         raise RequestError(
-            f"{path}: is a scene, not a study; run it with brownpipe simulate {path}, or list it in a study"
+            f"{path}: is a scene, not a study; run it with brownpipe simulate {shell_path(path)}, or list it in a study"
         )
     if overrides and isinstance(mapping, dict):
         gone = [key for new, old in REPLACED.items() if overrides.get(new) is not None for key in old]

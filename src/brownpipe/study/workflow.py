@@ -5,7 +5,6 @@ An installed brownpipe has the workflow in its folder `pipeline`; a checkout has
 
 import os
 import re
-import shlex
 import shutil
 import signal
 import subprocess
@@ -19,6 +18,7 @@ import yaml
 
 from brownpipe.errors import RequestError, RunError
 from brownpipe.provenance import PACKAGE
+from brownpipe.quoting import shell_word
 from brownpipe.study.study_file import read_study
 
 WRITTEN = (".", "results", ".snakemake")  # folders that a study writes to
@@ -106,11 +106,16 @@ def environment_of(study_file: str, report: str | None = None, further: Sequence
     called = ["brownpipe" if own is None or _is_same(shutil.which("brownpipe"), own) else str(own), "run", study_file]
     passed = ["--", *further] if further else []
     shown = {
-        "REPORT_COMMAND": report or shlex.join([*called, "--report", *passed]),
-        "UNLOCK_COMMAND": shlex.join([*called, "--", "--unlock"]),
+        "REPORT_COMMAND": report or _command_line([*called, "--report", *passed]),
+        "UNLOCK_COMMAND": _command_line([*called, "--", "--unlock"]),
     }
     path = os.environ.get("PATH", os.defpath)
     return os.environ | shown | {"PATH": path if own is None else f"{own.parent}{os.pathsep}{path}"}
+
+
+def _command_line(words: Sequence[str]) -> str:
+    """Return a command that can be copied from the screen."""
+    return " ".join(map(shell_word, words))
 
 
 def _own_command() -> Path | None:

@@ -4,6 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE
+from brownpipe.verbs.output import show
 from brownpipe.verbs.values import SCENE, integer
 
 EXAMPLE = SCENE
@@ -19,5 +20,5 @@ def check(arguments: Namespace) -> int:
     """Say whether a scene or study is valid, what will be simulated, and what it will cost."""
     from brownpipe.study.check import describe
 
-    print(describe(arguments.file, arguments.particles))
+    show(*describe(arguments.file, arguments.particles).split("\n"))
     return DONE

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.errors import DONE
-from brownpipe.verbs.output import number, say, writable
+from brownpipe.verbs.output import number, say, show, writable
 from brownpipe.verbs.values import integer
 
 EXAMPLE = "seed17.h5 --to gsd"
@@ -40,5 +40,5 @@ def export(arguments: Namespace) -> int:
         say(f"{output}: {remark}", DONE)
     runs = f"{'seed' if len(written.seeds) == 1 else 'seeds'} {seed_text(written.seeds)}"
     contents = f"{number(written.samples, 'sample')} of {number(written.disks, 'disk')}"
-    print(f"{output}: {runs}: {contents}, {in_bytes(Path(output).stat().st_size)}")
+    show(f"{output}: {runs}: {contents}, {in_bytes(Path(output).stat().st_size)}")
     return DONE

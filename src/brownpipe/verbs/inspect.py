@@ -4,6 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE, FAILED, RequestError
+from brownpipe.verbs.output import show
 from brownpipe.verbs.values import seed
 
 EXAMPLE = "seed17.h5 --seed 17"
@@ -31,13 +32,13 @@ def inspect(arguments: Namespace) -> int:
     if arguments.reproduce:
         return _reproduce(arguments)
     if arguments.scene:
-        print(inspection.scene_text(arguments.file), end="")
+        show(*inspection.scene_text(arguments.file).splitlines())
     elif arguments.variables:
-        print(inspection.variables(arguments.file))
+        show(*inspection.variables(arguments.file).split("\n"))
     elif arguments.seed is not None:
-        print(inspection.report_run(arguments.file, arguments.seed))
+        show(*inspection.report_run(arguments.file, arguments.seed).split("\n"))
     else:
-        print(inspection.report(arguments.file))
+        show(*inspection.report(arguments.file).split("\n"))
     return DONE
 
 
@@ -55,8 +56,8 @@ def _reproduce(arguments: Namespace) -> int:
     from brownpipe.inspection import reproduction
 
     original = reproduction.read_original(arguments.file, arguments.seed)
-    print(*reproduction.announcement(original), sep="\n", flush=True)
+    show(*reproduction.announcement(original), flush=True)
     with progress.shown("inspect"):
         found = reproduction.differences(original)
-    print(reproduction.verdict(original, found))
+    show(*reproduction.verdict(original, found).split("\n"))
     return FAILED if found else DONE

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.errors import DONE
-from brownpipe.verbs.output import number, suffix, writable
+from brownpipe.verbs.output import number, show, suffix, writable
 from brownpipe.verbs.values import frames, integer, positive
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
@@ -37,5 +37,5 @@ def movie(arguments: Namespace) -> int:
         contents = moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps)
     write_file(output, contents)
     count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
-    print(f"{output}: {number(count, 'frame')}, {in_bytes(len(contents))}")
+    show(f"{output}: {number(count, 'frame')}, {in_bytes(len(contents))}")
     return DONE

@@ -1,10 +1,11 @@
 """`brownpipe new`: a scene and a study to start from."""
 
-import shlex
 from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE
+from brownpipe.quoting import shell_path
+from brownpipe.verbs.output import show
 
 EXAMPLE = "my_study"
 
@@ -24,9 +25,9 @@ def new(arguments: Namespace) -> int:
     from brownpipe.study.workflow import pipeline_folder
 
     scene, study = write_new_study(arguments.name, arguments.folder)
-    quoted = shlex.quote(str(study))
-    print(f"{scene}: the physics of one run\n{study}: the runs and their analysis\n")
-    print(f"brownpipe check {quoted}    # what will be simulated, at what cost")
-    print(f"brownpipe run {quoted}      # results and figures in results/{study.stem}")
-    print(f"all keys: {pipeline_folder() / 'config' / 'README.md'}")
+    quoted = shell_path(study)
+    show(f"{scene}: the physics of one run", f"{study}: the runs and their analysis", "")
+    show(f"brownpipe check {quoted}    # what will be simulated, at what cost")
+    show(f"brownpipe run {quoted}      # results and figures in results/{study.stem}")
+    show(f"all keys: {pipeline_folder() / 'config' / 'README.md'}")
     return DONE

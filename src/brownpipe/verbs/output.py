@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from brownpipe.errors import RequestError
+from brownpipe.quoting import in_lines, printable
 
 HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
 YAML = (".yaml", ".yml")
@@ -13,9 +14,14 @@ NETCDF = (".nc", "")  # of datasets
 FILES = (".png", ".svg", ".pdf", ".jpg", ".jpeg", ".gif", ".csv", ".txt", ".nc", ".h5")  # no suffixes of folders
 
 
+def show(*lines: str, flush: bool = False) -> None:
+    """Print each line on standard output; control characters in it are escaped."""
+    print(in_lines(lines), flush=flush)
+
+
 def say(message: str, status: int) -> int:
     """Print a message on stderr, in one line; return the exit status."""
-    print("brownpipe:", " ".join(message.split()) or "out of memory", file=sys.stderr)
+    print("brownpipe:", printable(message) or "out of memory", file=sys.stderr)
     return status
 
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.errors import DONE, FAILED, RequestError
-from brownpipe.verbs.output import YAML, say, writable
+from brownpipe.quoting import shell_word
+from brownpipe.verbs.output import YAML, say, show, writable
 from brownpipe.verbs.values import seconds
 
 EXAMPLE = "config/harrison2020.yaml --tolerance 2% --write my_study.yaml"
@@ -46,11 +47,11 @@ def plan(arguments: Namespace) -> int:
     output = None if arguments.write is None else writable(arguments.write, arguments.study, kinds=YAML)
     with progress.shown("plan"):
         cases = performance.performance_of(study, target)
-    print(planning.describe(cases, target, tolerance, budget))
+    show(*planning.describe(cases, target, tolerance, budget).split("\n"))
     best = next(iter(offers(cases, tolerance, budget)), None)
     if output is not None and best is not None:
         mapping = writing.derived_study(arguments.study, output, best.engine, best.runs, best.batch)
-        writing.write_yaml(output, mapping, f"brownpipe plan {' '.join(arguments.argv[1:])}")
+        writing.write_yaml(output, mapping, " ".join(["brownpipe plan", *map(shell_word, arguments.argv[1:])]))
     return FAILED if best is None else DONE
 
 

@@ -4,6 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE
+from brownpipe.verbs.output import show
 from brownpipe.verbs.values import cores
 
 EXAMPLE = "my_study.yaml -j 2 --report"
@@ -34,11 +35,11 @@ def run(arguments: Namespace) -> int:
     further = arguments.further
     status = DONE
     if arguments.dry_run and not further and arguments.report is None:
-        print(planned_jobs(arguments.study, arguments.cores))
+        show(planned_jobs(arguments.study, arguments.cores))
     else:
         status = run_study(arguments.study, arguments.cores, arguments.dry_run, arguments.report, further)
     if status == DONE and arguments.dry_run and not is_changed_by(further):
         study = read_study(arguments.study)
         for line in changes(study):
-            print(f"differs from results/{study.name}: {line}")
+            show(f"differs from results/{study.name}: {line}")
     return status

@@ -5,6 +5,7 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE
+from brownpipe.verbs.output import show
 
 EXAMPLE = "study"
 
@@ -24,5 +25,5 @@ def schema(arguments: Namespace) -> int:
     from brownpipe.study.schema import study_schema
 
     made = {"scene": scene_schema, "study": study_schema}[arguments.kind]()
-    print(json.dumps(made, indent=1))
+    show(*json.dumps(made, indent=1).split("\n"))
     return DONE

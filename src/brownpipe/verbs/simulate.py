@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from brownpipe.errors import DONE, FAILED, RequestError
-from brownpipe.verbs.output import HDF5, number, say, writable
+from brownpipe.verbs.output import HDF5, number, say, show, writable
 from brownpipe.verbs.values import SCENE, integer, observables, positive
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def simulate(arguments: Namespace) -> int:
     failed = ensemble.seeds[ensemble.observables["failed"] > 0]
     if len(failed):
         say(f"{output}: failed their health check: {len(failed)} of {len(seeds)} runs: {seed_text(failed)}", FAILED)
-    print(_made(output, ensemble, time.process_time() - began))
+    show(_made(output, ensemble, time.process_time() - began))
     return FAILED if len(failed) == len(seeds) else DONE
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.errors import DONE, RequestError
+from brownpipe.quoting import shell_path
 from brownpipe.verbs.output import NETCDF, writable
 from brownpipe.verbs.values import window
 
@@ -36,7 +37,7 @@ def tradeoff(arguments: Namespace) -> int:
     files = arguments.files or [f"{results}/simulate/{job.file}" for job in study.jobs()]
     missing = [file for file in files if not Path(file).exists()]
     if missing and not arguments.files:
-        first = f"brownpipe run {arguments.study} ({missing[0]} is missing)"
+        first = f"brownpipe run {shell_path(arguments.study)} ({missing[0]} is missing)"
         raise RequestError(f"{arguments.study}: has no results yet; run it first: {first}")
     output = writable(arguments.output or f"{results}/tradeoff/{study.name}.nc", arguments.study, *files, kinds=NETCDF)
     with progress.shown("tradeoff"):
