@@ -10,6 +10,7 @@ from os.path import relpath
 
 from brownpipe.errors import RequestError
 from brownpipe.provenance import made_with
+from brownpipe.quoting import printable, shell_path
 from brownpipe.study import from_command_line, read_study
 
 try:
@@ -52,9 +53,9 @@ rule all:
         rules.aggregate.input,
         summary=rules.figures.output.summary,
     params:
-        report=os.environ.get("REPORT_COMMAND", "the same command with --report report.html"),
+        report=(printable(os.environ.get("REPORT_COMMAND", "the same command with --report report.html")),),
     shell:
-        "cat {input.summary:q} && echo figures and tables: $(dirname {input.summary:q})"
+        'cat {input.summary:q} && echo figures and tables: "$(dirname {input.summary:q})"'
         " && echo all on one page: {params.report:q}"
 
 

@@ -1,5 +1,6 @@
 """The pipeline as a user starts it: the same bytes however it is run, and nothing run that need not be."""
 
+import json
 import os
 import re
 import shlex
@@ -397,12 +398,18 @@ def test_a_tolerance_takes_one_command_and_its_dry_run_no_pilot(tmp_path):
     assert planned(folder) == NOTHING and announced not in second and "assumed" not in second
 
 
+@pytest.mark.promise(
+    "a folder or file called -rf, or with blanks, quotes, line feeds, braces, $(...) or ; in its name",
+    "Every path in a command of the workflow is one word of the shell, no option, and nothing in it is executed.",
+)
 def test_a_list_of_disks_in_a_folder_with_spaces(tmp_path):
-    folder = tmp_path / "study"
-    (folder / "my scenes; false").mkdir(parents=True)
-    shutil.copy(ROOT / "tests" / "scenes" / "pair_head_on.yaml", folder / "my scenes; false" / "pair.yaml")
-    (folder / "study.yaml").write_text("scenes: my scenes; false/pair.yaml\nseeds: 1\nfigures: [health]\n")
+    scenes = "-my scenes; false\n$(touch hit) `touch hit` {wildcards} {{x}} 'q\" \x1b[2J & touch hit &"
+    folder = tmp_path / "-study {x}; false \n'\" \udcff"
+    (folder / scenes).mkdir(parents=True)
+    shutil.copy(ROOT / "tests" / "scenes" / "pair_head_on.yaml", folder / scenes / "pair.yaml")
+    (folder / "study.yaml").write_text(f"scenes: {json.dumps(f'{scenes}/pair.yaml')}\nseeds: 1\nfigures: [health]\n")
     snakemake(folder, "--cores", "1")
+    assert not list(tmp_path.rglob("hit"))
     assert (folder / "results/study/simulate/pair/N2/exact/0-0.h5").is_file()
     assert re.search(r"^pair +2 +1 ", (folder / "results/study/figures/summary.txt").read_text(), re.MULTILINE)
 

@@ -16,4 +16,4 @@ rule aggregate:
         options=study.aggregate_options,
         made_with=made_with("aggregate"),
     shell:
-        "brownpipe aggregate {input} --output {output} --fit-windows {params.windows} {params.options} 2> {log}"
+        "brownpipe aggregate {input:q} --output {output:q} --fit-windows {params.windows:q} {params.options} 2> {log:q}"

@@ -17,4 +17,4 @@ rule figures:
         names=study.figures,
         made_with=made_with("figures"),
     shell:
-        "brownpipe figures {input} --output $(dirname {output.summary}) --figures {params.names} 2> {log}"
+        'brownpipe figures {input:q} --output "$(dirname {output.summary:q})" --figures {params.names:q} 2> {log:q}'

@@ -13,5 +13,5 @@ rule simulate:
         options=study.simulate_options,
         made_with=lookup(dpath="{engine}/made_with", within=engines),
     shell:
-        "brownpipe simulate {params.scene:q} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
-        " --engine {params.engine} {params.options} --output {output} > {log} 2>&1"
+        "brownpipe simulate {params.scene} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
+        " --engine {params.engine} {params.options} --output {output:q} > {log:q} 2>&1"

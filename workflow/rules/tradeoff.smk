@@ -10,11 +10,11 @@ rule tradeoff:
         f"{results}/benchmarks/tradeoff/{study.name}.tsv"
     threads: 1000  # limited to all cores
     params:
-        study=relpath(study_file),
+        study=(shell_path(relpath(study_file)),),
         instead_of=study.instead_of,
         made_with=made_with("tradeoff"),
     shell:
-        "brownpipe tradeoff {params.study:q} --files {input} --output {output} 2> {log}"
+        "brownpipe tradeoff {params.study} --files {input:q} --output {output:q} 2> {log:q}"
 
 
 rule tradeoff_figures:
@@ -35,4 +35,4 @@ rule tradeoff_figures:
     params:
         made_with=made_with("tradeoff_figures"),
     shell:
-        "brownpipe figures {input} --output $(dirname {output.table}) 2> {log} && cat {output.table}"
+        'brownpipe figures {input:q} --output "$(dirname {output.table:q})" 2> {log:q} && cat {output.table:q}'

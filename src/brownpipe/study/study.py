@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import EXACT
+from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import batches
 
@@ -88,8 +89,11 @@ class Study:
 
     @property
     def case_table(self) -> dict[str, dict[str, dict[str, str]]]:
-        """Scene file, relative to the working directory, and digest of the physics: [scene][particle count]."""
-        files = {path.stem: os.path.relpath(path) for path in self.scenes}
+        """Scene file, relative to the working directory, and digest of the physics: [scene][particle count].
+
+        The file is a word of a shell command.
+        """
+        files = {path.stem: shell_path(os.path.relpath(path)) for path in self.scenes}
         table: dict[str, dict[str, dict[str, str]]] = {name: {} for name in files}
         for case in self.cases:
             table[case.name][str(case.particles)] = {"file": files[case.name], "digest": case.digest}
