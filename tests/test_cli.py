@@ -547,8 +547,8 @@ def test_parts_of_a_scene_or_study_are_known_for_what_they_are(capsys):
     Path("scene.yaml").write_text("disks: []\nduration: 1\n")
     assert "study.yaml: is a study, not a scene" in said(capsys, "simulate", "study.yaml")[2]
     assert "scene.yaml: is a scene, not a study" in said(capsys, "plan", "scene.yaml", "--tolerance", "2%")[2]
-    assert "study.yaml: scenes: missing; must be given" in said(capsys, "check", "study.yaml")[2]
-    assert "scene.yaml: box: missing; must be given" in said(capsys, "check", "scene.yaml")[2]
+    assert "study.yaml: line 1: scenes: missing; must be given" in said(capsys, "check", "study.yaml")[2]
+    assert "scene.yaml: line 1: box: missing; must be given" in said(capsys, "check", "scene.yaml")[2]
 
 
 def test_results_are_no_scene(runs, capsys):

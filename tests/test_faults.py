@@ -1,5 +1,6 @@
 """Bad input: one line that names the file, the key, the value and what is allowed."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,13 @@ def refusal(path, read=read_scene):
     return line.removeprefix(f"{path}: ")
 
 
+def value_refused(path):
+    """The refusal of a value or key without its line, which every one of them has."""
+    line, message = re.fullmatch("line ([0-9]+): (.*)", refusal(path)).groups()
+    assert 1 <= int(line) <= path.read_text().count("\n") + 1
+    return message
+
+
 def changed(tmp_path, text, old, new):
     assert text.count(old) == 1
     path = tmp_path / "scene.yaml"
@@ -57,6 +65,10 @@ def test_scene_is_refused(name):
 # -- files ---
 
 
+@pytest.mark.promise(
+    "a file that is no YAML, or YAML that two programs may read differently",
+    "It is refused in one line that names the file and the line, before anything is computed.",
+)
 @pytest.mark.parametrize("read", [read_scene, read_study])
 @pytest.mark.parametrize(
     ("content", "message"),
@@ -80,7 +92,7 @@ def test_scene_is_refused(name):
         (b"a: !!float 1\n", "line 1: the tag tag:yaml.org,2002:float is not allowed; write a plain value"),
         (b"&a a: 1\n", "line 1: a key must be a plain word"),
         (b"? [a, b]\n: 1\n", "line 1: a key must be a plain word"),
-        (b"<<: {a: 1}\n", "unknown key '<<'"),
+        (b"<<: {a: 1}\n", "line 1: unknown key '<<'"),
         (b"a: 010\n", "line 1: 010: a number must not start with a superfluous zero"),
         (b"a: -007.5\n", "line 1: -007.5: a number must not start with a superfluous zero"),
         (b"a: 1e999\n", "line 1: 1e999: must be a finite number, below 1.8e308"),
@@ -202,7 +214,7 @@ def test_any_bytes_are_read_or_refused_in_one_line(tmp_path_factory, content):
     ],
 )
 def test_explicit_scene_is_refused(tmp_path, old, new, message):
-    assert refusal(changed(tmp_path, EXPLICIT, old, new)).startswith(message)
+    assert value_refused(changed(tmp_path, EXPLICIT, old, new)).startswith(message)
 
 
 @pytest.mark.parametrize(
@@ -294,7 +306,7 @@ def test_explicit_scene_is_refused(tmp_path, old, new, message):
     ],
 )
 def test_scene_of_species_is_refused(tmp_path, old, new, message):
-    assert refusal(changed(tmp_path, SPECIES, old, new)).startswith(message)
+    assert value_refused(changed(tmp_path, SPECIES, old, new)).startswith(message)
 
 
 @pytest.mark.parametrize(
@@ -385,11 +397,11 @@ def test_the_scenes_that_are_changed_above_are_right(tmp_path):
 def test_disks_are_refused(tmp_path, disks, message):
     path = tmp_path / "scene.yaml"
     path.write_text(f"box: {{x: [0, 9], y: [0, 9]}}\nduration: 1\nvelocities: {{temperature: 1}}\ndisks: {disks}\n")
-    assert refusal(path).startswith(message)
+    assert value_refused(path).startswith(message)
 
 
 def test_pinned_tracer_needs_a_tracer(tmp_path):
     path = tmp_path / "scene.yaml"
     disks = "disks: {species: [{name: a, count: 1, radius: 1, mass: 1}]}\nequilibrate: {time: 1, tracer: pinned}"
     path.write_text(f"box: {{x: [0, 9], y: [0, 9]}}\nduration: 1\nvelocities: {{temperature: 1}}\n{disks}\n")
-    assert refusal(path) == "equilibrate.tracer: must be free, as there is no tracer, not 'pinned'"
+    assert value_refused(path) == "equilibrate.tracer: must be free, as there is no tracer, not 'pinned'"

@@ -378,7 +378,9 @@ def test_wrong_studies_are_refused(overrides, message):
 
 
 def test_every_scene_is_read_with_every_particle_count():
-    with pytest.raises(RequestError, match=r"harrison2020.yaml: disks: 1999 disks of radius 0.1 \(bath\) cannot fit"):
+    with pytest.raises(
+        RequestError, match=r"harrison2020.yaml: line 9: disks: 1999 disks of radius 0.1 \(bath\) cannot fit"
+    ):
         small(particles=[50, 2000])
     with pytest.raises(RequestError, match=r"scenes/absent.yaml: cannot be read: No such file or directory"):
         small(scenes=["scenes/harrison2020.yaml", "scenes/absent.yaml"])

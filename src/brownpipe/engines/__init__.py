@@ -110,13 +110,13 @@ def option(setting: str) -> str:
 def read_engine(entry: Entry) -> Engine:
     """Return the engine of a study: its name, or a mapping with name and settings. Raises RequestError."""
     mapping = entry.value if isinstance(entry.value, dict) else {"name": entry.value}
-    name = Entry(mapping.get("name"), entry.file, (*entry.path, "name"))
+    name = entry.part("name", mapping.get("name"))
     if "name" not in mapping:
         reading.refuse(name, f"missing; must be given, as in {{name: {next(iter(DEFINITIONS))}}}")
     definition = DEFINITIONS[reading.choice(name, tuple(DEFINITIONS))]
     defaults = _defaults(definition)
     required = tuple(key for key in definition.settings if key not in defaults)
-    entries = reading.fields(Entry(mapping, entry.file, entry.path), ("name", *required), defaults)
+    entries = reading.fields(entry._replace(value=mapping), ("name", *required), defaults)
     settings = tuple((key, setting.read(entries[key])) for key, setting in definition.settings.items())
     return Engine(definition.name, settings)
 

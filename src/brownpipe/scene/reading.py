@@ -1,15 +1,17 @@
 """Strict reading of YAML 1.2 (core schema), and checked access to the values.
 
-Every refusal is one line that names the file, the key, the value and the allowed values. Files may have mappings, lists
-and scalars. Further features of YAML (anchors, aliases, tags, merge keys, several documents) are refused, and so is any
-text that two programs may read differently (duplicate keys, numbers with leading zeros).
+Every refusal is one line that names the file, its line, the key, the value and the allowed values. Files may have
+mappings, lists and scalars. Further features of YAML (anchors, aliases, tags, merge keys, several documents) are
+refused, and so is any text that two programs may read differently (duplicate keys, numbers with leading zeros).
 """
 
 import difflib
 import math
+import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -20,8 +22,10 @@ from brownpipe.quoting import printable, shell_path
 
 _HDF5 = b"\x89HDF"  # the first bytes of an HDF5 file
 _DEEPEST = 10  # levels of nesting; a scene needs 4
+_MOST_VALUES = 100_000  # of a key on a command line, whose words have at most 131,072 characters
 _LONGEST_NUMBER = 64  # characters
 _LONGEST_SHOWN = 80  # characters of a value in a message
+_LONGEST_TEXT = 240  # characters of a part of a message
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|0o[0-7]+|0x[0-9a-fA-F]+")
 _LIST = "a list has brackets: [{}]"
@@ -35,17 +39,33 @@ _WORDS |= dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan)
 # -- the file -------------------------------------------------------------------------------------------------------
 
 
+class Document(dict[str, object]):
+    """A mapping with the text that it was read from."""
+
+    text = ""
+
+
 def read_yaml(path: str | Path, most_bytes: int) -> object:
     """Return the contents of a YAML file as dicts with str keys, lists, str, int, float, bool and None.
+
+    A mapping is returned as a `Document`.
 
     Raises RequestError if the file cannot be read, is larger than `most_bytes`, or is not strict YAML.
     """
     text = _text(path, most_bytes)
-    loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
     try:
-        return _document(str(path), yaml.parse(text, Loader=loader))
+        value = _document(str(path), _events(text))
     except yaml.YAMLError as error:
         raise RequestError(f"{path}: {_why_not_yaml(error, text)}") from None
+    if isinstance(value, dict):
+        value = Document(value)
+        value.text = text
+    return value
+
+
+def _events(text: str) -> Iterator[yaml.Event]:
+    """Yield the events of the parser, the first of which is the start of the stream."""
+    return yaml.parse(text, Loader=yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader)
 
 
 def _why_not_yaml(error: yaml.YAMLError, text: str) -> str:
@@ -68,7 +88,7 @@ def _text(path: str | Path, most_bytes: int) -> str:
         with open(path, "rb") as stream:
             data = stream.read(most_bytes + 1)
     except OSError as error:
-        hint = f"; did you mean {Path(path).name}.yaml?" if Path(f"{path}.yaml").is_file() else ""
+        hint = f"; did you mean {Path(path).name}.yaml?" if os.path.isfile(f"{path}.yaml") else ""
         raise RequestError(f"{path}: cannot be read: {error.strerror}{hint}") from None
     except ValueError as error:  # a file name that no system allows
         raise RequestError(f"{str(path)!r}: cannot be read: {error}") from None
@@ -174,12 +194,26 @@ _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(f"(?:{_NUMBE
 # -- values -----------------------------------------------------------------------------------------------------
 
 
+class Origin(NamedTuple):
+    """The text of a file, in which messages look up the line of a value."""
+
+    text: str
+    keys: Mapping[
+        str, str | None
+    ] = {}  # at its head, if another one than in paths; None: the value is not from the text
+
+
 class Entry(NamedTuple):
     """A value with its file and key, which every message about it names."""
 
     value: object
     file: str
     path: tuple[str | int, ...] = ()  # ("disks", 3, "radius") is disks[3].radius
+    origin: Origin | None = None
+
+    def part(self, key: str | int, value: object) -> "Entry":
+        """Return the entry of a value in this mapping or list."""
+        return self._replace(value=value, path=(*self.path, key))
 
     @property
     def key(self) -> str:
@@ -187,13 +221,60 @@ class Entry(NamedTuple):
         return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.path).lstrip(".")
 
 
+def whole(mapping: object, file: str) -> Entry:
+    """Return the entry of all that a file contains; for a `Document`, messages name lines, too."""
+    return Entry(mapping, file, (), Origin(mapping.text) if isinstance(mapping, Document) else None)
+
+
+def _line_of(entry: Entry) -> int | None:
+    """Return the line, from 1, where the key of an entry or its item of a list begins; of a missing key, its mapping.
+
+    None for a value that is not from a text. Looked up by parsing the text again, as only refusals need it.
+    """
+    if entry.origin is None:
+        return None
+    head: tuple[str | int | None, ...] = entry.path[:1]
+    if head:
+        head = (entry.origin.keys.get(str(head[0]), head[0]),)
+    if None in head:
+        return None
+    events = _events(entry.origin.text)
+    next(events), next(events)  # the starts of the stream and the document
+    event: Any = next(events)
+    line = event.start_mark.line + 1
+    for part in (*head, *entry.path[1:]):
+        is_mapping = isinstance(event, yaml.MappingStartEvent)
+        if not isinstance(event, yaml.CollectionStartEvent) or is_mapping != isinstance(part, str):
+            break  # it stands for a mapping or list
+        for index in count():
+            name: Any = next(events)  # of the item: its key, in a list its value
+            if isinstance(name, yaml.CollectionEndEvent):
+                return line if entry.value is None else None
+            event = next(events) if is_mapping else name
+            if part == (name.value if is_mapping else index):
+                line = name.start_mark.line + 1
+                break
+            _skip(events, event)
+    return line
+
+
+def _skip(events: Iterator[yaml.Event], event: yaml.Event) -> None:
+    """Take the rest of the value that begins with `event` from the following events."""
+    depth = int(isinstance(event, yaml.CollectionStartEvent))
+    while depth:
+        event = next(events)
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+
+
 def with_types(entry: Entry) -> object:
     """Return a value with every text in it, at any depth, read as a plain scalar of YAML.
 
-    Raises RequestError for a number that files may not have either.
+    Raises RequestError for what files may not have either: some numbers, and deep nesting.
     """
+    if len(entry.path) > _DEEPEST:
+        refuse(entry._replace(path=entry.path[:1]), f"nested more than {_DEEPEST} levels deep")
     if isinstance(entry.value, dict):
-        return {key: with_types(Entry(value, entry.file, (*entry.path, key))) for key, value in entry.value.items()}
+        return {key: with_types(entry.part(key, value)) for key, value in entry.value.items()}
     if isinstance(entry.value, list):
         return [with_types(item) for item in items(entry)]
     try:
@@ -202,9 +283,23 @@ def with_types(entry: Entry) -> object:
         refuse(entry, str(problem))
 
 
-def refuse(entry: Entry, problem: str) -> NoReturn:
-    """Raise RequestError with file, key and problem."""
-    raise RequestError(": ".join(part for part in (entry.file, entry.key, problem) if part))
+def refuse_huge(entry: Entry) -> None:
+    """Refuse a value with more than _MOST_VALUES values in it, as aliases (*name) make of a short text."""
+    waiting, number_of_values = [entry.value], 0
+    while waiting:
+        value = waiting.pop()
+        parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        number_of_values += len(parts)
+        if number_of_values > _MOST_VALUES:
+            refuse(entry, f"more than {_MOST_VALUES} values; aliases (*name) are not allowed, write the value out")
+        waiting.extend(parts)
+
+
+def refuse(entry: Entry, problem: str, at: Entry | None = None) -> NoReturn:
+    """Raise RequestError with file, line, key and problem; the line is that of `at`, if it is given."""
+    line = _line_of(at or entry)
+    place = "" if line is None else f"line {line}"
+    raise RequestError(": ".join(part for part in (entry.file, place, entry.key, problem) if part))
 
 
 def must_be(entry: Entry, allowed: str, hint: str = "") -> NoReturn:
@@ -217,22 +312,22 @@ def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] 
     allowed = (*required, *(optional or {}))
     if not isinstance(entry.value, dict):
         must_be(entry, f"a mapping with the keys {', '.join(allowed)}")
-    for key in entry.value:
+    for key, value in entry.value.items():
         if key not in allowed:
             hint = "a number has a decimal point; " if key.isdigit() else _did_you_mean(key, allowed)
-            refuse(entry, f"unknown key {_shown(key)}; {hint}allowed: {', '.join(allowed)}")
+            problem = f"unknown key {_shown(key)}; {hint}allowed: {', '.join(allowed)}"
+            refuse(entry, problem, at=entry.part(key, value))
     for key in required:
         if key not in entry.value:
-            refuse(Entry(None, entry.file, (*entry.path, key)), "missing; must be given")
-    values = (optional or {}) | entry.value
-    return {key: Entry(value, entry.file, (*entry.path, key)) for key, value in values.items()}
+            refuse(entry.part(key, None), "missing; must be given")
+    return {key: entry.part(key, value) for key, value in ((optional or {}) | entry.value).items()}
 
 
 def items(entry: Entry, length: int | None = None, what: str = "a list") -> list[Entry]:
     """Return the entries of a list, of `length` if given; `what` says in the refusal what is allowed."""
     if not isinstance(entry.value, list | tuple) or length not in (None, len(entry.value)):
         must_be(entry, what)
-    return [Entry(value, entry.file, (*entry.path, index)) for index, value in enumerate(entry.value)]
+    return [entry.part(index, value) for index, value in enumerate(entry.value)]
 
 
 def number(entry: Entry, above: float | None = None, least: float | None = None) -> float:
@@ -326,6 +421,12 @@ def _integer_hint(value: object) -> str:
         return f"; write {text.replace('_', '')}"
     is_list = len(text) <= _LONGEST_SHOWN and re.fullmatch(r"[0-9]+( *, *[0-9]+)+", text)
     return f"; {_LIST.format(text)}" if is_list else ""
+
+
+def shortened(text: str) -> str:
+    """Return a text of at most _LONGEST_TEXT characters, the middle of a longer one left out."""
+    half = _LONGEST_TEXT // 2 - 2
+    return text if len(text) <= _LONGEST_TEXT else f"{text[:half]}...{text[-half:]}"
 
 
 def _shown(value: object) -> str:

@@ -55,7 +55,7 @@ def parse_scene(mapping: object, where: str, particles: int | None = None, name:
     if isinstance(mapping, dict) and "box" not in mapping and is_study(mapping):
         raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
     optional = dict.fromkeys(("particles", "velocities", "sample_interval", "samples", "equilibrate"))
-    entries = reading.fields(Entry(mapping, where), REQUIRED, optional)
+    entries = reading.fields(reading.whole(mapping, where), REQUIRED, optional)
     disks = entries["disks"].value
     listed = len(disks) if isinstance(disks, list | tuple) else None  # number of explicit disks
     if particles is not None:
@@ -238,7 +238,7 @@ def _counts(entries: list[Entry], particles: Entry, tracers: int) -> list[int]:
     if particles.value is None:
         if rest:
             refuse(particles, "missing; must be given with `count: rest`")
-        particles = Entry(known, particles.file, particles.path)
+        particles = particles._replace(value=known)
     total = reading.integer(particles, 0, MOST_DISKS)
     if total < known or (total > known and not rest):
         least = "at least " if rest else ""

@@ -6,6 +6,7 @@ list the keys in this order), such a function, its argument in `read_study`, a f
 config/README.md.
 """
 
+import os
 import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -66,11 +67,14 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         raise RequestError(
             f"{path}: is a scene, not a study; run it with brownpipe simulate {shell_path(path)}, or list it in a study"
         )
+    whole = reading.whole(mapping, file)
     if overrides and isinstance(mapping, dict):
         gone = [key for new, old in REPLACED.items() if overrides.get(new) is not None for key in old]
-        mapping, file = _without(mapping, gone) | overrides, f"{path} with {', '.join(map(str, overrides))} replaced"
-    _refuse_keys_of_scenes(Entry(mapping, file))
-    entries = reading.fields(_with_new_names(Entry(mapping, file)), ("scenes",), DEFAULTS)
+        file = f"{path} with {', '.join(map(str, overrides))} replaced"
+        origin = whole.origin and whole.origin._replace(keys=dict.fromkeys((*gone, *overrides)))
+        whole = Entry(_without(mapping, gone) | overrides, file, (), origin)
+    _refuse_keys_of_scenes(whole)
+    entries = reading.fields(_with_new_names(whole), ("scenes",), DEFAULTS)
     scenes = _scenes(entries["scenes"], Path(path).parent)
     cases = _cases(scenes, entries["particles"])
     ring_width, rings = read_rings(entries["rings"])
@@ -108,9 +112,11 @@ def from_command_line(values: Mapping[str, object], where: str = "--config") -> 
     """Return the values of `snakemake --config KEY=VALUE` with the types that they would have in a study file.
 
     Snakemake reads numbers inside lists and mappings, null, true and false as text. A key that takes a list takes a
-    text with commas, too: particles=50,150. Raises RequestError, naming `where` and the key.
+    text with commas, too: particles=50,150. Raises RequestError, naming `where` and the key, for what no file may have.
     """
     entries = {key: Entry(_listed(key, value), where, (key,)) for key, value in values.items()}
+    for entry in entries.values():
+        reading.refuse_huge(entry)
     return {key: reading.with_types(entry) for key, entry in entries.items()}
 
 
@@ -129,20 +135,25 @@ def _refuse_keys_of_scenes(entry: Entry) -> None:
     """Refuse a key at the head of a study that belongs into a scene."""
     unknown = set(entry.value if isinstance(entry.value, dict) else ()) - {*DEFAULTS, "name"}
     for key in sorted(unknown & key_names(scene_schema())):
-        refuse(entry, f"unknown key '{key}'; it is a key of scenes: write it in a scene file, and that under scenes")
+        hint = "it is a key of scenes: write it in a scene file, and that under scenes"
+        refuse(entry, f"unknown key '{key}'; {hint}", at=entry.part(key, ""))
 
 
 def _with_new_names(entry: Entry) -> Entry:
     """Return the mapping of a study with keys of earlier versions replaced by the current ones."""
     if not isinstance(entry.value, dict) or not entry.value.keys() & RENAMED_KEYS.keys():
         return entry
-    mapping = {}
+    mapping: dict[str, object] = {}
+    names: dict[str, str | None] = {}
     for key, value in entry.value.items():
         name = RENAMED_KEYS.get(key, key)
         if name != key and name in entry.value:
-            refuse(entry, f"{key}: is the old name of {name}; must be given once")
-        mapping[reading.current_name(Entry(key, entry.file), RENAMED_KEYS).value] = value
-    return entry._replace(value=mapping)
+            refuse(entry.part(key, value), f"is the old name of {name}; must be given once")
+        reading.current_name(Entry(key, entry.file), RENAMED_KEYS)
+        mapping[name] = value
+        names |= {} if name == key else {name: key}
+    origin = entry.origin and entry.origin._replace(keys={**names, **entry.origin.keys})
+    return entry._replace(value=mapping, origin=origin)
 
 
 def refuse_repetition(scenes: Sequence[Scene], seeds: Sequence[int], entry: Entry | None = None) -> None:
@@ -167,8 +178,19 @@ def _scenes(entry: Entry, folder: Path) -> tuple[Path, ...]:
             must_be(item, "the path of a scene file, relative to the study file")
         if Path(item.value).stem in paths:
             must_be(item, "a scene with a name (file stem) of its own")
-        paths[Path(item.value).stem] = folder / item.value
+        path = folder / item.value
+        if not os.path.exists(path):
+            _refuse_unreadable(item, path)
+        paths[Path(item.value).stem] = path
     return tuple(paths.values())
+
+
+def _refuse_unreadable(item: Entry, path: Path) -> None:
+    """Refuse the path of a scene file, for the reason that `read_yaml` gives."""
+    try:
+        reading.read_yaml(path, MOST_BYTES)
+    except RequestError as error:
+        refuse(item, reading.shortened(str(error)))
 
 
 def _cases(scenes: tuple[Path, ...], particles: Entry) -> tuple[Scene, ...]:
@@ -193,17 +215,16 @@ def _engine_use(entry: Entry, cases: tuple[Scene, ...]) -> EngineUse:
     names = tuple(dict.fromkeys(case.name for case in cases))
     own = {}
     if isinstance(entry.value, dict):
-        own = {
-            key: Entry(entry.value[key], entry.file, (*entry.path, key))
-            for key in ("scenes", "seeds")
-            if key in entry.value
-        }
+        own = {key: entry.part(key, entry.value[key]) for key in ("scenes", "seeds") if key in entry.value}
         entry = entry._replace(value={key: value for key, value in entry.value.items() if key not in own})
     engine = read_engine(entry)
     scenes = tuple(reading.choice(item, names) for item in _one_or_more(own["scenes"])) if "scenes" in own else names
     for case in cases:
         if case.name in scenes:
-            engine.refuse_unfit(case)
+            try:
+                engine.refuse_unfit(case)
+            except RequestError as error:
+                refuse(entry, str(error))
     return EngineUse(engine, scenes, read_seeds(own["seeds"]) if "seeds" in own else None)
 
 
