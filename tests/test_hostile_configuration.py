@@ -1,18 +1,22 @@
 """Scene and study files, and --config, that are meant to break something: one short line, soon, and no more memory."""
 
 import json
+import os
 import re
 import time
 import tracemalloc
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
+import forked
 from brownpipe.errors import RequestError
 from brownpipe.quoting import printable
 from brownpipe.scene import read_scene
 from brownpipe.study import from_command_line, read_study
 
+ROOT = Path(__file__).parent.parent
 LONGEST = 400  # characters of a message, with the list of all keys, without the path
 SCENE = """\
 # every value in a line of its own
@@ -253,3 +257,30 @@ def deep(levels):
     for _ in range(levels):
         value = [value]
     return value
+
+
+@pytest.mark.slow
+@pytest.mark.promise(
+    "a hostile configuration given to Snakemake itself, which would follow its aliases and run Python code in it",
+    "`snakemake --configfile` refuses it in the same line as brownpipe, before Snakemake reads it.",
+)
+@pytest.mark.parametrize(
+    ("contents", "message"),
+    [
+        (100_000 * b"[", "line 1: nested more than 10 levels deep"),
+        (BOMB.encode(), "line 1: anchors (&name) and aliases (*name) are not allowed; write the value out"),
+        (
+            b"seeds: 1\n__use_yte__: true\n__definitions__: [\"open('hit', 'w')\"]\n",
+            "line 2: unknown key '__use_yte__'; a study must not have Python code in it",
+        ),
+    ],
+)
+def test_snakemake_does_not_read_what_brownpipe_refuses(tmp_path, contents, message):
+    name = "-rf $(touch hit)\n\x1b[2J.yaml"
+    (tmp_path / name).write_bytes(contents)
+    words = ["--snakefile", ROOT / "Snakefile", "--workflow-profile", ROOT / "profiles" / "default", "--cores", "1"]
+    done = forked.snakemake(*words, f"--configfile=./{name}", cwd=tmp_path, env=os.environ)
+    lines = [line for line in done.printed.splitlines() if not line.startswith("Using ")]
+    assert done.returncode == 1
+    assert lines == [f"brownpipe: ./-rf $(touch hit)\\n\\x1b[2J.yaml: {message}"]
+    assert not (tmp_path / "hit").exists() and not (tmp_path / "results").exists()

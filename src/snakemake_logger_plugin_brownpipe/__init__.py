@@ -35,6 +35,8 @@ LOCKED = (
     "brownpipe: LockException: another run writes the same results in this folder; wait for its end. If it was killed"
     " or the machine went down, first remove its lock: {}"
 )
+RUNS_PYTHON = "__use_yte__"  # the key of a configuration with Python code that Snakemake runs
+WRONG_CONFIG = "brownpipe: --config: must be KEY=VALUE, with a key of the study, like seeds=100"
 LOOK_INTERVAL = 0.5  # seconds between two looks at the logs of running jobs
 
 
@@ -75,6 +77,8 @@ class LogHandler(LogHandlerBase):
     writes_to_file = has_filter = has_formatter = needs_rulegraph = False
 
     def __post_init__(self) -> None:
+        if mistake := mistake_in_configfiles(sys.argv[1:]):
+            sys.exit(f"brownpipe: {mistake}")
         settings = self.common_settings
         self.verbatim = settings.dryrun or settings.verbose or settings.debug_dag
         self.stream = sys.stdout if settings.stdout else sys.stderr
@@ -101,8 +105,8 @@ class LogHandler(LogHandlerBase):
     def emit(self, record: Message) -> None:  # type: ignore[override]  # Snakemake's records only
         """Evaluate a message of Snakemake; show it if it concerns the user."""
         event = getattr(record, "event", None)
-        if event == LogEvent.ERROR and (mistake := mistake_in(sys.argv[1:], record.getMessage())):
-            self.write(f"brownpipe: {mistake}")
+        if event == LogEvent.ERROR and "Invalid config definition" in record.getMessage():
+            self.write(WRONG_CONFIG)
         elif self.verbatim:
             self.write(self.format(record))
         elif event == LogEvent.RUN_INFO:
@@ -226,22 +230,28 @@ class LogHandler(LogHandlerBase):
         super().close()
 
 
-def mistake_in(arguments: Sequence[str], message: str) -> str | None:
-    """Return the mistake in --config or --configfile that Snakemake's message is about; None if it is none of these.
+def mistake_in_configfiles(arguments: Sequence[str]) -> str | None:
+    """Return why a file of --configfile is no YAML mapping that Snakemake may read; None if all of them are.
 
-    Snakemake shows a traceback for most of them. A study file is read again by brownpipe, which says what is wrong.
+    Called before Snakemake reads them. It would run Python code in them (`__use_yte__`), follow aliases that multiply
+    without end, and show a traceback for other mistakes.
     """
-    if "Invalid config definition" in message:
-        return "--config: must be KEY=VALUE, with a key of the study, like seeds=100"
-    if "load_configfile" in message or "Config file" in message:
-        from brownpipe.errors import RequestError
-        from brownpipe.study import read_study
+    from brownpipe.errors import RequestError
+    from brownpipe.scene import reading
+    from brownpipe.study import read_study
+    from brownpipe.study.study_file import MOST_STUDY_BYTES
 
-        for path in configfiles(arguments):
-            try:
-                read_study(path)
-            except RequestError as mistake:
-                return str(mistake)
+    for path in configfiles(arguments):
+        try:
+            mapping = reading.read_yaml(path, MOST_STUDY_BYTES)
+            if not isinstance(mapping, dict):
+                read_study(path)  # raises
+            elif RUNS_PYTHON in mapping:
+                whole = reading.whole(mapping, path)
+                at = whole.part(RUNS_PYTHON, mapping[RUNS_PYTHON])
+                reading.refuse(whole, f"unknown key '{RUNS_PYTHON}'; a study must not have Python code in it", at)
+        except RequestError as mistake:
+            return str(mistake)
     return None
 
 
