@@ -227,13 +227,10 @@ NO_ROOM = """
 import resource
 resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, resource.getrlimit(resource.RLIMIT_AS)[1]))
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.errors import RunError
 from test_exact import crystal
 for record in (set(), {"events"}):
-    try:
-        simulate(crystal(6, 0.0, 1.0), [7], record)
-    except RunError as error:
-        print(error)
+    for seed, reason in simulate(crystal(6, 0.0, 1.0), [7], record).stopped.items():
+        print(f"seed {seed}: {reason}")
 """
 
 

@@ -22,6 +22,10 @@ class RequestError(BrownpipeError, ValueError):
     exit_status = WRONG_REQUEST
 
 
+class PlacementError(RequestError):
+    """Random insertion found no place for a disk: of other seeds, all disks may find one."""
+
+
 class AnalysisError(BrownpipeError, ValueError):
     """The trajectory files do not belong to one study."""
 

@@ -19,6 +19,7 @@ from xarray import Dataset, DataTree
 from brownpipe import progress
 from brownpipe.analysis import aggregate
 from brownpipe.engines import forecast, read_record, requested
+from brownpipe.engines.failures import failures
 from brownpipe.errors import FigureError, RequestError, WrongFileError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
@@ -101,8 +102,9 @@ def simulate(
     position and velocity (time, seed, disk, component) of all disks; with `record="events"`, `events` the
     collisions (event) of all runs. Unwrapped positions in a periodic box are position + image * (width, height).
 
-    Raises RequestError for what `brownpipe simulate` refuses, RunError if a run cannot continue. Warns of runs that
-    failed their health check, and of an engine that is rough in this scene.
+    Raises RequestError for what `brownpipe simulate` refuses, RunError if the friction of the langevin engine cannot be
+    measured. Warns of runs that failed their health check or could not go on (`stopped` says why, their numbers are
+    NaN), and of an engine that is rough in this scene.
     """
     if not isinstance(scene, SceneRecord | str | Path):
         raise RequestError(f"scene: must be a scene or the path of a scene file, not {reprlib.repr(scene)}")
@@ -122,10 +124,8 @@ def simulate(
         warnings.warn(remark, stacklevel=2)
     with progress.shown("simulate", silent=quiet):
         ensemble = chosen.simulate(scene, numbers, recorded, observables=names, average=average)
-    failed = ensemble.seeds[ensemble.observables["failed"] > 0]
-    if len(failed):
-        these = f"failed their health check: {len(failed)} of {len(numbers)} runs: {seed_text(failed)}"
-        warnings.warn(f"{scene.name}: {these}; analyse leaves them out", stacklevel=2)
+    if failed := failures(ensemble):
+        warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=2)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))
 
 

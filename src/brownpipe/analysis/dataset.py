@@ -108,13 +108,14 @@ def _refuse_unsampled(cases: Sequence[Case], times: Sequence[float]) -> None:
 
 def _results(case: Case, group: Group, before: int, total: int) -> Part:
     """Return the values of all variables for one group; report how many runs are analysed, `before` it and of all."""
-    averages, health, masks = NO_RUNS, [], []
+    averages, health, masks, stopped = NO_RUNS, [], [], dict[int, str]()
 
     def good_runs() -> Iterator[RunBlock]:
         """Yield the runs that have not failed, block by block."""
         for runs in blocks_of(group):
             bad = np.asarray(runs.observables["failed"], bool)
             masks.append(bad)
+            stopped.update(runs.stopped)
             health.append(np.stack([runs.observables.get(name, np.full(len(bad), np.nan)) for name in HEALTH]))
             if not bad.all():
                 yield select(runs, ~bad) if bad.any() else runs
@@ -133,6 +134,8 @@ def _results(case: Case, group: Group, before: int, total: int) -> Part:
         "run_status": np.where(failed, FAILED, KEPT),
         **dict(zip(HEALTH, np.concatenate(health, axis=1), strict=True)),
     }
+    if stopped:
+        values["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
     axes: Axes = {name: (name, [label]) for name, label in zip(EACH, case.key, strict=True)}
     axes |= {"time": ("time", case.times), "seed": ("seed", group.seeds)}
     for estimator in ESTIMATORS:

@@ -3,7 +3,7 @@
 The only reader of studies: `analysis.dataset` and `tradeoff.runs` both take their runs from here.
 """
 
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
 from brownpipe.engines import Engine
-from brownpipe.engines.state import Track
+from brownpipe.engines.state import NONE_STOPPED, Track, blank
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
@@ -65,6 +65,7 @@ class RunBlock(NamedTuple):
     seeds: np.ndarray  # (n,) int64
     tracer: Track | None  # (T, n, 2)
     observables: dict[str, np.ndarray]  # name -> (n, ...)
+    stopped: Mapping[int, str] = NONE_STOPPED  # seed -> why its run could not go on
 
 
 def groups_of(sources: Iterable[str | Path | Trajectories]) -> list[Group]:
@@ -144,12 +145,13 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
 
     files = sorted(group.files, key=lambda file: file.outline.seeds.min())
     blocks = [set(np.unique(file.outline.seeds // SEEDS_PER_BLOCK).tolist()) for file in files]
-    names = load(files[0]).observables.keys()
+    first = next((file for file in files if not _is_without_results(load(file))), files[0])
+    pattern = load(first).observables
     for block in np.unique(group.seeds // SEEDS_PER_BLOCK).tolist():
         parts = []
         for file in (file for file, own in zip(files, blocks, strict=True) if block in own):
-            runs = load(file)
-            _refuse_unlike(file, runs, files[0], names)
+            runs = _with_every_name(load(file), pattern)
+            _refuse_unlike(file, runs, first, pattern.keys())
             parts.append(select(runs, runs.seeds // SEEDS_PER_BLOCK == block))
         yield _joined(parts)
 
@@ -157,7 +159,20 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
 def _run_block(trajectories: Trajectories) -> RunBlock:
     """The part of a trajectory file that the estimators need."""
     ensemble = trajectories.ensemble
-    return RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables)
+    return RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables, ensemble.stopped)
+
+
+def _is_without_results(runs: RunBlock) -> bool:
+    """Whether none of the runs came to its end, so that nothing was measured and reported."""
+    return len(runs.stopped) == len(runs.seeds)
+
+
+def _with_every_name(runs: RunBlock, pattern: dict[str, np.ndarray]) -> RunBlock:
+    """Return runs without results with the observables that the runs of another file have, without values."""
+    if not _is_without_results(runs):
+        return runs
+    absent = {name: blank((len(runs.seeds), *values.shape[1:]), values.dtype) for name, values in pattern.items()}
+    return runs._replace(observables=absent | runs.observables)
 
 
 def _refuse_unlike(file: TrajectoryFile, runs: RunBlock, first: TrajectoryFile, names: Set[str]) -> None:
@@ -173,7 +188,9 @@ def _refuse_unlike(file: TrajectoryFile, runs: RunBlock, first: TrajectoryFile, 
 def select(runs: RunBlock, rows: np.ndarray) -> RunBlock:
     """Return the runs at `rows`: indices, or a mask (n,)."""
     tracer = runs.tracer and runs.tracer.of(rows)
-    return RunBlock(runs.seeds[rows], tracer, {name: values[rows] for name, values in runs.observables.items()})
+    seeds = runs.seeds[rows]
+    stopped = {seed: runs.stopped[seed] for seed in seeds.tolist() if seed in runs.stopped} if runs.stopped else {}
+    return RunBlock(seeds, tracer, {name: values[rows] for name, values in runs.observables.items()}, stopped)
 
 
 def _joined(parts: Sequence[RunBlock]) -> RunBlock:
@@ -181,7 +198,8 @@ def _joined(parts: Sequence[RunBlock]) -> RunBlock:
     seeds = np.concatenate([runs.seeds for runs in parts])
     tracer = parts[0].tracer and Track(*map(_beside, zip(*(runs.tracer for runs in parts), strict=True)))
     observables = {name: np.concatenate([runs.observables[name] for runs in parts]) for name in parts[0].observables}
-    return select(RunBlock(seeds, tracer, observables), np.argsort(seeds, kind="stable"))
+    stopped = {seed: reason for runs in parts for seed, reason in runs.stopped.items()}
+    return select(RunBlock(seeds, tracer, observables, stopped), np.argsort(seeds, kind="stable"))
 
 
 def _beside(arrays: Sequence[np.ndarray | None]) -> np.ndarray | None:

@@ -70,7 +70,8 @@ VARIABLES = {  # numbers and health of the runs; every estimator has a table of 
     "failed_runs": Variable(
         EACH,
         "1",
-        "number of runs left out: overlap, energy drift or momentum residual beyond its bound, or a number not finite",
+        "number of runs left out: overlap, energy drift or momentum residual beyond its bound, a number not finite, or "
+        "a run that could not go on",
         np.int64,
         0,
     ),
@@ -79,6 +80,7 @@ VARIABLES = {  # numbers and health of the runs; every estimator has a table of 
     "worst_overlap": Variable(SEED, "1", "deepest overlap, in contact distances"),
     "momentum_residual": Variable(SEED, "1", "relative residual of the momentum balance, wall impulses included"),
     "run_status": Variable(SEED, "1", "status of the run", np.int8, MISSING, STATUS),
+    "stopped": Variable(SEED, "1", "why the run could not go on; empty for the others", object, ""),
 }
 
 COORDINATES = {

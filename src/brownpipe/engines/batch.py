@@ -9,10 +9,13 @@ import numpy as np
 
 from brownpipe import observables, stages
 from brownpipe.engines import kernels
-from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.engines.saturation import share_failing
+from brownpipe.engines.state import Ensemble, Events, Track, blank
 from brownpipe.engines.units import SMALLEST_NORMAL
-from brownpipe.errors import RequestError, RunError
+from brownpipe.errors import PlacementError, RequestError, RunError
 from brownpipe.scene import Scene
+
+EVERY_RUN = 0.99  # share of runs without a place for all disks above which the scene is refused
 
 kernels.on_compile.append(stages.remark)
 
@@ -33,6 +36,7 @@ class Batch(NamedTuple):
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "all", "events"
     observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order
+    stopped: dict[int, str]  # that of the ensemble, to be filled
 
     @property
     def needed_record(self) -> frozenset[str]:
@@ -55,8 +59,9 @@ def new_batch(
         shape = (len(scene.times), len(seeds), 2)
         image = np.empty(shape, np.int32) if scene.box.periodic else None
         tracer = Track(np.empty(shape), None, image)
-    ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average)
-    return Batch(scene, ensemble, frozenset(record), ordered)
+    stopped: dict[int, str] = {}
+    ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average, stopped)
+    return Batch(scene, ensemble, frozenset(record), ordered, stopped)
 
 
 def add_run(batch: Batch, column: int, result: RunResult) -> None:
@@ -70,7 +75,7 @@ def add_run(batch: Batch, column: int, result: RunResult) -> None:
     for name, value in _measured(batch, result).items():
         value = np.asarray(value)
         if name not in ensemble.observables:
-            ensemble.observables[name] = np.empty((len(ensemble.seeds), *value.shape), value.dtype)
+            ensemble.observables[name] = blank((len(ensemble.seeds), *value.shape), value.dtype)
         ensemble.observables[name][column] = value
     if result.whole is not None and "all" in batch.record:
         ensemble.whole[seed] = result.whole
@@ -81,13 +86,31 @@ def add_run(batch: Batch, column: int, result: RunResult) -> None:
 
 @contextmanager
 def making_run(batch: Batch, column: int) -> Iterator[None]:
-    """Begin a run, and put the scene's name, N and the seed before the message of its RunError or RequestError."""
+    """Begin a run; if it cannot go on, by RunError or PlacementError, note the reason and leave the other runs alone.
+
+    Put the scene's name, N and the seed before the message of any other RequestError, and of PlacementError if nearly
+    every run of the scene is expected to lack places: such a scene is a mistake.
+    """
     scene, seeds = batch.scene, batch.ensemble.seeds
     stages.begin_piece("runs", column, len(seeds))
     try:
         yield
     except (RunError, RequestError) as error:
-        raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seeds[column]}: {error}") from None
+        is_of_scene = isinstance(error, PlacementError) and share_failing(scene) > EVERY_RUN
+        if is_of_scene or not isinstance(error, RunError | PlacementError):
+            raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seeds[column]}: {error}") from None
+        _add_stopped(batch, column, str(error))
+
+
+def _add_stopped(batch: Batch, column: int, reason: str) -> None:
+    """Note a run that could not go on: `failed`, NaN for every real number of its column, 0 for every count."""
+    ensemble = batch.ensemble
+    batch.stopped[int(ensemble.seeds[column])] = reason
+    ensemble.observables.setdefault("failed", np.zeros(len(ensemble.seeds), np.uint8))[column] = 1
+    for values in ensemble.tracer or ():
+        if values is not None:
+            values[:, column] = blank((), values.dtype)
+    stages.report("runs", column + 1, len(ensemble.seeds))
 
 
 def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float | np.uint8]:

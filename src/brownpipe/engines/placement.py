@@ -7,7 +7,7 @@ import numpy as np
 from brownpipe import stages
 from brownpipe.engines.insertion import OUT_OF_NUMBERS, STUCK, TRIES, insert, register
 from brownpipe.engines.units import common_radius
-from brownpipe.errors import RequestError
+from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import Scene
 
 TRIES_PER_CALL = 1_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
@@ -21,7 +21,7 @@ def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.n
     positions where the disk lies in the box and overlaps no disk inserted before. Larger disks are inserted first, as
     they find no gap among many small ones, and equal disks in the scene's order. The packing fraction can reach 0.5.
     `lattice`: random sites of a triangular lattice that fills the box.
-    Raises RequestError if the disks do not fit.
+    Raises RequestError if the disks do not fit, PlacementError if random insertion ends before all have a place.
     """
     fixed = scene.species[0].position if scene.species else None
     if scene.placement == "lattice":
@@ -61,7 +61,7 @@ def _insert(
                 break
             stages.report("disks placed", int(progress[0]), n)
     if outcome == STUCK:
-        raise RequestError(
+        raise PlacementError(
             f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "
             f"(packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
         )

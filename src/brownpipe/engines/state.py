@@ -3,12 +3,15 @@
 All are in the scene's units and in the scene's order of the disks; the tracer is disk 0.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.observables.tracks import Track
 
+NONE_STOPPED: Mapping[int, str] = MappingProxyType({})
 HEALTH_BOUND = 1e-9  # a run with a larger energy drift, overlap or momentum residual has failed; round-off is far below
 
 
@@ -40,3 +43,14 @@ class Ensemble(NamedTuple):
     whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
     events: dict[int, Events]  # seed -> collisions, if recorded
     average: str = "runs"  # what displacements and autocorrelations are averaged over, of observables.AVERAGES
+    stopped: Mapping[int, str] = NONE_STOPPED  # seed -> why its run could not go on: failed, and without data
+
+    @property
+    def failed_seeds(self) -> np.ndarray:
+        """The seeds (F,) of the runs that failed: stopped, or beyond the bounds of the health check."""
+        return self.seeds[self.observables["failed"] > 0]
+
+
+def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
+    """Return an array for values that are not there: NaN, or 0 where the type has no NaN."""
+    return np.full(shape, np.nan if np.dtype(dtype).kind == "f" else 0, dtype)

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from brownpipe.analysis.variables import FAILED
 from brownpipe.figures.cases import title_of
 from brownpipe.figures.style import DASHED, DATA, FIT, grid
 from brownpipe.figures.tables import Table
+from brownpipe.scene.seeds import brief_seed_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +23,8 @@ MEASURES = {
     "momentum_residual": ("residual of the momentum balance", 1e-12),
 }  # axis label, and the bound below which round-off is expected; a run fails only at state.HEALTH_BOUND
 LEFT_END = 1e-17  # left end of the axis, where smaller values and zeros are drawn
+LINE = 0.16  # height of a line of text [inch]
+MOST_LINES = 8  # of cases with failed runs
 QUANTILES = (0.05, 0.5, 0.95)
 VARIABLES = ()
 LACKING = "there are no runs"
@@ -28,7 +32,10 @@ LACKING = "there are no runs"
 
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one panel per measure, one line per case: all runs (thin), the central 90 % (thick), the median (dot)."""
-    figure, axes = grid(1, len(MEASURES), 3.4, 1.3 + 0.28 * len(cases), sharex=True, sharey=True)
+    lines = [f"dot: median; thick: central 90 % of the runs; thin: all runs (zeros are drawn at {LEFT_END:g})"]
+    lines += failed_of(cases)
+    height = 1.3 + 0.28 * len(cases) + LINE * (len(lines) - 1)
+    figure, axes = grid(1, len(MEASURES), 3.4, height, sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         for row, case in enumerate(cases):
             _range(panel, row, _sizes(case, name))
@@ -38,8 +45,7 @@ def draw(cases: list[Dataset]) -> Figure:
         panel.set_xscale("log")
         panel.minorticks_off()
         panel.set_xlabel(label)
-    key = f"dot: median; thick: central 90 % of the runs; thin: all runs (zeros are drawn at {LEFT_END:g})"
-    axes[0, 0].set_title(key, pad=22, fontweight="normal", fontsize=9)
+    axes[0, 0].set_title("\n".join(lines), pad=22, fontweight="normal", fontsize=9)
     _name_rows(axes[0, 0], cases)
     return figure
 
@@ -59,6 +65,18 @@ def _name_rows(axes: Axes, cases: list[Dataset]) -> None:
     axes.set_yticks(range(len(cases)), map(title_of, cases))
     axes.set_ylim(len(cases) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
+
+
+def failed_of(cases: list[Dataset]) -> list[str]:
+    """Return a line for each case with failed runs: how many, and their seeds."""
+    lines = []
+    for case in cases:
+        seeds = case.seed.values[case.run_status.values == FAILED]
+        if seeds.size:
+            runs = int(case.runs) + seeds.size
+            lines.append(f"{title_of(case)}: {seeds.size} of {runs} runs failed: seeds {brief_seed_text(seeds)}")
+    more = len(lines) - MOST_LINES
+    return lines if more <= 0 else [*lines[:MOST_LINES], f"and runs of {more} other cases"]
 
 
 def _sizes(case: Dataset, name: str) -> np.ndarray:

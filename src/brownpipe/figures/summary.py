@@ -9,6 +9,7 @@ import numpy as np
 
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
+from brownpipe.engines.failures import stopped_in_words
 from brownpipe.figures.cases import at_last_distribution, cases_of, has, over_time, plus_minus, title_of
 from brownpipe.figures.tables import Table, aligned
 from brownpipe.quoting import in_lines
@@ -93,12 +94,25 @@ def legend_of_estimates(dataset: Dataset) -> list[str]:
 
 
 def missing_runs(cases: list[Dataset]) -> Iterator[str]:
-    """Lines that name the seeds whose runs failed or are missing."""
+    """Lines that name the seeds whose runs failed or are missing, why runs could not go on, and the risk of a bias."""
     for case in cases:
         for status, fate in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[case.run_status.values == status]
             if seeds.size:
-                yield f"{title_of(case)}: {fate}: {seeds.size} of {case.seed.size} seeds ({brief_seed_text(seeds)})"
+                reason = f"; {stopped_in_words(stopped)}" if status == FAILED and (stopped := stopped_of(case)) else ""
+                which = f"{seeds.size} of {case.seed.size} seeds ({brief_seed_text(seeds)})"
+                yield f"{title_of(case)}: {fate}: {which}{reason}"
+    if failed := sum(int(case.failed_runs) for case in cases):
+        runs = "1 failed run" if failed == 1 else f"{failed} failed runs"
+        yield f"The averages leave out {runs}; they are biased if runs that fail differ from the others."
+
+
+def stopped_of(case: Dataset) -> dict[int, str]:
+    """Return why runs of a case could not go on, by seed."""
+    if "stopped" not in case:
+        return {}
+    pairs = zip(case.seed.values.tolist(), case.stopped.values.tolist(), strict=True)
+    return {seed: reason for seed, reason in pairs if reason}
 
 
 def summary_table(dataset: Dataset) -> Table:

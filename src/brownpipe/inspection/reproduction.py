@@ -103,8 +103,10 @@ def differences(original: Original) -> list[Difference]:
 
 
 def _arrays(ensemble: Ensemble, column: int) -> dict[str, np.ndarray]:
-    """Return all arrays of one run by name."""
+    """Return all arrays of one run by name; of a run that could not go on, only that it failed."""
     seed = int(ensemble.seeds[column])
+    if seed in ensemble.stopped:
+        return {"sample times": ensemble.times, "failed": ensemble.observables["failed"][column]}
     tracer = None if ensemble.tracer is None else ensemble.tracer._asdict()
     groups = {
         "of the tracer": {name: values[:, column] for name, values in (tracer or {}).items() if values is not None},

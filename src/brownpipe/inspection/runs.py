@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from brownpipe.engines.failures import reason_of, stopped_in_words
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import RequestError
 from brownpipe.inspection.lines import provenance, worst
@@ -51,11 +52,23 @@ def describe_run(path: str | Path, contents: Trajectories, seed: int) -> list[st
         *_setting(contents),
         _samples(ensemble),
         f"recorded     {_recorded_of(ensemble, seed)}",
-        f"health       {'FAILED its health check: left out of every average' if failed else 'passed'}",
-        *_way(contents.scene, ensemble, column),
-        *_numbers(ensemble.observables, column),
-        *_arrays(ensemble, column),
+        f"health       {_fate(ensemble, column) if failed else 'passed'}",
+        *([] if seed in ensemble.stopped else _results(contents, column)),
     ]
+
+
+def _fate(ensemble: Ensemble, column: int) -> str:
+    """Return why a run failed, and what follows."""
+    if int(ensemble.seeds[column]) in ensemble.stopped:
+        return f"FAILED, left out of every average: {reason_of(ensemble, column)}"
+    return "FAILED its health check: left out of every average"
+
+
+def _results(contents: Trajectories, column: int) -> Iterator[str]:
+    """Yield all numbers of a run that came to its end."""
+    yield from _way(contents.scene, contents.ensemble, column)
+    yield from _numbers(contents.ensemble.observables, column)
+    yield from _arrays(contents.ensemble, column)
 
 
 def column_of(path: str | Path, ensemble: Ensemble, seed: int) -> int:
@@ -97,12 +110,15 @@ def _recorded_of(ensemble: Ensemble, seed: int) -> str:
 
 def _health(ensemble: Ensemble) -> str:
     """Return the number of failed runs and, of each error that the engine reports, the largest with its seed."""
-    failed = ensemble.seeds[ensemble.observables["failed"] > 0]
+    failed = ensemble.failed_seeds
     count = f"{failed.size} failed {'run' if failed.size == 1 else 'runs'}"
     parts = [f"{count} ({seeds_in_words(failed)})" if failed.size else count]
+    if ensemble.stopped:
+        parts.append(stopped_in_words(ensemble.stopped))
+    complete = ~np.isin(ensemble.seeds, list(ensemble.stopped))
     for name, words in HEALTH.items():
         if name in ensemble.observables:
-            parts.append(f"{words} {worst(ensemble.observables[name], ensemble.seeds)}")
+            parts.append(f"{words} {worst(ensemble.observables[name][complete], ensemble.seeds[complete])}")
     return "; ".join(parts)
 
 

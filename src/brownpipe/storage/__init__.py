@@ -16,6 +16,8 @@ times, N disks, E collisions:
             image/                   as position/, in a periodic box
     observables/
         run/                         seed (S,); pair_collisions (S,), energy_drift (S,), ...: one number per run;
+                                     stopped (S,): why a run could not go on, if there is such a run; its numbers are
+                                     NaN, its counts 0;
                                      arrays of observables (brownpipe.observables), if measured:
                                      square_displacement (S, T), ... and their scales time (T,), species, species_pair,
                                      velocity, speed, distance

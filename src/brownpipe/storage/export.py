@@ -15,13 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.engines.failures import stopped_in_words
 from brownpipe.engines.state import Track
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import replacing, sync
-from brownpipe.storage.trajectories import Trajectories, whole_seed
+from brownpipe.storage.trajectories import Trajectories, refuse_stopped, whole_seed
 
 GSD_SCHEMA = (1, 4)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
 GSD_NUMBERS = np.finfo(np.float32)
@@ -51,8 +52,10 @@ def export(trajectories: Trajectories, path: str, output: str, form: str, seed: 
     with replacing(output) as part:
         FORMATS[form](part, scene, ensemble.times, tracks)
         sync(part)
-    failed = [k for k in ensemble.seeds[ensemble.observables["failed"] > 0] if k in tracks]
+    failed = [k for k in ensemble.failed_seeds if k in tracks]
     remarks = [f"failed their health check: {len(failed)} of {len(tracks)} runs: {seed_text(failed)}"] if failed else []
+    if ensemble.stopped and seed is None:
+        remarks.append(f"left out: {stopped_in_words(ensemble.stopped)}")
     if form == "gsd" and not scene.box.periodic:
         remarks.append("GSD has no walls, so programs take the box for periodic: switch that off, or enlarge the box")
     disks = next(iter(tracks.values())).position.shape[1]
@@ -67,16 +70,20 @@ def _whole_run(trajectories: Trajectories, path: str, seed: int | None) -> dict[
 
 def _tables(trajectories: Trajectories, path: str, seed: int | None) -> dict[int, Track]:
     """Return all whole runs or, if there are none, the track of the tracer (T, 1, 2) of each run; or that of a seed."""
-    seeds, tracer, whole = trajectories.ensemble.seeds, trajectories.ensemble.tracer, trajectories.ensemble.whole
+    ensemble = trajectories.ensemble
+    tracer, whole = ensemble.tracer, ensemble.whole
     if whole:
         run = _whole_run(trajectories, path, seed)
         return whole if seed is None else run
     if tracer is None:
         raise RequestError(f"{path}: holds no trajectories; make it again: brownpipe simulate SCENE --record all")
-    if seed is not None and seed not in seeds:
-        raise RequestError(f"{path}: seed {seed} is not in it; its runs have the seeds {seed_text(seeds)}")
-    chosen = range(len(seeds)) if seed is None else np.flatnonzero(seeds == seed)
-    return {int(seeds[s]): tracer.of(slice(s, s + 1)) for s in chosen}
+    refuse_stopped(trajectories, path, seed)
+    columns = {k: s for s, k in enumerate(ensemble.seeds.tolist()) if k not in ensemble.stopped}
+    if seed is not None and seed not in columns:
+        raise RequestError(f"{path}: seed {seed} is not in it; its runs have the seeds {seed_text(ensemble.seeds)}")
+    if not columns:
+        raise RequestError(f"{path}: has no tracks: {stopped_in_words(ensemble.stopped)}")
+    return {k: tracer.of(slice(s, s + 1)) for k, s in columns.items() if seed in (None, k)}
 
 
 # -- formats --------------------------------------------------------------------------------------------------------

@@ -70,9 +70,10 @@ MEANING = {  # dataset: units, long_name
     "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
     "failed": (
         "1",
-        "1 if overlap, energy drift or momentum residual exceeds its bound or a number is not finite: exclude from "
-        "averages",
+        "1 if overlap, energy drift or momentum residual exceeds its bound, a number is not finite or the run could "
+        "not go on: exclude from averages",
     ),
+    "stopped": ("1", "why the run could not go on; empty for a run that came to its end"),
     "scene": ("1", "the scene as canonical JSON"),
     "settings": ("1", "settings of the engine as JSON"),
 }
@@ -169,6 +170,7 @@ def whole_seed(trajectories: Trajectories, path: str, seed: int | None = None) -
     Raises RequestError if the file holds no whole runs, none of this seed, or no disks.
     """
     whole = trajectories.ensemble.whole
+    refuse_stopped(trajectories, path, seed)
     if not whole:
         raise RequestError(f"{path}: holds no whole runs; make it again: brownpipe simulate SCENE --record all")
     if seed is not None and seed not in whole:
@@ -177,6 +179,12 @@ def whole_seed(trajectories: Trajectories, path: str, seed: int | None = None) -
     if not trajectories.scene.particles:
         raise RequestError(f"{path}: its scene has no disks")
     return min(whole) if seed is None else seed
+
+
+def refuse_stopped(trajectories: Trajectories, path: str, seed: int | None) -> None:
+    """Raise RequestError for the seed of a run that could not go on: there are no trajectories of it."""
+    if seed in trajectories.ensemble.stopped:
+        raise RequestError(f"{path}: seed {seed}: its run could not go on: {trajectories.ensemble.stopped[seed]}")
 
 
 # -- layout ---------------------------------------------------------------------------------------------------------
@@ -261,6 +269,9 @@ def _observables(scene: Scene, ensemble: Ensemble) -> Tree:
     for name, value in ensemble.observables.items():
         if name not in ARRAYS:
             nodes[f"{group}/{name}"] = _dataset(name, value, ("seed",))
+    if ensemble.stopped:
+        reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
+        nodes[f"{group}/stopped"] = _dataset("stopped", np.array(reasons, h5py.string_dtype()), ("seed",))
     nodes |= arrays.layout(group, scene, ensemble)
     if ensemble.events:
         nodes["observables/events"] = Node(None, {})
@@ -355,13 +366,14 @@ def _trajectories(nodes: dict[str, Node]) -> Trajectories:
 def _ensemble(nodes: dict[str, Node], scene: Scene) -> Ensemble:
     """Return the runs; their times are those of the file, the scene's if it has neither tracks nor arrays."""
     observables = {name: value for name, value in _children(nodes, "observables/run").items() if name not in AXES}
-    seeds = observables.pop("seed")
+    seeds, reasons = observables.pop("seed"), observables.pop("stopped", ())
+    stopped = {seed: reason for seed, reason in zip(seeds.tolist(), reasons, strict=False) if reason}
     whole = {_seed(name): _track(nodes, f"particles/{name}") for name in _runs(nodes, "particles")}
     events = {_seed(name): _log(nodes, f"observables/events/{name}") for name in _runs(nodes, "observables/events")}
     tracer = _track(nodes, "particles/tracer") if "particles/tracer" in nodes else None
     ends = ("/position/time", "observables/run/time")
     times = next((node.value for path, node in nodes.items() if path.endswith(ends)), scene.times)
-    return Ensemble(seeds=seeds, times=times, tracer=tracer, observables=observables, whole=whole, events=events)
+    return Ensemble(seeds, times, tracer, observables, whole, events, stopped=stopped)
 
 
 def _children(nodes: dict[str, Node], group: str) -> dict:

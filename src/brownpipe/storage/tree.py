@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.engines import recorded
-from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.engines.state import Ensemble, Events, Track, blank
 from brownpipe.errors import RequestError
 from brownpipe.observables import ARRAYS, AXES, axes
 from brownpipe.scene import parse_scene
@@ -47,13 +47,17 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
         "average": ensemble.average,
         "source_digest": source,
     }
-    columns = {name: (("seed", *_dims(name)), values) for name, values in ensemble.observables.items()}
+    columns: Columns = {name: (("seed", *_dims(name)), values) for name, values in ensemble.observables.items()}
+    if ensemble.stopped:
+        reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
+        columns["stopped"] = (("seed",), np.array(reasons, object))
     along = {dim: values for name in columns if name in ARRAYS for dim, values in axes(scene, name).items()}
     along |= {"time": ensemble.times, "seed": ensemble.seeds, "component": ["x", "y"]}
     root = _scales(along) | _described(_motion(TRACER_DIMS, ensemble.tracer) | columns)
     nodes = {"/": xarray.Dataset(root, attrs=attributes)}
     if ensemble.whole:
-        tracks = zip(*(ensemble.whole[seed] for seed in ensemble.seeds.tolist()), strict=True)
+        absent = _without_values(next(iter(ensemble.whole.values())))
+        tracks = zip(*(ensemble.whole.get(seed, absent) for seed in ensemble.seeds.tolist()), strict=True)
         track = Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
         sizes = {"radius": (("disk",), scene.radius), "mass": (("disk",), scene.mass)}
         disks = _scales({"disk": np.arange(scene.particles)}) | _described(_motion(DISK_DIMS, track) | sizes)
@@ -76,17 +80,21 @@ def from_tree(tree: "DataTree") -> Trajectories:
             samples = f"{root.sizes['time']} of its {len(scene.times)} samples"
             raise ValueError(f"{samples}; select times from the analysis instead")
         seeds = root.seed.values.tolist()
-        names = [str(name) for name in root.data_vars if name not in Track._fields]
+        names = [str(name) for name in root.data_vars if name not in (*Track._fields, "stopped")]
         observables = {name: root[name].transpose("seed", *_dims(name)).values for name in names}
         observables["failed"]  # every batch has it
+        reasons = root["stopped"].values.tolist() if "stopped" in root else []
+        stopped = {seed: reason for seed, reason in zip(seeds, reasons, strict=False) if reason}
+        complete = [seed for seed in seeds if seed not in stopped]
         ensemble = Ensemble(
             seeds=root.seed.values,
             times=root.time.values,
             tracer=_track(root, TRACER_DIMS) if "position" in root else None,
             observables=observables,
-            whole=_whole(tree["disks"].to_dataset(), seeds) if "disks" in tree.children else {},
-            events=_events(tree["events"].to_dataset(), seeds) if "events" in tree.children else {},
+            whole=_whole(tree["disks"].to_dataset(), seeds, complete) if "disks" in tree.children else {},
+            events=_events(tree["events"].to_dataset(), complete) if "events" in tree.children else {},
             average=attributes["average"],
+            stopped=stopped,
         )
         return Trajectories(scene, engine, ensemble, attributes["source_digest"])
     except (AttributeError, KeyError, RequestError, ValueError) as error:
@@ -137,10 +145,15 @@ def _log(events: dict[int, Events]) -> Columns:
     }
 
 
-def _whole(dataset: "Dataset", seeds: list[int]) -> dict[int, Track]:
-    """Return the tracks of all disks by seed."""
+def _without_values(track: Track) -> Track:
+    """Return a track of the same shape for a run that could not go on."""
+    return Track(*(None if values is None else blank(values.shape, values.dtype) for values in track))
+
+
+def _whole(dataset: "Dataset", seeds: list[int], complete: list[int]) -> dict[int, Track]:
+    """Return the tracks of all disks by seed, of the runs that are complete."""
     track = _track(dataset, DISK_DIMS)
-    return {seed: track.of(k) for k, seed in enumerate(seeds)}
+    return {seed: track.of(seeds.index(seed)) for seed in complete}
 
 
 def _events(dataset: "Dataset", seeds: list[int]) -> dict[int, Events]:

@@ -53,7 +53,7 @@ def read_runs(paths: Iterable[str | Path]) -> list[EngineRuns]:
 
 def runs_of(scene: Scene, engine: Engine, ensemble: Ensemble) -> EngineRuns:
     """Return the runs of an ensemble."""
-    block = RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables)
+    block = RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables, ensemble.stopped)
     return _joined(scene, engine, ensemble.times, [select(block, np.argsort(ensemble.seeds, kind="stable"))])
 
 

@@ -1,5 +1,6 @@
 """Checkpoints of a batch of runs: the finished runs, and the unfinished one at the end of a block, as named arrays."""
 
+import json
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, TypeVar
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from brownpipe.engines.exact.run import RunState, never
 from brownpipe.engines.recording import SAMPLES
-from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.engines.state import Ensemble, Events, Track, blank
 
 Record = TypeVar("Record", bound=NamedTuple)
 
@@ -47,8 +48,8 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies.
 
     `done` is the number of finished runs; `tracer.*`, `observables`, `whole.SEED.*` and `events.SEED.*` are their
-    columns and records in the ensemble; `run.*` is the RunState of the unfinished run, with `run.samples.*` and
-    `run.events.*`.
+    columns and records in the ensemble, `stopped` its reasons as JSON, if there are any; `run.*` is the RunState of the
+    unfinished run, with `run.samples.*` and `run.events.*`.
     """
     arrays = {"done": np.array(finished)}
     if ensemble.tracer is not None:
@@ -61,6 +62,8 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     for group, records in (("whole", ensemble.whole), ("events", ensemble.events)):
         for seed, record in records.items():
             arrays |= _named(f"{group}.{seed}", record)
+    if ensemble.stopped:
+        arrays["stopped"] = np.frombuffer(json.dumps(dict(ensemble.stopped)).encode(), np.uint8)
     if state is not None:
         arrays |= _named("run", state._replace(samples=None, events=None))
         arrays |= {f"run.samples.{name}": rows for name, rows in state.samples.items()}
@@ -77,7 +80,7 @@ def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunS
                 values[:, :finished] = stored
     for name in arrays["observables"].dtype.names if finished else ():
         column = arrays["observables"][name]
-        ensemble.observables[name] = np.empty((len(ensemble.seeds), *column.shape[1:]), column.dtype)
+        ensemble.observables[name] = blank((len(ensemble.seeds), *column.shape[1:]), column.dtype)
         ensemble.observables[name][:finished] = column
     for seed in ensemble.seeds[:finished].tolist():
         if f"whole.{seed}.position" in arrays:
@@ -85,6 +88,13 @@ def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunS
         if f"events.{seed}.time" in arrays:
             ensemble.events[seed] = _record(Events, arrays, f"events.{seed}")
     return finished, _run_state(arrays) if "run.progress" in arrays else None
+
+
+def stopped_in(checkpoints: Checkpoints) -> dict[int, str]:
+    """Return why runs of a stored batch could not go on, by seed."""
+    if checkpoints.stored is None or "stopped" not in checkpoints.stored:
+        return {}
+    return {int(seed): reason for seed, reason in json.loads(checkpoints.stored["stopped"].tobytes()).items()}
 
 
 def _run_state(arrays: dict[str, np.ndarray]) -> RunState:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Generator, Sequence
 from brownpipe.engines.batch import add_run, making_run, new_batch
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.exact import equilibration, run
-from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, complete
+from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, complete, stopped_in
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.exact.run import RunState, beginning, evolve, prepare_scene
 from brownpipe.engines.initial_state import draw
@@ -38,8 +38,9 @@ def simulate(
     what displacements and autocorrelations among them are averaged (brownpipe.observables).
     `checkpoints` says when the state of the batch is stored, and which stored state to continue from; the result is
     bit-identical to that of an uninterrupted batch.
-    Raises RunError if a run makes no progress or its equilibration fails, RequestError if its disks cannot be placed
-    or it has no such observables.
+    A run that makes no progress, whose equilibration fails or whose disks find no place at random is failed, with
+    the reason in `stopped`. Raises RequestError if the scene leaves no place for its disks in any run, or has no such
+    observables.
     """
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator = prepare_equilibration(scene)
@@ -58,5 +59,6 @@ def simulate(
             result = yield from evolve(prepared, start, scene.times, batch.needed_record, due)
             add_run(batch, column, result)
 
+    batch.stopped.update(stopped_in(checkpoints))
     complete(batch.ensemble, make_run, checkpoints)
     return batch.ensemble

@@ -20,6 +20,7 @@ from brownpipe import stages
 from brownpipe.engines.batch import RunResult, add_run, new_batch
 from brownpipe.engines.compiled import KernelCall, compile_all
 from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.failures import failures
 from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
 from brownpipe.engines.kernels import one_compiler
@@ -90,9 +91,10 @@ def _collision_rate(scene: Scene) -> float:
     The rate of each run is scaled from the run's own temperature to the scene's: rates are proportional to sqrt(kT).
     """
     with stages.counted_as("runs that measure the friction"):
-        reports = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"})).observables
-    if reports["failed"].any():
-        raise RunError(f"{scene.name}: the runs that measure the friction failed their health check")
+        runs = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"}))
+    if failed := failures(runs):
+        raise RunError(f"{scene.name}: of the runs that measure the friction {failed}; must be friction: enskog")
+    reports = runs.observables
     heat = reports["kinetic_energy"] / (scene.particles * scene.velocities.temperature)  # kT of a run / kT of the scene
     return float(np.sum(reports["tracer_collisions"] / np.sqrt(heat)) / (RATE_RUNS * scene.duration))
 

@@ -62,8 +62,9 @@ def simulate(
     all work on every disk and pair. `collisions`: "at_contact", where a pair met within the step, or "late", where it
     overlaps at the end of the step. A sample is a free flight from the last step before it, so that no step depends on
     the sample times.
+    A run whose disks find no place at random or whose equilibration fails is failed, with the reason in `stopped`.
     Raises RequestError for settings that the scene cannot be run with (`refuse_bad_step`), for a record of events, and
-    if disks cannot be placed; RunError if the time to equilibrate fails.
+    if the scene leaves no place for its disks in any run.
     """
     if "events" in record:
         raise RequestError("record: must be tracer, all or none, as collisions happen between time steps; found events")
