@@ -75,6 +75,7 @@ WHOLE_STUDY = {
     "fit_windows": [[0.1, 1]],
     "rings": {"dr": 0.04, "count": 24},
     "instead_of": {"harrison2020": ["harrison2020_thermal"]},
+    "allow_failed": 2,
 }
 EXACT = {"name": "exact", "scenes": "harrison2020", "seeds": 3}
 TOLERANT_STUDY = {"scenes": "scenes/harrison2020.yaml", "tolerance": "2%", "target": "d", "engines": [EXACT]}

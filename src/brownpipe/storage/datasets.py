@@ -1,5 +1,7 @@
 """Datasets: the results of an analysis, one netCDF4 (HDF5) file per study, in memory as xarray.Dataset."""
 
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +11,7 @@ import numpy as np
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.provenance import made_with, versions
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import Node, attributes_of, to_bytes, value_of
+from brownpipe.storage.hdf5 import Node, attributes_of, some_from_bytes, to_bytes, value_of
 
 if TYPE_CHECKING:
     import xarray
@@ -41,8 +43,24 @@ def read_dataset(path: str | Path) -> "xarray.Dataset":
 
     Raises StorageError, which says how to make the file again; WrongFileError if it does not exist or is no dataset.
     """
-    try:
+    with _naming(path):
         return _from_bytes(read_sealed(path))
+
+
+def read_values(path: str | Path, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Return the values of those of some variables that a dataset has, after verifying its seal; nothing else is read.
+
+    Raises StorageError and WrongFileError like `read_dataset`.
+    """
+    with _naming(path):
+        return {name: node.value for name, node in some_from_bytes(read_sealed(path), names).items()}
+
+
+@contextmanager
+def _naming(path: str | Path) -> Iterator[None]:
+    """Put the name of the file before errors and, if it is damaged, the remedy behind them."""
+    try:
+        yield
     except WrongFileError as error:
         raise WrongFileError(f"{path}: {error}") from error
     except StorageError as error:

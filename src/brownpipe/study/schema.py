@@ -71,6 +71,7 @@ def _keys() -> dict[str, Schema]:
         "fit_windows": (or_null(windows), "[t0, t1] in which lines are fitted to the MSD [time]"),
         "rings": (or_null(rings), "of the displacement distribution (default: from the data)"),
         "instead_of": (instead_of, "scenes that may be run in place of others, for brownpipe tradeoff"),
+        "allow_failed": (integer(0, MOST_SEEDS), "runs of the study that may fail (default: 0)"),
     }
     return {key: described(schema, text) for key, (schema, text) in keys.items()}
 

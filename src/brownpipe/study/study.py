@@ -59,6 +59,7 @@ class Study:
     tolerance: float | None = None  # relative error that determines the number of seeds
     target: str | None = None  # the quantity with this error, one of study_file.TARGETS
     instead_of: tuple[tuple[str, tuple[str, ...]], ...] = ()  # (scene, scenes that may be run in its place)
+    allow_failed: int = 0  # runs that may fail: with more, the study ends with exit status 1
 
     @property
     def engines(self) -> tuple[Engine, ...]:

@@ -53,6 +53,7 @@ DEFAULTS = {
     "fit_windows": None,  # from 0.1 and from 0.5 of the shortest duration to its end
     "rings": None,  # from the data
     "instead_of": {},
+    "allow_failed": 0,
 }
 
 
@@ -99,6 +100,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         tolerance=tolerance,
         target=target,
         instead_of=_instead_of(entries["instead_of"], cases),
+        allow_failed=reading.integer(entries["allow_failed"], 0, MOST_SEEDS),
     )
     for seeds in (study.seeds, *(use.seeds for use in study.engine_uses if use.seeds)):
         refuse_repetition(cases, seeds, entries["seeds"])

@@ -37,7 +37,8 @@ def run_study(
     """Run the workflow of a study by Snakemake with results in `results/` of the current folder; return its status.
 
     `cores`: number of jobs at the same time (None: all cores). `dry_run`: only list the jobs. `report`: HTML or ZIP
-    file for the report, written once the study is complete. `further`: arguments for Snakemake, such as targets.
+    file for the report, written once the results are complete, also if more runs failed than the study allows, which
+    still makes the status 1. `further`: arguments for Snakemake, such as targets.
 
     Raises RequestError for a mistake in the study or in the arguments, PermissionError if the current folder cannot be
     written to. Mistakes in keys that `further` replaces by --config are reported by Snakemake.
@@ -57,7 +58,9 @@ def run_study(
     command = snakemake_command(study_file, cores, further)
     environment = environment_of(study_file, report, further)
     status = _wait_for([*command, "--dry-run"] if dry_run else command, environment)
-    return status if status or report is None else _wait_for([*command, "--report", report], environment)
+    if report is None or (status and _unfinished(command, environment)):
+        return status
+    return _wait_for([*command, "--report", report], environment) or status
 
 
 def planned_jobs(study_file: str, cores: int | None = None) -> str:
@@ -66,14 +69,28 @@ def planned_jobs(study_file: str, cores: int | None = None) -> str:
     Raises RequestError for a mistake in the study, RunError with Snakemake's last line if it cannot plan the jobs.
     """
     read_study(study_file)
-    command, environment = snakemake_command(study_file, cores, ["--dry-run"]), environment_of(study_file)
+    jobs = _planned(snakemake_command(study_file, cores), environment_of(study_file))
+    words = [f"{rule} {count}" for rule, count in jobs.items()]
+    return f"to run: {', '.join(words)}" if words else "nothing to run: all results are there and up to date"
+
+
+def _unfinished(command: list[str], environment: dict[str, str]) -> bool:
+    """Whether a study that has ended with an error lacks results."""
+    try:
+        return bool(_planned(command, environment))
+    except RunError:
+        return True
+
+
+def _planned(command: list[str], environment: dict[str, str]) -> dict[str, str]:
+    """Return the number of jobs by rule that Snakemake would run to make results; errors as of `planned_jobs`."""
+    command = [*command, "--dry-run"]
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     if done.returncode:
         raise RunError(([*filter(None, done.stdout.splitlines())] or ["Snakemake failed"])[-1])
     _, _, table = done.stdout.partition("Job stats:\n")
     counts = dict(re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE))
-    jobs = [f"{rule} {count}" for rule, count in counts.items() if rule not in ("all", "total")]
-    return f"to run: {', '.join(jobs)}" if jobs else "nothing to run: all results are there and up to date"
+    return {rule: count for rule, count in counts.items() if rule not in ("all", "total")}
 
 
 def is_changed_by(further: Sequence) -> bool:

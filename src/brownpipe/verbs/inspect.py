@@ -4,8 +4,8 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE, FAILED, RequestError
-from brownpipe.verbs.output import show
-from brownpipe.verbs.values import seed
+from brownpipe.verbs.output import say, show
+from brownpipe.verbs.values import number_or_all, seed
 
 EXAMPLE = "seed17.h5 --seed 17"
 
@@ -17,6 +17,8 @@ def add_arguments(add: Callable) -> None:
     again = "run again what made a trajectory file, or with --seed one run, and compare every bit"
     add("--reproduce", action="store_true", help=again)
     add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
+    allowed = "of a dataset, say only which runs failed; exit status 1 if they are more than N"
+    add("--allow-failed", type=number_or_all, metavar="N", help=allowed)
     add("--variables", action="store_true", help="list the variables of a dataset with dimensions, units and meaning")
 
 
@@ -24,11 +26,14 @@ def inspect(arguments: Namespace) -> int:
     """Describe the contents of a trajectory file or dataset, and say whether it is intact.
 
     `--reproduce` takes scene, engine, seeds and all settings from the file, writes nothing, and ends with exit status 1
-    if any array differs by a bit.
+    if any array differs by a bit. `--allow-failed` is how a study with failed runs ends with exit status 1.
     """
+    _refuse_together(arguments)
+    if arguments.allow_failed is not None:
+        return _failed(arguments.file, arguments.allow_failed)
+
     from brownpipe import inspection
 
-    _refuse_together(arguments)
     if arguments.reproduce:
         return _reproduce(arguments)
     if arguments.scene:
@@ -45,9 +50,23 @@ def inspect(arguments: Namespace) -> int:
 def _refuse_together(arguments: Namespace) -> None:
     """Raise RequestError for options that exclude each other."""
     given = [name for name in ("scene", "variables", "reproduce") if getattr(arguments, name)]
+    given += ["allow-failed"] if arguments.allow_failed is not None else []
     given += ["seed"] if arguments.seed is not None else []
     if len(given) > 1 and given != ["reproduce", "seed"]:
         raise RequestError(f"--{given[0]}: must not be given with --{given[1]}")
+
+
+def _failed(path: str, allowed: int) -> int:
+    """Say which runs of a dataset failed, if any."""
+    from brownpipe.analysis.failed import failed_runs
+
+    found = failed_runs(path)
+    if not found.failed:
+        return DONE
+    status = FAILED if found.failed > allowed else DONE
+    limit = f"allow_failed: {allowed} accepts no more" if status else f"accepted by allow_failed: {allowed}"
+    which = f"{found.failed:,} of {found.runs:,} runs failed and are in no average, {limit}"
+    return say(f"{path}: {which}: {found.cases}", status)
 
 
 def _reproduce(arguments: Namespace) -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.verbs.output import HDF5, number, say, show, writable
-from brownpipe.verbs.values import SCENE, integer, observables, positive
+from brownpipe.verbs.values import SCENE, integer, number_or_all, observables, positive
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,6 +35,8 @@ def add_arguments(add: Callable) -> None:
     over = "runs (default), or all time origins or equal disks of a run"
     add("--average", default="runs", metavar="OVER", help=over).words = AVERAGES
     add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
+    accepted = "exit status 1 if more than N runs fail, or `all`: never (default: all but one)"
+    add("--allow-failed", type=number_or_all, metavar="N", help=accepted)
     add("--checkpoint-every", type=positive, metavar="SECONDS", help="store checkpoints, to resume a killed run")
 
 
@@ -55,8 +57,9 @@ def _add_engines(add: Callable) -> None:
 def simulate(arguments: Namespace) -> int:
     """Run a scene once for every seed and write the trajectories.
 
-    The tracer is always recorded, except with `--record none`. Runs that fail their health check are named, marked in
-    the file and left out of every average; if all of them fail, the exit status is 1.
+    The tracer is always recorded, except with `--record none`. Runs that fail their health check or cannot go on are
+    named, marked in the file with the reason and left out of every average; if all of them fail, or more than
+    `--allow-failed`, the exit status is 1.
     `--observables` measures quantities at the end of each run, while the tracks of all disks are in memory, so that
     only the results need to be written.
     `--checkpoint-every` stores the state of the batch in FILE.h5.checkpoint: after this many seconds, when the next
@@ -64,6 +67,7 @@ def simulate(arguments: Namespace) -> int:
     resumes there and writes the same file, byte for byte.
     """
     from brownpipe.engines import forecast, read_record
+    from brownpipe.engines.failures import failures
     from brownpipe.scene import read_scene
     from brownpipe.scene.seeds import parse_seeds
     from brownpipe.study import refuse_repetition
@@ -80,7 +84,6 @@ def simulate(arguments: Namespace) -> int:
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, kinds=HDF5)
 
     from brownpipe import progress
-    from brownpipe.scene.seeds import seed_text
     from brownpipe.storage import remove_checkpoint, write_trajectories
 
     if remark := engine.definition.caution(scene):
@@ -92,18 +95,21 @@ def simulate(arguments: Namespace) -> int:
     write_trajectories(output, scene, engine, ensemble)
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
-    failed = ensemble.seeds[ensemble.observables["failed"] > 0]
-    if len(failed):
-        say(f"{output}: failed their health check: {len(failed)} of {len(seeds)} runs: {seed_text(failed)}", FAILED)
+    if failed := failures(ensemble):
+        say(f"{output}: {failed}", FAILED)
     show(_made(output, ensemble, time.process_time() - began))
-    return FAILED if len(failed) == len(seeds) else DONE
+    allowed = len(seeds) - 1 if arguments.allow_failed is None else arguments.allow_failed
+    return FAILED if len(ensemble.failed_seeds) > allowed else DONE
 
 
 def _made(output: str, ensemble: "Ensemble", seconds: float) -> str:
     """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and the CPU time."""
+    import numpy as np
+
     from brownpipe.formatting import in_time
 
     overlap = ensemble.observables.get("worst_overlap")
+    overlap = None if overlap is None else overlap[~np.isin(ensemble.seeds, list(ensemble.stopped))]
     worst = "" if overlap is None or not overlap.size else f", worst overlap {overlap.max():.2g} contact distances"
     return f"{output}: {number(len(ensemble.seeds), 'run')}{worst}, {in_time(seconds)} of CPU"
 

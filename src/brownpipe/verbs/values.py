@@ -5,6 +5,7 @@ Each raises ArgumentTypeError, which argparse shows with the name of the option.
 
 import argparse
 
+ALL = 10**9  # more runs than there can be
 SCENE = "config/scenes/harrison2020.yaml"  # of the examples
 
 
@@ -55,6 +56,13 @@ def integer(text: str, least: int = 0, most: int = 999_999_999) -> int:
     if not (text.isascii() and text.isdigit() and len(text) <= 9 and least <= int(text) <= most):
         raise argparse.ArgumentTypeError(f"must be an integer from {least} to {most}, not {text!r}")
     return int(text)
+
+
+def number_or_all(text: str) -> int:
+    """Return a number of runs, 0 or more; `all` is more than there can be."""
+    if text != "all" and not text.isdigit():
+        raise argparse.ArgumentTypeError(f"must be a number of runs or all, not {text!r}")
+    return ALL if text == "all" else integer(text)
 
 
 def seed(text: str) -> int:

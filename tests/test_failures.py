@@ -1,0 +1,318 @@
+"""Runs that cannot go on: each is recorded with its reason, and the others are as if it had not been there."""
+
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import brownpipe as bp
+from brownpipe.analysis import aggregate
+from brownpipe.analysis.failed import failed_runs
+from brownpipe.cli import main
+from brownpipe.engines import Engine
+from brownpipe.engines.exact import equilibration
+from brownpipe.engines.exact import run as exact_run
+from brownpipe.engines.exact.checkpoint import Checkpoints
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
+from brownpipe.figures.cases import cases_of
+from brownpipe.figures.health import failed_of
+from brownpipe.figures.render import draw
+from brownpipe.figures.summary import summary
+from brownpipe.inspection import reproduction
+from brownpipe.scene import parse_scene
+from brownpipe.storage import from_tree, read_dataset, read_trajectories, to_tree, write_dataset, write_trajectories
+from brownpipe.storage.trajectories import read_header
+from brownpipe.tradeoff.runs import read_runs
+
+pytestmark = pytest.mark.usefixtures("elsewhere")
+
+PROMISE = pytest.mark.promise(
+    "a run cannot go on",
+    "The run is recorded as failed, with its seed and reason; all other runs of its batch are kept, bit by bit.",
+)
+STUDY = pytest.mark.promise(
+    "runs of a study fail",
+    "Summary, health figure and report name count and seeds, all numbers are those of the other runs, and the study "
+    "ends with exit status 1 unless `allow_failed` accepts the failed runs.",
+)
+CROWD = """\
+box: {x: [0.0, 2.0], y: [0.0, 2.0], boundary: periodic}
+particles: 40
+disks:
+  tracer: {radius: 0.13, mass: 1.0}
+  species: [{name: bath, count: rest, radius: 0.13, mass: 0.4}]
+velocities: {temperature: 1.0}
+duration: 0.2
+sample_interval: 0.1
+"""  # close to the density at which random insertion ends: some runs find no place for every disk
+ENGINES = (Engine("exact"), Engine("timestep", (("time_step", 0.01), ("precision", "double"))))
+SEEDS = range(16)
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    return parse_scene(yaml.safe_load(CROWD), "crowd.yaml")
+
+
+@pytest.fixture(scope="module")
+def alone(crowd):
+    """The function from an engine and a seed to the ensemble of a batch of this seed alone."""
+
+    @cache
+    def simulate_alone(engine, seed):
+        return engine.simulate(crowd, [seed], {"tracer", "all"})
+
+    return simulate_alone
+
+
+@pytest.fixture(scope="module")
+def whole(crowd):
+    """A batch of all SEEDS with all that can be recorded."""
+    return simulate(crowd, SEEDS, {"tracer", "all", "events"}, observables=["species_energy"])
+
+
+def part(whole, seeds):
+    """A batch of some of the seeds, as the engine returns it."""
+    stopped = {seed: whole.stopped[seed] for seed in seeds if seed in whole.stopped}
+    names = ["failed"] if len(stopped) == len(seeds) else [*whole.observables]
+    return whole._replace(
+        seeds=np.array(seeds),
+        tracer=whole.tracer.of(seeds),
+        observables={name: whole.observables[name][seeds] for name in names},
+        whole={seed: track for seed, track in whole.whole.items() if seed in seeds},
+        events={seed: events for seed, events in whole.events.items() if seed in seeds},
+        stopped=stopped,
+    )
+
+
+def written(path, scene, ensemble, engine=ENGINES[0]):
+    write_trajectories(path, scene, engine, ensemble)
+    return path
+
+
+def arrays_of(ensemble, seed):
+    column = ensemble.seeds.tolist().index(seed)
+    arrays = {name: values[column] for name, values in ensemble.observables.items()}
+    arrays |= {"tracer": ensemble.tracer.position[:, column], "images": ensemble.tracer.image[:, column]}
+    return arrays | {f"all {name}": values for name, values in ensemble.whole[seed]._asdict().items()}
+
+
+# -- one run of a batch ---------------------------------------------------------------------------------------------
+
+
+@PROMISE
+@pytest.mark.parametrize("engine", ENGINES, ids=lambda engine: engine.name)
+def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, engine, faults):
+    """Batches of random seeds in random order."""
+    for _ in faults.tries(1):
+        seeds = faults.random.sample(SEEDS, 7)
+        batch = engine.simulate(crowd, seeds, {"tracer", "all"})
+        expected = {seed: reason for one in seeds for seed, reason in alone(engine, one).stopped.items()}
+        assert dict(batch.stopped) == expected
+        assert all(reason.startswith("disks: only ") for reason in expected.values())
+        assert batch.observables["failed"].tolist() == [seed in expected for seed in seeds]
+        assert batch.whole.keys() == set(seeds) - expected.keys()
+        for seed in batch.whole:
+            own, other = arrays_of(batch, seed), arrays_of(alone(engine, seed), seed)
+            assert own.keys() == other.keys()
+            assert all(own[name].tobytes() == other[name].tobytes() for name in own), seed
+        for seed in expected:
+            column = seeds.index(seed)
+            assert np.isnan(batch.tracer.position[:, column]).all() and not batch.tracer.image[:, column].any()
+            assert all(np.isnan(values[column]) for values in batch.observables.values() if values.dtype.kind == "f")
+
+
+@PROMISE
+def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(monkeypatch):
+    """In the middle of a run, by a bound on the path of a disk that some runs do not reach."""
+    scene = parse_scene(yaml.safe_load(CROWD) | {"particles": 30}, "crowd.yaml")
+    whole = simulate(scene, SEEDS)
+    monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 100)
+    monkeypatch.setattr(exact_run, "SHORTEST_PATH", 0.3)
+    batch = simulate(scene, SEEDS)
+    assert 0 < len(batch.stopped) < len(SEEDS)
+    assert all(reason.startswith("no progress at t = ") for reason in batch.stopped.values())
+    going = [seed for seed in SEEDS if seed not in batch.stopped]
+    assert batch.tracer.position[:, going].tobytes() == whole.tracer.position[:, going].tobytes()
+    monkeypatch.undo()
+    equilibrated = replace(scene, equilibrate=0.1)
+    for engine in ENGINES:
+        with monkeypatch.context() as patch:
+            patch.setattr(equilibration, "evolve", unhealthy(equilibration.evolve))
+            batch = engine.simulate(equilibrated, range(3), {"tracer"})
+        assert dict(batch.stopped) == {1: "the time to equilibrate failed its health check"}
+
+
+def unhealthy(evolve):
+    """The function, but every second run comes to an end with a health check that has failed."""
+    calls = []
+
+    def evolve_and_fail(*arguments):
+        result = yield from evolve(*arguments)
+        calls.append(result)
+        return result._replace(observables=result.observables | {"failed": len(calls) % 2 == 0})
+
+    return evolve_and_fail
+
+
+def test_a_scene_without_places_in_any_run_is_refused_at_the_first(crowd):
+    full = parse_scene(yaml.safe_load(CROWD) | {"particles": 46}, "crowd.yaml")
+    with pytest.raises(RequestError, match=r"^crowd, N = 46, seed 0: disks: only \d+ of 46 disks found a place"):
+        simulate(full, range(1000))
+
+
+def test_a_friction_is_not_measured_in_runs_that_failed(monkeypatch, crowd):
+    heavy = yaml.safe_load(CROWD)
+    heavy["disks"]["tracer"]["mass"] = 20.0
+    words = r"crowd: of the runs that measure the friction could not go on: \d of \d+ runs: 0"
+    with pytest.raises(RunError, match=words):
+        Engine("langevin", (("friction", "measured"),)).simulate(parse_scene(heavy, "crowd.yaml"), [0], {"tracer"})
+
+
+@PROMISE
+def test_a_batch_resumed_from_any_checkpoint_has_the_same_runs_and_reasons(crowd, faults):
+    stored = []
+    whole = simulate(
+        crowd, range(4), {"tracer"}, Checkpoints(lambda: True, lambda arrays: stored.append(copied(arrays)))
+    )
+    expected = written(Path("whole.h5"), crowd, whole).read_bytes()
+    for _ in faults.tries(2):
+        checkpoint = faults.random.choice(stored)
+        resumed = simulate(crowd, range(4), {"tracer"}, Checkpoints(lambda: False, lambda _: None, checkpoint))
+        assert dict(resumed.stopped) == dict(whole.stopped)
+        assert written(Path("resumed.h5"), crowd, resumed).read_bytes() == expected
+
+
+def copied(arrays):
+    return {name: np.array(values) for name, values in arrays.items()}
+
+
+# -- files ----------------------------------------------------------------------------------------------------------
+
+
+@PROMISE
+@pytest.mark.parametrize("seeds", [[0, 1, 2, 3], [0, 2]], ids=["some", "all"])
+def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, seeds):
+    """Of the seeds 0 to 3 the runs of 0 and 2 stop; a file of these alone has nothing but reasons."""
+    batch = part(whole, seeds)
+    runs = read_trajectories(written(Path("a.h5"), crowd, batch))
+    assert runs.ensemble.stopped == batch.stopped and sorted(batch.stopped) == [0, 2]
+    assert runs.ensemble.whole.keys() == runs.ensemble.events.keys() == set(seeds) - {0, 2}
+    tree = to_tree(runs)
+    assert tree.stopped.sel(seed=2).item() == batch.stopped[2] and bool(tree.failed.sel(seed=2))
+    bp.save(tree, "b.h5")
+    assert read_header("b.h5")["contents_digest"] == read_header("a.h5")["contents_digest"]
+    original = reproduction.read_original("a.h5")
+    assert reproduction.differences(original) == []
+    assert reproduction.differences(reproduction.read_original("a.h5", seed=2)) == []
+    assert from_tree(tree).ensemble.stopped == batch.stopped
+
+
+def test_a_batch_without_failures_has_no_reasons(crowd, whole):
+    runs = read_trajectories(written(Path("a.h5"), crowd, part(whole, [1, 3])))
+    assert not runs.ensemble.stopped and "stopped" not in to_tree(runs)
+
+
+def said(capsys, *words):
+    status = main([*map(str, words)])
+    return status, *capsys.readouterr()
+
+
+@PROMISE
+@pytest.mark.parametrize(
+    ("seeds", "options", "status"),
+    [
+        ("0-3", (), DONE),
+        ("0,2", (), FAILED),
+        ("0,2", ("--allow-failed", "all"), DONE),
+        ("0-3", ("--allow-failed", 1), FAILED),
+        ("1,3", ("--allow-failed", 0), DONE),
+    ],
+)
+def test_simulate_writes_the_file_and_names_seeds_and_reason_in_one_line(capsys, seeds, options, status):
+    Path("crowd.yaml").write_text(CROWD)
+    found, out, err = said(capsys, "simulate", "crowd.yaml", "--seeds", seeds, *options)
+    assert (found, out.count("\n")) == (status, 1) and "nan" not in out
+    assert Path("crowd.h5").is_file()
+    number = {"0-3": 4, "0,2": 2}.get(seeds)
+    names = rf"brownpipe: crowd\.h5: could not go on: 2 of {number} runs: 0,2 \(seed 0: disks: only .*\)\n"
+    assert re.fullmatch(names, err) if number else err == ""
+
+
+def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(capsys, crowd, whole):
+    written(Path("a.h5"), crowd, part(whole, [0, 1, 2, 3]))
+    _, out, _ = said(capsys, "inspect", "a.h5")
+    assert "2 failed runs (seeds 0,2); 2 could not go on, seed 0: disks: only " in out and "nan" not in out
+    _, out, _ = said(capsys, "inspect", "a.h5", "--seed", 2)
+    assert "FAILED, left out of every average: it could not go on: disks: only" in out and "nan" not in out
+    for words in (["movie"], ["export", "--to", "xyz"], ["export", "--to", "csv"]):
+        status, _, err = said(capsys, words[0], "a.h5", *words[1:], "--seed", 2)
+        assert status == WRONG_REQUEST and err.startswith("brownpipe: a.h5: seed 2: its run could not go on: disks: ")
+    _, _, err = said(capsys, "export", "a.h5", "--to", "csv")
+    assert "left out: 2 could not go on, seed 0" in err and "nan" not in Path("a.csv").read_text()
+
+
+def test_the_python_interface_warns_of_runs_that_could_not_go_on(crowd):
+    with pytest.warns(UserWarning, match="^crowd: could not go on: 2 of 4 runs: 0,2 .*; analyse leaves them out$"):
+        runs = bp.simulate(crowd, 4, quiet=True)
+    assert bp.analyse(runs).runs.item() == 2 and np.isnan(runs.position.sel(seed=2)).all()
+
+
+# -- studies --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def batches(crowd, whole):
+    """Trajectory files of the same runs in batches of several sizes, some of stopped runs alone."""
+    cuts = {size: [[*SEEDS[first : first + size]] for first in range(0, 16, size)] for size in (16, 3, 1)}
+    tracers = whole._replace(whole={}, events={})
+    return {
+        size: [written(Path(f"{size}-{seeds[0]}.h5"), crowd, part(tracers, seeds)) for seeds in parts]
+        for size, parts in cuts.items()
+    }
+
+
+@STUDY
+def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd, whole, batches):
+    first, *others = (aggregate(files) for files in batches.values())
+    assert all(first.identical(other) for other in others)
+    kept = [seed for seed in SEEDS if seed not in (0, 2, 11, 14)]
+    without = aggregate([written(Path("kept.h5"), crowd, part(whole, kept))])
+    assert (first.failed_runs.item(), first.runs.item()) == (4, 12)
+    for name in ("msd", "msd_standard_error", "diffusion_coefficient", "displacement_counts"):
+        np.testing.assert_array_equal(first[name], without[name])
+    assert [runs.failed for runs in read_runs(batches[1])] == [4]
+    write_dataset("a.nc", first)
+    assert read_dataset("a.nc").identical(first)
+
+
+@STUDY
+def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
+    dataset = aggregate(batches[3])
+    write_dataset("a.nc", dataset)
+    text = summary(dataset)
+    assert "crowd, N = 40: failed and left out: 4 of 16 seeds (0,2,11,14); 4 could not go on, seed 0: disks: " in text
+    assert "The averages leave out 4 failed runs; they are biased if runs that fail differ from the others.\n" in text
+    assert failed_of(cases_of(dataset)) == ["crowd, N = 40: 4 of 16 runs failed: seeds 0,2,11,14"]
+    assert "4 of 16 runs failed" in draw(dataset, "health").axes[0].get_title(loc="left")
+    assert failed_runs("a.nc") == (4, 16, "crowd, N = 40: seeds 0,2,11,14")
+    line = "brownpipe: a.nc: 4 of 16 runs failed and are in no average, {}: crowd, N = 40: seeds 0,2,11,14\n"
+    limits = ("allow_failed: 3 accepts no more", "accepted by allow_failed: 4")
+    refused, accepted = map(line.format, limits)
+    assert said(capsys, "inspect", "a.nc", "--allow-failed", 3) == (FAILED, "", refused)
+    assert said(capsys, "inspect", "a.nc", "--allow-failed", 4) == (DONE, "", accepted)
+    write_dataset("b.nc", aggregate([path for path in batches[1] if path.stem in ("1-1", "1-3")]))
+    assert said(capsys, "inspect", "b.nc", "--allow-failed", 0) == (DONE, "", "")
+
+
+@STUDY
+def test_a_study_in_which_every_run_failed_has_a_summary_and_no_average(batches):
+    dataset = aggregate([path for path in batches[1] if path.stem in ("1-0", "1-2")])
+    assert (dataset.runs.item(), dataset.failed_runs.item()) == (0, 2) and "msd" in dataset
+    assert np.isnan(dataset.msd).all() and "failed and left out: 2 of 2 seeds (0,2)" in summary(dataset)
+    draw(dataset, "health")
