@@ -10,7 +10,9 @@ Jobs note their progress in a folder (`brownpipe.progress`), so that it is known
 import json
 import logging
 import os
+import re
 import shutil
+import signal
 import sys
 import tempfile
 import threading
@@ -24,6 +26,7 @@ from typing import NamedTuple
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
+from brownpipe.errors import FAILED, NO_MEMORY, limits
 from brownpipe.progress import LINE_INTERVAL, NOTES, Pace, line
 from brownpipe.quoting import in_lines, printable
 from brownpipe.stages import Stage
@@ -37,6 +40,15 @@ LOCKED = (
 )
 RUNS_PYTHON = "__use_yte__"  # the key of a configuration with Python code that Snakemake runs
 WRONG_CONFIG = "brownpipe: --config: must be KEY=VALUE, with a key of the study, like seeds=100"
+SAID_BY_FAILURES = ("Exiting because a job execution failed", "WorkflowError:\nAt least one job did not complete")
+END = re.compile(  # of a command that failed
+    r"^CalledProcessError.*?^Command '(?P<command>.*)' "
+    r"(?:returned non-zero exit status (?P<status>\d+)|died with <Signals\.\w+: (?P<signal>\d+)>)",
+    re.DOTALL | re.MULTILINE,
+)
+LESS_MEMORY = "must be fewer jobs at once (-j 1), a smaller batch: in the study, or more memory"
+GOES_ON = "the same command goes on from here"
+MOST_FAILURES = 10  # that are explained at the end, with the whole log of each
 LOOK_INTERVAL = 0.5  # seconds between two looks at the logs of running jobs
 
 
@@ -47,6 +59,7 @@ class RunningJob(NamedTuple):
     runs: int  # simulated by it
     logs: tuple[str, ...]  # its log files
     started: float  # time.monotonic() [s]
+    title: str  # what it makes, in words
 
 
 class Note(NamedTuple):
@@ -98,6 +111,7 @@ class LogHandler(LogHandlerBase):
             os.environ[NOTES] = self.notes.name
         self.remarks: set[str] = set()  # shown before
         self.shown_rules: set[str] = set()  # rules that had a line of progress, if the output is no terminal
+        self.ends: dict[str, int] = {}  # exit statuses of commands that failed, as a shell gives them
         self.failures: list[str] = []  # explanations, shown at the end
         self.closed = threading.Event()
         self.interrupted = False
@@ -107,6 +121,8 @@ class LogHandler(LogHandlerBase):
         event = getattr(record, "event", None)
         if event == LogEvent.ERROR and "Invalid config definition" in record.getMessage():
             self.write(WRONG_CONFIG)
+        elif not self.verbatim and event == LogEvent.ERROR and (end := END.search(record.getMessage())):
+            self.ends[end["command"]] = int(end["status"] or 128 + int(end["signal"]))
         elif self.verbatim:
             self.write(self.format(record))
         elif event == LogEvent.RUN_INFO:
@@ -117,7 +133,7 @@ class LogHandler(LogHandlerBase):
         elif event == LogEvent.JOB_FINISHED:
             self.finish(record.job_id)
         elif event == LogEvent.JOB_ERROR:
-            self.failures.append(failure(record))
+            self.fail(record)
         elif record.levelno > logging.INFO or event in (None, LogEvent.GROUP_ERROR, LogEvent.ERROR):
             self.runs = getattr(record, "runs", self.runs)
             if getattr(record, "forecast", False) and not self.planned["simulate"]:
@@ -126,7 +142,8 @@ class LogHandler(LogHandlerBase):
             self.interrupted |= text.startswith("Terminating processes on user request")
             if text.startswith("LockException"):
                 text = LOCKED.format(printable(os.environ.get("UNLOCK_COMMAND", "the same command with --unlock")))
-            if self.failures or record.levelno > logging.INFO or not text.startswith(CHATTER):
+            chatter = text.startswith(CHATTER) and not (self.failures and text.startswith("Complete log"))
+            if (record.levelno > logging.INFO or not chatter) and not text.startswith(SAID_BY_FAILURES):
                 self.write(text)
 
     def start(self, stats: dict[str, int]) -> None:
@@ -159,6 +176,19 @@ class LogHandler(LogHandlerBase):
         if job is not None:
             self.runs_of_finished += job.runs
         self.show()
+
+    def fail(self, record: Message) -> None:
+        """Keep the explanation of a failed job for the end; say at once that a job was killed, as its log cannot."""
+        job = self.running.pop(getattr(record, "jobid", -1), None)
+        status = next((status for command, status in self.ends.items() if str(record.shellcmd) in command), FAILED)
+        if record.rule_name in ANSWER_RULES:
+            return  # it prints the reason itself
+        text = failure(record)
+        if cure := cure_for(status, text):
+            cure = f"brownpipe: {job.title if job else record.rule_name}: {cure}"
+            self.write(cure)
+            text += f"\n    {cure}"
+        self.failures.append(text)
 
     def show(self) -> None:
         """Show the progress: on a terminal in one line that is overwritten, else every LINE_INTERVAL in a new line."""
@@ -220,7 +250,7 @@ class LogHandler(LogHandlerBase):
         self.closed.set()
         with self.lock:
             self.erase()
-            for text in [INTERRUPTED] if self.interrupted else self.failures:
+            for text in [INTERRUPTED] if self.interrupted else briefly(self.failures):
                 self.write(text)
             self.failures, self.interrupted = [], False
         if self.notes is not None:
@@ -271,7 +301,9 @@ def job_of(record: Message) -> RunningJob:
     """Return the job that a message of Snakemake announces."""
     seeds = record.wildcards or {}
     runs = int(seeds["last"]) - int(seeds["first"]) + 1 if "last" in seeds else 0
-    return RunningJob(record.rule_name, runs, tuple(map(str, record.log or ())), time.monotonic())
+    case = [seeds[key] for key in ("scene", "particles", "engine") if key in seeds]
+    title = f"seeds {seeds['first']}-{seeds['last']} of {' '.join(case)}" if runs else record.rule_name
+    return RunningJob(record.rule_name, runs, tuple(map(str, record.log or ())), time.monotonic(), title)
 
 
 def remarks_of(job: RunningJob) -> Iterator[str]:
@@ -290,6 +322,31 @@ def notes_of_jobs() -> list[Note]:
             rule, left, *stage = json.loads(path.read_text())
             notes.append(Note(rule, Stage(*stage), left))
     return notes
+
+
+def cure_for(status: int, text: str) -> str | None:
+    """Return why a job ended and what helps, if it was killed or came to a limit; `text` is what its log says.
+
+    `status` is its exit status as a shell gives it: above 128 the number of a signal.
+    """
+    number = status - 128
+    if "out of memory" in text or any(word in text for word in NO_MEMORY):
+        return f"out of memory{limits()}; {LESS_MEMORY}; {GOES_ON}"
+    if number == signal.SIGKILL:
+        return f"killed, most likely as memory ran out{limits()}; {LESS_MEMORY}; {GOES_ON}"
+    if number == signal.SIGXCPU:
+        return f"its CPU time ran out{limits()}; must be a higher limit or a smaller batch: in the study; {GOES_ON}"
+    if number in set(signal.Signals) - {signal.SIGINT, signal.SIGTERM}:
+        return f"ended by {signal.Signals(number).name}{limits()}; {GOES_ON}"
+    return None
+
+
+def briefly(failures: Sequence[str]) -> list[str]:
+    """Return the explanations of the first failed jobs, and of the others the line with the rule and its command."""
+    more = len(failures) - MOST_FAILURES
+    if more <= 0:
+        return [*failures]
+    return [*failures[:MOST_FAILURES], *(text.partition("\n")[0] for text in failures[MOST_FAILURES:])]
 
 
 def failure(record: Message) -> str:
