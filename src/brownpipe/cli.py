@@ -6,6 +6,7 @@ stderr that a name has been replaced by a newer one.
 
 import argparse
 import difflib
+import errno
 import os
 import re
 import signal
@@ -15,7 +16,15 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from brownpipe.completion import bash_script
-from brownpipe.errors import FAILED, WRONG_REQUEST, BrownpipeError
+from brownpipe.errors import (
+    FAILED,
+    WRONG_REQUEST,
+    BrownpipeError,
+    has_limited_memory,
+    leave_time_for_a_last_line,
+    limits,
+    ran_out_of_memory,
+)
 from brownpipe.quoting import printable
 from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
@@ -27,6 +36,10 @@ def main(argv: list[str] | None = None) -> int:
     """Run one verb; return the exit status."""
     try:
         signal.signal(signal.SIGTERM, _terminate)
+        signal.signal(signal.SIGXCPU, _stop_at_limit)
+        leave_time_for_a_last_line()
+        if has_limited_memory():
+            sys.unraisablehook = _complain
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
         argv = sys.argv[1:] if argv is None else argv
         own, further = _divide(argv)
@@ -41,12 +54,28 @@ def main(argv: list[str] | None = None) -> int:
         return FAILED
     except BrownpipeError as error:
         return say(str(error), error.exit_status)
-    except (OSError, MemoryError) as error:
-        return say(str(error), FAILED)
+    except Exception as error:
+        if ran_out_of_memory(error):
+            return say(f"out of memory{limits()}", FAILED)
+        if isinstance(error, OSError) and error.errno == errno.EMFILE:
+            return say(f"too many open files; must be a higher limit (ulimit -n): {error.filename}", FAILED)
+        if isinstance(error, OSError):
+            return say(str(error), FAILED)
+        raise
 
 
 def _terminate(*_: object) -> NoReturn:
     sys.exit(say("terminated", 128 + signal.SIGTERM))
+
+
+def _complain(found: "sys.UnraisableHookArgs") -> None:
+    """Show an error that nothing can handle, but no lack of memory, which ends the program a moment later."""
+    if not ran_out_of_memory(found.exc_value):
+        sys.__unraisablehook__(found)
+
+
+def _stop_at_limit(*_: object) -> NoReturn:
+    sys.exit(say(f"CPU time ran out{limits()}", 128 + signal.SIGXCPU))
 
 
 def _divide(argv: list[str]) -> tuple[list[str], list[str]]:
