@@ -34,7 +34,7 @@ whom it was written: the same runs give the same bytes.
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.datasets import made_by, read_dataset, write_dataset
-from brownpipe.storage.files import write_file
+from brownpipe.storage.files import free_space, try_to_write, write_file
 from brownpipe.storage.trajectories import Outline, Trajectories, read_outline, read_trajectories, write_trajectories
 from brownpipe.storage.tree import from_tree, to_tree
 
@@ -43,6 +43,7 @@ __all__ = [
     "StorageError",
     "Trajectories",
     "WrongFileError",
+    "free_space",
     "from_tree",
     "made_by",
     "read_checkpoint",
@@ -51,6 +52,7 @@ __all__ = [
     "read_trajectories",
     "remove_checkpoint",
     "to_tree",
+    "try_to_write",
     "write_checkpoint",
     "write_dataset",
     "write_file",

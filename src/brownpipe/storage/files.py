@@ -19,8 +19,9 @@ import errno
 import hashlib
 import os
 import re
+import resource
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from brownpipe.errors import StorageError, WrongFileError
@@ -31,6 +32,7 @@ NO_RESULTS = (
     "is YAML, not HDF5; brownpipe simulate makes trajectory files of a scene, brownpipe run the results of a study"
 )
 BLANK_SEAL = PREFIX + 64 * "0"
+BLOCK = 4096  # bytes that a disk hands out at once
 SEAL = re.compile(PREFIX.encode() + b"[0-9a-f]{64}")
 
 
@@ -44,6 +46,29 @@ def write_file(path: str | Path, contents: bytes) -> None:
     """
     with replacing(path) as part:
         _write_through(part, contents)
+
+
+class _TriedError(Exception):
+    """Ends a writing that was only to be tried."""
+
+
+def try_to_write(path: str | Path) -> None:
+    """Write a block to the part of a file and remove it again, before the work whose result the file is to hold.
+
+    Raises StorageError as `write_file` does, also if a folder has the name of the file.
+    """
+    if Path(path).is_dir():
+        raise StorageError(f"{path}: not written: is a folder; choose the name of a file")
+    with suppress(_TriedError), replacing(path) as part:
+        _write_through(part, bytes(BLOCK))
+        raise _TriedError
+
+
+def free_space(folder: str | Path) -> float:
+    """Return the bytes that a new file in a folder may have: the space on the disk or the limit of file sizes."""
+    disk, limit = os.statvfs(folder), resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    free = disk.f_bavail * disk.f_frsize
+    return free if limit == resource.RLIM_INFINITY else min(free, limit)
 
 
 @contextmanager
@@ -89,7 +114,12 @@ def sync(path: Path) -> None:
 
 def _reason(error: OSError) -> str:
     """Return why a file was not written and, where it is known, what to do about it."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+    if error.errno == errno.EFBIG:
+        limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+        return f"{error.strerror}: no file may have more than {limit:,} bytes (ulimit -f); must be a higher limit"
+    if error.errno == errno.ENAMETOOLONG:
+        return f"{error.strerror}; choose a shorter one"
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"{error.strerror}; free some space and rerun"
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
         return f"{error.strerror}; choose a place that can be written"

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.verbs.output import folder
+from brownpipe.verbs.output import folder, refuse_unwritable
 from brownpipe.verbs.values import integer
 
 EXAMPLE = "small.nc --output figures"
@@ -32,6 +32,7 @@ def figures(arguments: Namespace) -> int:
 
     output = folder(arguments.output)
     dataset = read_dataset(arguments.dataset)
+    refuse_unwritable(output, arguments.figures or FIGURES)
     if is_tradeoff(dataset):
         if arguments.figures or arguments.particles is not None:
             raise FigureError(f"{arguments.dataset}: a trade-off; it is shown as a whole")

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from brownpipe.errors import RequestError
@@ -34,8 +34,10 @@ def writable(path: str, *inputs: str, kinds: Sequence[str]) -> str:
     """Return the path of an output file, links resolved, and make its folder.
 
     `kinds` has the suffixes that the file may have, with "" if it may have none. Called before anything is computed.
-    Raises OSError or RequestError if the file could not be written afterwards.
+    Raises OSError, StorageError or RequestError if the file could not be written afterwards.
     """
+    from brownpipe.storage import try_to_write
+
     path = os.path.realpath(path) if os.path.islink(path) else path
     _refuse_to_replace(path, inputs)
     if suffix(path) not in kinds:
@@ -49,7 +51,18 @@ def writable(path: str, *inputs: str, kinds: Sequence[str]) -> str:
         raise OSError(f"{path}: its folder cannot be made: {error.strerror}; choose another place") from error
     if not os.access(Path(path).parent, os.W_OK):
         raise PermissionError(f"{path}: its folder cannot be written to; choose another place")
+    try_to_write(path)
     return path
+
+
+def refuse_if_too_large(path: str, size: float) -> None:
+    """Raise StorageError if the disk or the limit of file sizes has no room for half of an expected size [bytes]."""
+    from brownpipe.storage import StorageError, free_space
+
+    free = free_space(Path(path).parent)
+    if size / 2 > free:
+        room = f"some {size / 1e6:,.0f} MB are expected, and there is room for {free / 1e6:,.3g} MB"
+        raise StorageError(f"{path}: {room}; must be more space, fewer seeds, or less to record")
 
 
 def suffix(path: str) -> str:
@@ -65,6 +78,17 @@ def folder(path: str) -> str:
     if Path(path).exists() and not Path(path).is_dir():
         raise RequestError(f"{path}: is a file; choose the name of a folder")
     return path
+
+
+def refuse_unwritable(output: str, names: Iterable[str]) -> None:
+    """Raise StorageError if a folder has no room for figures, or folders with the names of their files."""
+    from brownpipe.storage import StorageError, try_to_write
+
+    files = ["summary.txt", "summary.csv", *(f"{name}{end}" for name in names for end in (".png", ".svg", ".csv"))]
+    for file in (Path(output) / name for name in files):
+        if file.is_dir():
+            raise StorageError(f"{file}: not written: is a folder; choose another --output")
+    try_to_write(Path(output) / files[0])
 
 
 def _refuse_to_replace(path: str, inputs: tuple[str, ...]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from brownpipe.errors import DONE, FAILED, RequestError
-from brownpipe.verbs.output import HDF5, number, say, show, writable
+from brownpipe.verbs.output import HDF5, number, refuse_if_too_large, say, show, writable
 from brownpipe.verbs.values import SCENE, integer, number_or_all, observables, positive
 
 if TYPE_CHECKING:
@@ -80,8 +80,10 @@ def simulate(arguments: Namespace) -> int:
     refuse_repetition([scene], seeds)
     measures = _measures(arguments, scene)
     engine.refuse_unfit(scene, record)
-    forecast.refuse_too_large(scene, len(seeds), engine.forecast(scene, record, **measures))
+    cost = engine.forecast(scene, record, **measures)
+    forecast.refuse_too_large(scene, len(seeds), cost)
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, kinds=HDF5)
+    refuse_if_too_large(output, len(seeds) * cost.recorded)
 
     from brownpipe import progress
     from brownpipe.storage import remove_checkpoint, write_trajectories
