@@ -1,4 +1,4 @@
-"""Limits of memory, CPU time, files and space: the same bytes as without them, or one line, and nothing half-written."""
+"""Limits of memory, CPU time, files and space: the same bytes as without, or one line, and nothing half-written."""
 
 import logging
 import os
@@ -125,7 +125,7 @@ def test_a_lack_of_memory_is_one_line_whatever_reports_it(error, expected, capsy
 def test_kernels_are_neither_compiled_nor_loaded_in_too_little_memory(monkeypatch):
     """LLVM would abort."""
     monkeypatch.setattr(compiled, "LEAST_MEMORY", 2**60)
-    with pytest.raises(OSError) as caught:
+    with pytest.raises(OSError, match="allocate memory") as caught:
         compiled.compile_all([compiled.KernelCall(lambda: pytest.fail("called"), (), 0.0)])
     assert errors.ran_out_of_memory(caught.value)
 

@@ -147,6 +147,16 @@ def test_the_report_is_written_after_a_run_that_succeeds(capsys, study, started,
     assert said(capsys, "run", study, "--report")[0] == 1
 
 
+@pytest.mark.promise("runs of a study fail", "The report is written nevertheless; the exit status stays 1.")
+@pytest.mark.parametrize(("missing", "reports"), [({}, 1), ({"simulate": "1"}, 0)])
+def test_the_report_is_written_if_all_results_are_there(capsys, study, monkeypatch, missing, reports):
+    calls = []
+    monkeypatch.setattr(workflow, "_planned", lambda *_: missing)
+    monkeypatch.setattr(workflow, "_wait_for", lambda words, _: calls.append(words) or int("--report" not in words))
+    assert said(capsys, "run", study, "--report")[0] == FAILED
+    assert sum("--report" in words for words in calls) == reports
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

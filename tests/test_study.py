@@ -121,6 +121,13 @@ def test_names_of_observables_of_the_version_before_are_accepted(old, new, capsy
         small(observables=[old, new])
 
 
+@pytest.mark.parametrize("wrong", [-1, 1.5, True, "some"])
+def test_the_number_of_runs_that_may_fail(wrong):
+    assert small().allow_failed == 0 and small(allow_failed=7).allow_failed == 7
+    with pytest.raises(RequestError, match=r"allow_failed: must be an integer from 0 to 10000000, not "):
+        small(allow_failed=wrong)
+
+
 def test_what_is_measured_in_the_runs(tmp_path):
     assert (small().record, small().observables, small().average, small().simulate_options) == (
         "tracer",
