@@ -22,6 +22,7 @@ from brownpipe.verbs import simulate
 ROOMS = (  # each may import those before it
     "quoting",
     "errors",
+    "interrupts",
     "formatting",
     "provenance",
     "stages",

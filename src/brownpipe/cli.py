@@ -15,6 +15,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from typing import NoReturn
 
+from brownpipe import interrupts
 from brownpipe.completion import bash_script
 from brownpipe.errors import (
     FAILED,
@@ -33,15 +34,22 @@ JOINED = "several values of an option are joined by commas"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one verb; return the exit status."""
+    """Run one verb; return the exit status. Without `argv` the arguments are those of the process, which ends then."""
+    if has_limited_memory():
+        sys.unraisablehook = _complain
+    with interrupts.ending_process():
+        status = _status(sys.argv[1:] if argv is None else argv)
+        if argv is None:
+            interrupts.leave(status)
+    return status
+
+
+def _status(argv: list[str]) -> int:
+    """Run one verb; return the exit status, after one line on stderr for an error."""
     try:
-        signal.signal(signal.SIGTERM, _terminate)
         signal.signal(signal.SIGXCPU, _stop_at_limit)
         leave_time_for_a_last_line()
-        if has_limited_memory():
-            sys.unraisablehook = _complain
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
-        argv = sys.argv[1:] if argv is None else argv
         own, further = _divide(argv)
         arguments = build_parser(own).parse_args(own, Namespace(argv=argv, further=further))
         status = arguments.verb(arguments)
@@ -49,6 +57,8 @@ def main(argv: list[str] | None = None) -> int:
         return status
     except KeyboardInterrupt:
         return say("interrupted", 128 + signal.SIGINT)
+    except interrupts.Terminated:
+        return say("terminated", 128 + signal.SIGTERM)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader is gone: print no more
         return FAILED
@@ -62,10 +72,6 @@ def main(argv: list[str] | None = None) -> int:
         if isinstance(error, OSError):
             return say(str(error), FAILED)
         raise
-
-
-def _terminate(*_: object) -> NoReturn:
-    sys.exit(say("terminated", 128 + signal.SIGTERM))
 
 
 def _complain(found: "sys.UnraisableHookArgs") -> None:

@@ -24,6 +24,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from brownpipe import interrupts
 from brownpipe.errors import StorageError, WrongFileError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
@@ -84,10 +85,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
+            interrupts.unfinished.add(str(part))
             yield part
             os.replace(part, path)
         finally:
             part.unlink(missing_ok=True)
+            interrupts.unfinished.discard(str(part))
         sync(path.parent)
     except OSError as error:
         raise StorageError(f"{path}: not written: {_reason(error)}") from error

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import yaml
 
+from brownpipe import interrupts
 from brownpipe.errors import RequestError, RunError
 from brownpipe.provenance import PACKAGE
 from brownpipe.quoting import shell_word
@@ -148,7 +149,7 @@ def _is_same(one: str | None, other: Path) -> bool:
 
 def _wait_for(command: list[str], environment: dict[str, str]) -> int:
     """Run Snakemake and return its exit status, as a shell would. It ends by itself at Ctrl-C, which it gets, too."""
-    with subprocess.Popen(command, env=environment) as process:
+    with interrupts.passed_on(), subprocess.Popen(command, env=environment) as process:
         while process.returncode is None:
             try:
                 process.wait()
