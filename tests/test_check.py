@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from brownpipe.engines import DEFINITIONS, Engine, forecast
-from brownpipe.engines.compiled import compile_all, seconds_to_compile
+from brownpipe.engines.compiled import seconds_to_compile
+from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.saturation import share_failing

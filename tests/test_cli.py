@@ -16,7 +16,7 @@ import pytest
 
 from brownpipe import stages
 from brownpipe.cli import build_parser, main
-from brownpipe.engines import inlining, kernels
+from brownpipe.engines import inlining, kernel_cache
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
 from brownpipe.storage import read_dataset, read_trajectories
@@ -157,7 +157,7 @@ def test_a_long_batch_is_counted_on_a_terminal_alone(capsys, monkeypatch):
 
 def test_what_is_compiled_is_said(capsys, monkeypatch, runs):
     def simulate(*_, **__):
-        for tell in kernels.on_compile:
+        for tell in kernel_cache.on_compile:
             tell("compiling the kernels for this kind of scene, once per machine: about 8 s")
         return read_trajectories(runs).ensemble
 

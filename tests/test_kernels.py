@@ -1,6 +1,5 @@
 """Kernels are compiled once, whoever needs them, and correctly."""
 
-import fcntl
 import os
 import signal
 import subprocess
@@ -23,9 +22,8 @@ NOTE = HERE.parent / "config" / "scenes" / "harrison2020.yaml"
 HOLD = """
 import sys, time
 from pathlib import Path
-from brownpipe.engines import kernels
-kernels.CACHE = sys.argv[1]
-with kernels.one_compiler():
+from brownpipe.engines.compiling import one_compiler
+with one_compiler(Path(sys.argv[1]) / "code.nbc", "work"):
     begin = time.monotonic()
     time.sleep(0.2)
     print(begin, time.monotonic())
@@ -46,21 +44,21 @@ def test_one_compiler_at_a_time(tmp_path):
 AT_ONCE = """
 import sys, time
 import numpy as np
-from numba.core.caching import IndexDataCacheFile
-from brownpipe.engines import kernels
+from brownpipe.engines import kernel_cache
+from brownpipe.engines.compiled import KernelCall
+from brownpipe.engines.compiling import compile_all
 from test_kernels import Inner, Outer, work
 
-def save_slowly(index, overloads):
+def write_slowly(*file):
     time.sleep(0.5)
-    save(index, overloads)
+    write(*file)
 
-save, IndexDataCacheFile._save_index = IndexDataCacheFile._save_index, save_slowly
+write, kernel_cache.write = kernel_cache.write, write_slowly
 record = Outer(2.0, Inner(3, np.arange(4, dtype=sys.argv[1])), None, np.zeros(4, sys.argv[1]))
-kernels.on_compile.append(lambda line: print("compiled"))
+kernel_cache.on_compile.append(lambda line: print("compiled"))
 print("ready", flush=True)
 sys.stdin.readline()
-with kernels.one_compiler(record):
-    work(record._replace(values=record.values[:0]))
+compile_all([KernelCall(work, (record._replace(values=record.values[:0]),), 1.0)])
 print(work(record), record.values.tolist())
 """
 
@@ -101,86 +99,11 @@ def test_a_prefetch_is_compiled_to_one():
     assert "call void @llvm.prefetch" in compiled
 
 
-def test_without_a_place_to_write_nothing_is_locked(monkeypatch):
-    monkeypatch.setattr(kernels, "CACHE", "")
-    with kernels.one_compiler():
-        pass
-
-
-def test_machine_code_is_not_taken_from_others(tmp_path):
-    folder = tmp_path / "code"
-    folder.mkdir(mode=0o700)
-    assert kernels._private(folder)
-    folder.chmod(0o777)
-    assert not kernels._private(folder)
-    (tmp_path / "link").symlink_to(tmp_path)
-    assert not kernels._private(tmp_path / "link")
-
-
-def test_machine_code_that_nobody_uses_is_removed(tmp_path):
-    """Of three folders the one unused for a day; not one whose lock is held, nor what is not ours."""
-    for name in ("kernels-old", "kernels-new", "kernels-held", "other"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / kernels.LOCK).touch()
-        (tmp_path / name / "code.nbc").touch()
-    for name in ("kernels-old", "kernels-held", "other"):
-        os.utime(tmp_path / name / kernels.LOCK, (time.time() - 2 * kernels.UNUSED,) * 2)
-    with open(tmp_path / "kernels-held" / kernels.LOCK) as held:
-        fcntl.flock(held, fcntl.LOCK_EX)
-        kernels._prune(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["kernels-held", "kernels-new", "other"]
-
-
-def test_using_machine_code_keeps_it_from_being_removed(tmp_path, monkeypatch):
-    folder = tmp_path / "kernels-used"
-    monkeypatch.setattr(kernels, "CACHE", str(folder))
-    for _ in range(2):
-        with kernels.one_compiler():
-            pass
-        os.utime(folder / kernels.LOCK, (0, 0))
-    with kernels.one_compiler():
-        pass
-    kernels._prune(tmp_path)
-    assert folder.exists()
-
-
-def test_ctrl_c_while_compiling_is_heeded_at_once():
-    done = []
-
-    def compiled():
-        with kernels.one_compiler():
-            signal.raise_signal(signal.SIGINT)
-            done.append("compiled")
-
-    with pytest.raises(KeyboardInterrupt):
-        compiled()
-    assert done == []
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def test_ctrl_c_while_llvm_calls_back_is_heeded_afterwards():
-    """What is raised in such a function is lost."""
-    done = []
-
-    def _object_compiled_hook():
-        signal.raise_signal(signal.SIGINT)
-        done.append("called back")
-
-    def compiled():
-        with kernels.one_compiler():
-            _object_compiled_hook()
-            done.append("compiled")
-
-    with pytest.raises(KeyboardInterrupt):
-        compiled()
-    assert done == ["called back", "compiled"]
-
-
 INTERRUPTED = """
-from brownpipe.engines import kernels
+from brownpipe.engines import kernel_cache
 from brownpipe.engines.exact import run as exact
 from brownpipe.scene import read_scene
-kernels.on_compile.append(lambda line: print(line, flush=True))
+kernel_cache.on_compile.append(lambda line: print(line, flush=True))
 exact.prepare_scene(read_scene(SCENE))
 print("compiled")
 """
@@ -202,7 +125,7 @@ def test_ctrl_c_ends_the_compiling_of_an_engine(tmp_path):
     process.send_signal(signal.SIGINT)
     out, error = process.communicate(timeout=20)
     assert process.returncode != 0 and "KeyboardInterrupt" in error and "compiled" not in out
-    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".nbi", ".nbc") or "tmp" in path.suffix]
+    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".nbi", ".nbc", ".part")]
 
 
 PLACED = """

@@ -15,7 +15,7 @@ import pytest
 
 from brownpipe import provenance
 from brownpipe.analysis.departure import departure_time
-from brownpipe.engines import kernels
+from brownpipe.engines import kernel_cache
 from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.exact import equilibration
 from brownpipe.engines.exact import simulation as exact
@@ -425,13 +425,15 @@ def test_the_compiler_changes_no_bit():
 
 def test_an_edit_of_this_engine_leaves_the_machine_code_of_the_exact_one(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    package = Path(shutil.copytree(kernels.PACKAGE, tmp_path / "brownpipe", ignore=shutil.ignore_patterns("*cache*")))
+    package = Path(
+        shutil.copytree(provenance.PACKAGE, tmp_path / "brownpipe", ignore=shutil.ignore_patterns("*cache*"))
+    )
     modules = "engines.exact.events", "engines.timestep.steps"
-    monkeypatch.setattr(kernels, "sources", lambda module: provenance.sources(module, folder=package))
-    before = [kernels._cache_folder.__wrapped__(module) for module in modules]
+    monkeypatch.setattr(kernel_cache, "sources", lambda module: provenance.sources(module, folder=package))
+    before = [kernel_cache.folder_of.__wrapped__(module) for module in modules]
     with open(package / "engines" / "timestep" / "steps.py", "a") as file:
         file.write("# edited\n")
-    after = [kernels._cache_folder.__wrapped__(module) for module in modules]
+    after = [kernel_cache.folder_of.__wrapped__(module) for module in modules]
     assert after[0] == before[0] and after[1] != before[1]
 
 

@@ -82,7 +82,7 @@ EVERY_KERNEL = """
 import sys
 from collections import Counter
 from numba.core import event
-from brownpipe.engines import kernels
+from brownpipe.engines import kernel_cache
 from brownpipe.engines.exact import run as exact
 from brownpipe.scene import read_scene
 
@@ -95,7 +95,7 @@ class Listener(event.Listener):
         pass
 
 times = Counter()
-kernels.on_compile.append(print)
+kernel_cache.on_compile.append(print)
 with event.install_listener("numba:compile", Listener()):
     exact.prepare_scene(read_scene(sys.argv[1]))
 print(len(times), "kernels;", "more than once:", sorted(name for name in times if times[name] > 1))

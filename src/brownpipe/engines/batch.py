@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe import observables, stages
-from brownpipe.engines import kernels
+from brownpipe.engines import kernel_cache
 from brownpipe.engines.saturation import share_failing
 from brownpipe.engines.state import Ensemble, Events, Track, blank
 from brownpipe.engines.units import SMALLEST_NORMAL
@@ -17,7 +17,7 @@ from brownpipe.scene import Scene
 
 EVERY_RUN = 0.99  # share of runs without a place for all disks above which the scene is refused
 
-kernels.on_compile.append(stages.remark)
+kernel_cache.on_compile.append(stages.remark)
 
 
 class RunResult(NamedTuple):

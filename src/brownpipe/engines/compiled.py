@@ -1,10 +1,8 @@
-"""Which kernels have their machine code in Numba's cache on disk; nothing is compiled or loaded to find out."""
+"""Which kernels have their machine code on disk; nothing is compiled or loaded to find out."""
 
-import mmap
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any, NamedTuple
-
-LEAST_MEMORY = 100_000_000  # bytes of address space; to compile the kernels takes 57 MB, to load them 18 MB
 
 
 class KernelCall(NamedTuple):
@@ -15,29 +13,31 @@ class KernelCall(NamedTuple):
     seconds: float  # of CPU to compile
 
 
-def compile_all(calls: Iterable[KernelCall]) -> None:
-    """Compile the kernels, or load their machine code.
-
-    Raises OSError (ENOMEM) if there is too little memory for LLVM, which would end the process without a word.
-    """
-    mmap.mmap(-1, LEAST_MEMORY).close()  # nothing of it is used
-    for function, arguments, _ in calls:
-        function(*arguments)
-
-
 def seconds_to_compile(calls: Iterable[KernelCall]) -> dict[str, float]:
     """Return the CPU seconds to compile each kernel that has no machine code yet, by its name and types."""
-    return {_name(call): call.seconds for call in calls if not _is_compiled(call)}
+    return {_name(call): call.seconds for call in calls if not is_compiled(call)}
 
 
-def _is_compiled(call: KernelCall) -> bool:
-    """Whether the machine code is in the cache. Without Numba's compiler (NUMBA_DISABLE_JIT) none is needed."""
+def is_compiled(call: KernelCall) -> bool:
+    """Whether the machine code is in memory or on disk. Without Numba's compiler (NUMBA_DISABLE_JIT) none is needed."""
     function: Any = call.function
-    if not hasattr(function, "overloads"):
+    if not hasattr(function, "overloads") or _types(call) in function.overloads:
         return True
-    cache = getattr(function._cache, "_cache_file", None)  # None: no folder is writable
-    key = None if cache is None else function._cache._index_key(_types(call), function.targetctx.codegen())
-    return key is not None and key in cache._load_index()
+    file = file_of(call)
+    return file is not None and disk_cache(call).holds(file)
+
+
+def file_of(call: KernelCall) -> Path | None:
+    """Return the file of the machine code; None if there is none, because no folder can be used (`kernel_cache`)."""
+    function: Any = call.function
+    cache = disk_cache(call)
+    return None if cache is None else cache.file(_types(call), function.targetctx.codegen())
+
+
+def disk_cache(call: KernelCall) -> Any:
+    """Return the `kernel_cache.DiskCache` of the entry point; None if it has none."""
+    cache = getattr(call.function, "_cache", None)
+    return cache if hasattr(cache, "file") else None
 
 
 def _types(call: KernelCall) -> tuple:

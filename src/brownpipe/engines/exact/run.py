@@ -12,13 +12,13 @@ import numpy as np
 
 from brownpipe import stages
 from brownpipe.engines.batch import RunResult
-from brownpipe.engines.compiled import KernelCall, compile_all
+from brownpipe.engines.compiled import KernelCall
+from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare
 from brownpipe.engines.exact.recording import joined, logged, new_recorder, report_of
 from brownpipe.engines.insertion import warm_up_call
-from brownpipe.engines.kernels import one_compiler
 from brownpipe.engines.recording import SAMPLES, tracer_track, whole_track
 from brownpipe.engines.state import Events, State
 from brownpipe.engines.units import Frame, frame_of, motion_of
@@ -67,8 +67,7 @@ def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
     """Return a scene with its workspace and with its kernels compiled; a `pinned` tracer has infinite mass."""
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
-    with one_compiler(w):
-        compile_all(_calls(frame, w))
+    compile_all(_calls(frame, w))
     return PreparedScene(scene, frame, w, pinned)
 
 

@@ -18,12 +18,12 @@ import numpy as np
 
 from brownpipe import stages
 from brownpipe.engines.batch import RunResult, add_run, new_batch
-from brownpipe.engines.compiled import KernelCall, compile_all
+from brownpipe.engines.compiled import KernelCall
+from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.failures import failures
 from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
-from brownpipe.engines.kernels import one_compiler
 from brownpipe.engines.langevin import RATE_RUNS, refuse_unfit, scene_with_disks
 from brownpipe.engines.langevin.step import follow, step_weights
 from brownpipe.engines.state import Ensemble, Track
@@ -60,8 +60,7 @@ def simulate(
     weights = step_weights(steps, gamma, bath_of(scene).temperature / followed(scene).mass)
     batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
-    with one_compiler():
-        compile_all([_call()])
+    compile_all([_call()])
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         path = _path(scene, mass, seed, weights)
         report: dict[str, float | np.uint8] = {"friction_rate": gamma, "failed": np.uint8(not is_known(scene, path))}

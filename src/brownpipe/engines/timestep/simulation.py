@@ -13,10 +13,10 @@ import numpy as np
 
 from brownpipe import stages
 from brownpipe.engines.batch import RunResult, add_run, making_run, new_batch
-from brownpipe.engines.compiled import KernelCall, compile_all
+from brownpipe.engines.compiled import KernelCall
+from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact.equilibration import kernel_calls as states_calls
 from brownpipe.engines.exact.equilibration import states
-from brownpipe.engines.kernels import one_compiler
 from brownpipe.engines.recording import tracer_track, whole_track
 from brownpipe.engines.state import Ensemble, State
 from brownpipe.engines.timestep import workspace as ws
@@ -84,8 +84,7 @@ def prepared(
     refuse_bad_step(scene, time_step, precision, collisions)
     frame = frame_of(scene)
     w = prepare(scene, frame, time_step, precision, collisions)
-    with one_compiler(w):
-        compile_all([_call(scene, frame, time_step, w)])
+    compile_all([_call(scene, frame, time_step, w)])
     return SteppingSetup(scene, frame, time_step, precision, collisions, w)
 
 
