@@ -79,7 +79,7 @@ class _Heeding:
 
 
 _heeding: list[_Heeding] = []  # one at most
-unfinished: set[str] = set()  # files that are removed when `ending_process` ends the process
+unfinished: set[str] = set()  # files being written, removed when the process ends without having done so
 
 
 @contextmanager
@@ -131,6 +131,7 @@ def ending_process() -> Iterator[None]:
             yield
     finally:
         ended.set()
+        _remove_unfinished()  # if there are any, two exceptions have followed each other
         signal.set_wakeup_fd(waker)
         os.close(writing)
         signal.signal(signal.SIGTERM, before)
@@ -166,13 +167,17 @@ def _watch(heeding: _Heeding, reading: int, ended: threading.Event) -> None:
             if not ended.wait(PATIENCE / 2):
                 heeding.send(number)
             if not ended.wait(PATIENCE / 2):
-                for file in unfinished.copy():
-                    with suppress(OSError):
-                        os.unlink(file)
+                _remove_unfinished()
                 if select.select([], [2], [], 0)[1]:  # else nobody reads stderr, and writing would block
                     os.write(2, f"brownpipe: {SIGNALS[signal.Signals(number)]}\n".encode())
                 os._exit(128 + number)
     os.close(reading)
+
+
+def _remove_unfinished() -> None:
+    for file in unfinished.copy():
+        with suppress(OSError):
+            os.unlink(file)
 
 
 def _is_callback(frame: FrameType | None) -> bool:
