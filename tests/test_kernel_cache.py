@@ -91,6 +91,7 @@ def test_the_first_folder_that_only_this_user_can_write_to_is_taken(places, told
         assert folder.parent == places[spoilt] and stat.S_IMODE(folder.stat().st_mode) == 0o700
     lines = [*kernel_cache.remarks, *kernel_cache.remarks_at_compiling]
     refused = places[:spoilt] if spoil is open_to_all else ()
+    assert [path for place in refused for path in place.iterdir()] == []
     assert [line.startswith(REFUSED.format(place)) for line, place in zip(lines, refused, strict=False)] == [
         True for _ in refused
     ]

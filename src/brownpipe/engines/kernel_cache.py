@@ -157,6 +157,9 @@ def folder_of(module: str) -> Path | None:
             if is_new:
                 _prune(folder.parent)
             return folder
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()
         if why is not None:
             _note(f"machine code is not kept in {place}: {why}", lines)
     line = (
