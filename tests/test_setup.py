@@ -44,6 +44,16 @@ echo "WARNING: Retrying (Retry(total=0)) after connection broken by 'NewConnecti
 echo "ERROR: Could not find a version that satisfies the requirement numpy==2.4.6 (from versions: none)"
 echo "ERROR: No matching distribution found for numpy==2.4.6"
 exit 1"""
+BY_PIP = """\
+ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE. If you have updated the package versions, ...
+    attrs==26.1.0 from file:///attrs-26.1.0-py3-none-any.whl#sha256=c647 (from -r requirements.lock (line 9)):
+        Expected sha256 0000
+             Got        c647
+"""
+BY_UV = """\
+error: Failed to download `attrs==26.1.0`
+  cause: Hash mismatch for `attrs==26.1.0`
+"""
 FULL = 'echo "ERROR: Could not install packages due to an OSError: [Errno 28] No space left on device"; exit 1'
 LACKING = 'echo "ERROR: No matching distribution found for numpy==2.4.6"; exit 1'
 
@@ -123,6 +133,27 @@ def test_uv_is_used_where_it_is(checkout):
     assert (status, calls) == (0, 0)
     assert [line.split()[0] for line in (checkout / "uv.calls").read_text().splitlines()] == ["venv", "pip", "pip"]
     assert any(line.endswith("packages with uv") for line in lines)
+
+
+@pytest.mark.promise("altered package", "A package that is not the pinned file, by its SHA-256, is not installed.")
+@pytest.mark.parametrize("said", [BY_PIP, BY_UV], ids=["pip", "uv"])
+def test_a_package_that_is_not_the_pinned_file_is_refused(checkout, said):
+    (checkout / "pip.behaviour").write_text(f"cat <<'END'\n{said}END\nexit 1\n")
+    status, lines, calls = set_up(checkout)
+    assert "--require-hashes" in (checkout / "pip.calls").read_text()
+    other = "another file as attrs==26.1.0 than the one pinned: its SHA-256 is none of the lock file"
+    assert (status != 0, calls, lines[-1]) == (True, 1, f"brownpipe: set-up: the index offers {other}")
+    assert not (checkout / ".venv").exists()
+
+
+@pytest.mark.promise("altered package", "Every pinned version has the SHA-256 of its files, and no pin names a host.")
+@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-dev.lock"])
+def test_every_pin_has_hashes_and_no_host(lock):
+    lines = [line for line in (ROOT / lock).read_text().splitlines() if not line.startswith("#")]
+    pins = re.split(r"\n(?=\S)", "\n".join(lines))
+    hashes = r"( \\\n    --hash=sha256:[0-9a-f]{64})+"
+    assert [pin for pin in pins if not re.fullmatch(rf"[\w.-]+==[\w.+]+{hashes}", pin)] == []
+    assert len(pins) > 30
 
 
 def normal(name):

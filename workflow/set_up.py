@@ -3,11 +3,13 @@
     python3 workflow/set_up.py          what a study needs
     python3 workflow/set_up.py dev      the same, and what the tests and linters need
 
-The versions are those of requirements.lock and requirements-dev.lock. Nothing is installed yet when this runs, so it
-uses the standard library only. A python3 older than OLDEST can read it, to report that it is too old.
+The versions are those of requirements.lock and requirements-dev.lock; a file with another SHA-256 than these list is
+refused. Nothing is installed yet when this runs, so it uses the standard library only. A python3 older than OLDEST can
+read it, to report that it is too old.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -23,6 +25,7 @@ PYTHON = str(ENVIRONMENT / "bin" / "python")
 LOCKS = {"run": Path("requirements.lock"), "dev": Path("requirements-dev.lock")}
 
 INCOMPLETE = f"{PYTHON_HERE} lacks its module venv or ensurepip (Debian, Ubuntu: sudo apt install python3-venv)"
+ALTERED = re.compile(r"(?:DO NOT MATCH THE HASHES.*?|Hash mismatch for `)(\S+==[^\s`]+)", re.DOTALL)
 CAUSES = {  # cause: texts in the output of venv, uv or pip that show it; the first match counts
     "the disk is full": ("No space left on device", "os error 28", "Disk quota exceeded"),
     INCOMPLETE: ("ensurepip is not available", "No module named venv", "No module named ensurepip"),
@@ -148,7 +151,11 @@ def install(name, uv):
     else:
         command = [PYTHON, "-m", "pip", "install", "--no-deps", "--progress-bar", "off", "--disable-pip-version-check"]
         command += ["--use-pep517"] if sys.dont_write_bytecode else ["--use-pep517", "--no-compile"]
-    follow([*command, "--requirement", str(lock)], f"installing {count} packages with {installer}", count)
+    follow(
+        [*command, "--require-hashes", "--requirement", str(lock)],
+        f"installing {count} packages with {installer}",
+        count,
+    )
     if name == "run":
         follow([*command, "--no-build-isolation", "--editable", "."], "installing brownpipe itself")
     say(f"{count} packages installed in {time.monotonic() - began:.0f} s")
@@ -206,6 +213,10 @@ def how_far(lines, count, seconds):
 def cause_of(lines):
     """Return why venv, uv or pip failed, in one line."""
     text = "\n".join(lines)
+    if altered := ALTERED.search(text):
+        return (
+            f"the index offers another file as {altered[1]} than the one pinned: its SHA-256 is none of the lock file"
+        )
     for cause, words in CAUSES.items():
         if any(word in text for word in words):
             return cause
