@@ -1,6 +1,6 @@
-# make study | report | tradeoff | test | test-quick | soak | bench | lint : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | report | tradeoff | test | test-quick | soak | bench | lint | audit : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study report tradeoff test test-quick soak bench lint ready ready_dev has_python
+.PHONY: study report tradeoff test test-quick soak bench lint audit ready ready_dev has_python
 SHELL := /bin/bash
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
@@ -40,6 +40,10 @@ lint: ready_dev
 	snakefmt --check Snakefile workflow
 	mypy
 	python -m pytest tests/test_workflow.py -k "lint or connects"
+
+# The pinned versions against the advisories in workflow/advisories.txt and, with pip-audit, against its database.
+audit: ready
+	@python workflow/audit.py
 
 ready: has_python
 	@$(PYTHON) workflow/set_up.py
