@@ -18,7 +18,7 @@ from brownpipe.analysis.runs import Group, RunBlock, blocks_of, groups_of, selec
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
 from brownpipe.errors import AnalysisError
 from brownpipe.scene.sample_times import default_fit_windows
-from brownpipe.storage import Trajectories, made_by
+from brownpipe.storage import Trajectories, made_by, origin_attributes
 
 if TYPE_CHECKING:
     import xarray
@@ -72,7 +72,10 @@ def aggregate(
     seeds = np.unique(np.concatenate([group.seeds for group in groups]))
     for part, group in zip(parts, groups, strict=True):
         part.values["missing_seeds"] = len(seeds) - len(group.seeds)
-    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, ATTRIBUTES | made_by("aggregate"), ascending=EACH)
+    times = [*options.displacement_times]
+    asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
+    made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
+    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, ATTRIBUTES | made, ascending=EACH)
 
 
 def _case(group: Group, options: Options) -> Case:

@@ -29,16 +29,21 @@ times, N disks, E collisions:
 Every dataset has attributes `units` (reduced units of the scene) and `long_name` (its meaning). Numbers are stored with
 gzip 4, shuffle and fletcher32; `files` says what each checksum is for. Nothing in a file depends on when, where or by
 whom it was written: the same runs give the same bytes.
+
+A dataset says in its attributes what it was made from (`origin`) and by which source, versions and commit, so that the
+same installation gives the same bytes of the same runs.
 """
 
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
-from brownpipe.storage.datasets import made_by, read_dataset, write_dataset
+from brownpipe.storage.datasets import made_by, read_dataset, seal_of, write_dataset
 from brownpipe.storage.files import free_space, try_to_write, write_file
+from brownpipe.storage.origin import Origin, origin_attributes, read_options, read_origins, runs_record
 from brownpipe.storage.trajectories import Outline, Trajectories, read_outline, read_trajectories, write_trajectories
 from brownpipe.storage.tree import from_tree, to_tree
 
 __all__ = [
+    "Origin",
     "Outline",
     "StorageError",
     "Trajectories",
@@ -46,11 +51,16 @@ __all__ = [
     "free_space",
     "from_tree",
     "made_by",
+    "origin_attributes",
     "read_checkpoint",
     "read_dataset",
+    "read_options",
+    "read_origins",
     "read_outline",
     "read_trajectories",
     "remove_checkpoint",
+    "runs_record",
+    "seal_of",
     "to_tree",
     "try_to_write",
     "write_checkpoint",

@@ -10,8 +10,9 @@ import numpy as np
 
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.provenance import made_with, versions
-from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
+from brownpipe.storage.files import BLANK_SEAL, PREFIX, SEAL, read_sealed, seal, write_file
 from brownpipe.storage.hdf5 import Node, attributes_of, some_from_bytes, to_bytes, value_of
+from brownpipe.storage.origin import installation
 
 if TYPE_CHECKING:
     import xarray
@@ -21,10 +22,10 @@ NETCDF_ATTRIBUTES = {"_NCProperties", "_Netcdf4Coordinates", "_Netcdf4Dimid"}  #
 
 
 def made_by(step: str) -> dict[str, str]:
-    """Return the attributes of a dataset that say with which source and versions a step of the pipeline makes it."""
+    """Return the attributes that say with which source, versions and commit a step of the pipeline makes its output."""
     made = made_with(step)
     numbers = {"brownpipe_version": versions()["brownpipe_version"], "source_digest": made.pop("source")}
-    return numbers | {f"{name}_version": version for name, version in made.items()}
+    return numbers | {f"{name}_version": version for name, version in made.items()} | installation()
 
 
 def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
@@ -36,6 +37,12 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
     if not _from_bytes(image).equals(dataset):
         raise StorageError(f"{path}: not written: netCDF gives back another dataset; check its types")
     write_file(path, image)
+
+
+def seal_of(path: str | Path) -> str:
+    """Return the SHA-256 that a sealed file states of itself, without verifying it; errors as of `read_dataset`."""
+    found = SEAL.search(Path(path).read_bytes())
+    return found.group().decode().removeprefix(PREFIX) if found else ""
 
 
 def read_dataset(path: str | Path) -> "xarray.Dataset":

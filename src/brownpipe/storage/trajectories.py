@@ -13,7 +13,7 @@ import numpy as np
 from brownpipe.engines import DEFINITIONS, RECORDS, Engine, option, recorded, requested
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
-from brownpipe.observables import ARRAYS, AVERAGES, AXES, OBSERVABLES, RENAMED
+from brownpipe.observables import ARRAYS, AVERAGES, AXES, OBSERVABLES, RENAMED, observables_making
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Box, Scene, parse_scene, reading
@@ -22,7 +22,7 @@ from brownpipe.scene.scene_file import MOST_DISKS
 from brownpipe.scene.seeds import parse_seeds, seed_text
 from brownpipe.storage import arrays
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import Link, Node, Tree, digest, from_bytes, some_from_bytes, to_bytes
+from brownpipe.storage.hdf5 import Link, Node, Tree, digest, from_bytes, names_in, some_from_bytes, to_bytes
 
 FORMAT = 1
 OUTLINE = (  # paths from which an Outline is made
@@ -91,8 +91,16 @@ class Trajectories(NamedTuple):
     def outline(self) -> "Outline":
         """The same without tracks and observables."""
         ensemble = self.ensemble
-        tracer = ensemble.tracer is not None
-        return Outline(self.scene, self.engine, ensemble.seeds, ensemble.times, tracer, self.source, ensemble.average)
+        return Outline(
+            scene=self.scene,
+            engine=self.engine,
+            seeds=ensemble.seeds,
+            times=ensemble.times,
+            tracer=ensemble.tracer is not None,
+            source=self.source,
+            average=ensemble.average,
+            observables=observables_making(ensemble.observables),
+        )
 
 
 class Outline(NamedTuple):
@@ -105,6 +113,7 @@ class Outline(NamedTuple):
     tracer: bool  # whether the tracks of the tracer are stored
     source: str  # digest of the source code that made the runs
     average: str = "runs"  # as in Ensemble
+    observables: tuple[str, ...] = ()  # names of what was measured in the runs
 
 
 def write_trajectories(
@@ -143,7 +152,8 @@ def read_outline(path: str | Path) -> Outline:
     Raises StorageError and WrongFileError like `read_trajectories`.
     """
     with _naming(path):
-        nodes = some_from_bytes(read_sealed(path), OUTLINE)
+        image = read_sealed(path)
+        nodes = some_from_bytes(image, OUTLINE)
         parameters = _parameters_of(nodes)
         scene, engine = _scene_and_engine(nodes)
         times = nodes.get("particles/tracer/position/time", nodes.get("observables/run/time"))
@@ -155,6 +165,7 @@ def read_outline(path: str | Path) -> Outline:
             tracer="particles/tracer" in nodes,
             source=parameters["source_digest"],
             average=parameters.get("average", "runs"),
+            observables=observables_making(names_in(image, "observables/run")),
         )
 
 

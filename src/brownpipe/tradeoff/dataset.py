@@ -8,16 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.outer_join import Axes, Part, joined
+from brownpipe.analysis.runs import groups_of
 from brownpipe.analysis.variables import SAME_TIME
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
-from brownpipe.storage import made_by
+from brownpipe.storage import made_by, origin_attributes
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import CURVE, compare, curve_times
 from brownpipe.tradeoff.front import REFERENCE_NAME, Setting, pareto_front
-from brownpipe.tradeoff.runs import EngineRuns, read_runs
+from brownpipe.tradeoff.runs import EngineRuns, runs_in
 from brownpipe.tradeoff.variables import ATTRIBUTES, COORDINATES, VARIABLES
 
 if TYPE_CHECKING:
@@ -48,7 +49,8 @@ def measure(
     Raises AnalysisError for a scene without exact runs, for stand-ins without runs or with other sample times, and what
     `read_runs` raises.
     """
-    groups = read_runs(paths)
+    files = groups_of(paths)
+    groups = runs_in(files)
     labels = _scene_labels(groups)
     references = [runs for runs in groups if runs.is_reference]
     lacking = set(labels.values()) - {labels[exact.key[:2]] for exact in references}
@@ -63,7 +65,10 @@ def measure(
             axes: Axes = {"scene": ("scene", [labels[exact.key[:2]]]), "setting": ("setting", [label])}
             axes["sample"] = ("sample", range(CURVE))
             parts.append(Part(of_scene | values, axes))
-    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made_by("tradeoff"), ascending=COORDINATES)
+    stand_ins = {scene: [*others] for scene, others in (instead_of or {}).items()}
+    options = {"instead_of": stand_ins, "fit_window": window}
+    made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in files), options)
+    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, ascending=COORDINATES)
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:

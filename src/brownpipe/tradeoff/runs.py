@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis.runs import RunBlock, blocks_of, groups_of, select
+from brownpipe.analysis.runs import Group, RunBlock, blocks_of, groups_of, select
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import AnalysisError
@@ -44,7 +44,12 @@ def read_runs(paths: Iterable[str | Path]) -> list[EngineRuns]:
 
     Raises AnalysisError for files without a tracer and what `analysis.runs.groups_of` and `blocks_of` raise.
     """
-    groups = groups_of(paths)
+    return runs_in(groups_of(paths))
+
+
+def runs_in(groups: Iterable[Group]) -> list[EngineRuns]:
+    """Return the runs of groups of trajectory files; errors as of `read_runs`."""
+    groups = [*groups]
     for group in groups:
         if not group.outline.tracer:
             raise AnalysisError(f"{group.files[0].path}: holds no tracer; make it again without --record none")

@@ -78,3 +78,7 @@ _TABLE = {
     ),
 }
 VARIABLES = kept_always(_TABLE)
+MEASURED = (  # CPU times and what follows from them: others whenever they are measured
+    *("seconds", "study_seconds", "cost_ratio", "cost_ratio_low", "cost_ratio_high"),
+    *("pays_from", "pays_to", "may_pay_from", "may_pay_to"),
+)
