@@ -179,7 +179,12 @@ def test_aggregate_and_figures(dataset, capsys):
     assert read_dataset(dataset).runs.values.tolist() == [[[3]]]
     assert said(capsys, "figures", dataset, "--output", "made/here", "--figures", "health") == (DONE, "", "")
     names = {path.name for path in Path("made/here").iterdir()}
-    assert names == {"health.png", "health.svg", "health.csv", "summary.csv", "summary.txt"}
+    assert names == {
+        *(f"health.{kind}" for kind in ("png", "svg", "csv")),
+        "summary.csv",
+        "summary.txt",
+        "provenance.json",
+    }
 
 
 def test_inspect(runs, dataset, capsys):

@@ -4,6 +4,7 @@ rule figures:
     output:
         summary=report(f"{results}/figures/summary.txt", caption="../report/summary.rst", category="Answer"),
         numbers=f"{results}/figures/summary.csv",
+        provenance=f"{results}/figures/provenance.json",
         figures=[
             report(f"{results}/figures/{name}.svg", caption=f"../report/{name}.rst", category="Figures")
             for name in study.figures

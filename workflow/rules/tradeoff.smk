@@ -23,6 +23,7 @@ rule tradeoff_figures:
     output:
         table=report(f"{results}/tradeoff/tradeoff.txt", caption="../report/tradeoff.rst", category="Trade-off"),
         numbers=f"{results}/tradeoff/tradeoff.csv",
+        provenance=f"{results}/tradeoff/provenance.json",
         figures=[
             report(f"{results}/tradeoff/tradeoff_{name}.svg", caption="../report/tradeoff.rst", category="Trade-off")
             for name in study.tradeoff_cases

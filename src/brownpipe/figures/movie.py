@@ -36,13 +36,14 @@ def movie(
     seed: int | None = None,
     frames: int | None = None,
     fps: float = 25.0,
+    comment: str = "",
 ) -> bytes:
     """Return the bytes of a picture (`.png`), an animation (`.gif`) or a video (`.mp4`) of one whole run.
 
     `path` is the file of the trajectories, for messages. A picture shows the run at its end. An animation shows
     `frames` of its samples (default: all), equally spaced and ending with the last, at `fps` per second, which a GIF
-    rounds to hundredths of a second per frame. The same run gives the same bytes, except for a video, which ffmpeg
-    encodes.
+    rounds to hundredths of a second per frame. `comment` goes into the metadata of a video. The same run gives the same
+    bytes, except for a video, which ffmpeg encodes.
 
     Raise RequestError for a file without this run; FigureError for another suffix, and for a video if ffmpeg is not
     installed; OSError if ffmpeg fails.
@@ -53,7 +54,8 @@ def movie(
     if suffix == ".png":
         return snapshot(run)
     with drawing():
-        return (_gif if suffix == ".gif" else _video)(_frames(run, samples_shown(len(run.times), frames)), fps)
+        pictures = _frames(run, samples_shown(len(run.times), frames))
+        return _gif(pictures, fps) if suffix == ".gif" else _video(pictures, fps, comment)
 
 
 def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
@@ -105,7 +107,7 @@ def _palette() -> Image:
     return palette
 
 
-def _video(frames: Iterator[np.ndarray], fps: float) -> bytes:
+def _video(frames: Iterator[np.ndarray], fps: float, comment: str) -> bytes:
     """The bytes of an MP4 (H.264), encoded by ffmpeg from raw frames."""
     if shutil.which("ffmpeg") is None:
         raise FigureError("movie: a .mp4 needs ffmpeg, which is not installed; choose a .gif, or install it")
@@ -114,7 +116,8 @@ def _video(frames: Iterator[np.ndarray], fps: float) -> bytes:
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size", size, "-framerate", f"{fps:g}", "-i", "-"]
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "movie.mp4"  # not a pipe: ffmpeg writes the index at the start, once it has all frames
-        encoded = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(target)]
+        encoded = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+        encoded += ["-metadata", f"comment={comment}", str(target)]
         started = subprocess.Popen(["ffmpeg", "-loglevel", "error", *raw, *encoded], stdin=subprocess.PIPE)
         with contextlib.suppress(BrokenPipeError), started as ffmpeg:  # if it ended early, its exit status says so
             for frame in itertools.chain([first], frames):

@@ -10,6 +10,7 @@ from brownpipe.errors import FigureError
 from brownpipe.figures.cases import cases_of, check_count, check_names, has, one_count
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.catalogue import Figure as Entry
+from brownpipe.figures.origin import Record, stamped
 from brownpipe.figures.style import drawing, image_bytes
 from brownpipe.figures.summary import summary_table
 from brownpipe.figures.tables import to_csv
@@ -27,14 +28,18 @@ FILE_TYPES = ("png", "svg", "csv")
 
 
 def render(
-    dataset: Dataset, folder: str | Path, names: Sequence[str] | None = None, particles: int | None = None
+    dataset: Dataset,
+    folder: str | Path,
+    names: Sequence[str] | None = None,
+    particles: int | None = None,
+    record: Record | None = None,
 ) -> list[Path]:
     """Write figures of a dataset and `summary.csv` into a folder; return the paths.
 
     `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
     particle count of each scene: `particles`, or by default the 2020 note's 150 if the scene has it, or else its
     largest. Figures in the folder that are not drawn now are removed, as they may belong to another dataset.
-    `summary.csv` is written last; `summary.txt`, the text of `figures.summary.summary`, by the verb `figures`.
+    `summary.csv` is written last. With a `record` of what they were made from, the pictures state it.
 
     Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
     """
@@ -46,7 +51,8 @@ def render(
         for name in tracked(names or [name for name, cases in shown.items() if cases], "figures"):
             module, cases = module_of(name), shown[name]
             figure = module.draw(cases)
-            files |= {f"{name}.{suffix}": image_bytes(figure, suffix) for suffix in ("png", "svg")}
+            for suffix in ("png", "svg"):
+                files[f"{name}.{suffix}"] = stamped(image_bytes(figure, suffix), f"{name}.{suffix}", record)
             files[f"{name}.csv"] = to_csv(module.table(cases))
     files["summary.csv"] = to_csv(summary_table(dataset))
     for path in (Path(folder) / f"{name}.{suffix}" for name in FIGURES for suffix in FILE_TYPES):

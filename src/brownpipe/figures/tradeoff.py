@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.figures.cases import check_names, plus_minus
+from brownpipe.figures.origin import Record, closing_lines, stamped
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, image_bytes, log_axis
 from brownpipe.figures.tables import Table, aligned, to_csv
 from brownpipe.quoting import in_lines
@@ -241,15 +242,21 @@ def _scenes(dataset: Dataset) -> list[str]:
     return [scene for scene in dataset.scene.values if np.count_nonzero(dataset.runs.sel(scene=scene)) > 1]
 
 
-def render(dataset: Dataset, folder: str | Path) -> list[Path]:
-    """Write tradeoff_SCENE.png and .svg for every scene, tradeoff.csv and tradeoff.txt; return the paths."""
+def render(dataset: Dataset, folder: str | Path, record: Record | None = None) -> list[Path]:
+    """Write tradeoff_SCENE.png and .svg for every scene, tradeoff.csv and tradeoff.txt; return the paths.
+
+    With a `record` of what they were made from, pictures and text state it.
+    """
     check_names(dataset)
     files: dict[str, bytes] = {}
     with drawing():
         for scene in tracked([*_scenes(dataset)], "figures"):
             figure = draw(dataset, scene)
-            files |= {f"tradeoff_{scene}.{suffix}": image_bytes(figure, suffix) for suffix in ("png", "svg")}
-    files |= {"tradeoff.csv": to_csv(table(dataset)), "tradeoff.txt": summary(dataset).encode()}
+            for suffix in ("png", "svg"):
+                name = f"tradeoff_{scene}.{suffix}"
+                files[name] = stamped(image_bytes(figure, suffix), name, record)
+    text = summary(dataset) + ("" if record is None else closing_lines(record))
+    files |= {"tradeoff.csv": to_csv(table(dataset)), "tradeoff.txt": text.encode()}
     for name, contents in files.items():
         write_file(Path(folder) / name, contents)
     return [Path(folder) / name for name in files]

@@ -6,9 +6,13 @@
 
 Positions are those of the trajectory file, inside the box. In a periodic box all three formats have the images, too:
 unwrapped position = position + image * (width, height).
+
+What the run was made from is in `log/origin` of the first frame of a GSD (JSON, one byte a letter), and in the comment
+of the first frame of an XYZ. A CSV has nothing but its table, so that every program reads it.
 """
 
 import csv
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +26,7 @@ from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import replacing, sync
+from brownpipe.storage.origin import runs_record
 from brownpipe.storage.trajectories import Trajectories, refuse_stopped, whole_seed
 
 GSD_SCHEMA = (1, 4)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
@@ -49,8 +54,9 @@ def export(trajectories: Trajectories, path: str, output: str, form: str, seed: 
         raise RequestError(f"--output {output}: must end in .{form}, by which other programs know the format")
     scene, ensemble = trajectories.scene, trajectories.ensemble
     tracks = (_tables if form == "csv" else _whole_run)(trajectories, path, seed)
+    record = runs_record(trajectories.outline, sorted(tracks), "all" if ensemble.whole else "")
     with replacing(output) as part:
-        FORMATS[form](part, scene, ensemble.times, tracks)
+        FORMATS[form](part, scene, ensemble.times, tracks, record)
         sync(part)
     failed = [k for k in ensemble.failed_seeds if k in tracks]
     remarks = [f"failed their health check: {len(failed)} of {len(tracks)} runs: {seed_text(failed)}"] if failed else []
@@ -89,7 +95,7 @@ def _tables(trajectories: Trajectories, path: str, seed: int | None) -> dict[int
 # -- formats --------------------------------------------------------------------------------------------------------
 
 
-def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) -> None:
+def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], record: dict) -> None:
     """Write one run as GSD, schema hoomd, by the package gsd.
 
     The box is two-dimensional as HOOMD-blue defines it, Lz = 0, and centred at the origin: positions are shifted by
@@ -127,6 +133,8 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) 
             if track.image is not None:
                 frame.particles.image = _in_space(track.image[k], np.int32)
             frame.log = {"time": np.array([time]), "periodic": np.array([box.periodic], np.uint8)}
+            if k == 0:
+                frame.log["origin"] = np.frombuffer(json.dumps(record, sort_keys=True).encode(), np.uint8)
             trajectory.append(frame)
 
 
@@ -144,7 +152,7 @@ def _in_space(vectors: np.ndarray, kind: type) -> np.ndarray:
     return np.pad(vectors.astype(kind), ((0, 0), (0, 1)))
 
 
-def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) -> None:
+def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], record: dict) -> None:
     """Write one run as extended XYZ, with z = 0 and the box from its `Origin` on.
 
     The third edge of the box has length 1, because programs refuse boxes without a volume, and is not periodic. Masses
@@ -158,6 +166,7 @@ def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) 
     head += f' pbc="{"T T" if box.periodic else "F F"} F" Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1'
     head += ":velo:R:3:momenta:R:3" if track.velocity is not None else ""
     head += ":image:I:3" if track.image is not None else ""
+    made = "".join(f" {key}={json.dumps(record[key])}" for key in ("command", "scene_digest", "source_digest"))
     with open(path, "w", encoding="ascii") as file:
         for k, time in enumerate(times.tolist()):
             columns = [track.position[k], none, scene.radius[:, None], mass, mass]
@@ -166,11 +175,11 @@ def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) 
             rows = [" ".join(map(repr, row)) for row in np.hstack(columns).tolist()]
             if track.image is not None:
                 rows = [f"{row} {x} {y} 0" for row, (x, y) in zip(rows, track.image[k].tolist(), strict=True)]
-            file.write(f"{len(rows)}\n{head} Time={time}\n")
+            file.write(f"{len(rows)}\n{head} Time={time}{made if k == 0 else ''}\n")
             file.writelines(f"{name} {row}\n" for name, row in zip(names, rows, strict=True))
 
 
-def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) -> None:
+def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], _: dict) -> None:
     """Write a table with a heading: a row for each seed, time and disk."""
     table = species_table(scene)
     names = [table.name[label] for label in table.label]
@@ -187,7 +196,7 @@ def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track]) 
                 write([seed, time, disk, names[disk], *(x for pair in row for x in pair)] for disk, row in disks)
 
 
-FORMATS: dict[str, Callable[[Path, Scene, np.ndarray, dict[int, Track]], None]] = {
+FORMATS: dict[str, Callable[[Path, Scene, np.ndarray, dict[int, Track], dict], None]] = {
     "gsd": _gsd,
     "xyz": _xyz,
     "csv": _csv,

@@ -4,8 +4,10 @@ import os
 from pathlib import Path
 
 from brownpipe.engines import Engine
+from brownpipe.provenance import made_with, versions
 from brownpipe.scene import reading
 from brownpipe.storage import write_file
+from brownpipe.study.study import REFERENCE
 from brownpipe.study.study_file import MOST_STUDY_BYTES
 
 # Keys of the original study that do not apply to the derived one.
@@ -25,9 +27,13 @@ def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs
 
 
 def write_yaml(path: str | Path, values: dict, comment: str) -> None:
-    """Write a mapping as YAML below a line of comment, all or nothing."""
+    """Write a mapping as YAML below a line of comment and one that says what wrote it, all or nothing."""
     import yaml
 
     text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    write_file(path, f"# {comment}\n\n{text}".encode())
+    made = made_with("simulate", REFERENCE.name)
+    packages = ", ".join(f"{name} {made[name]}" for name in made if name != "source")
+    source = f"source of the engine {REFERENCE.name} {made['source'][:12]}"
+    who = f"Written by brownpipe {versions()['brownpipe_version']}, {source}, {packages}."
+    write_file(path, f"# {comment}\n# {who}\n\n{text}".encode())

@@ -2,7 +2,6 @@
 
 from argparse import Namespace
 from collections.abc import Callable
-from pathlib import Path
 
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.verbs.output import folder, refuse_unwritable
@@ -21,25 +20,16 @@ def add_arguments(add: Callable) -> None:
 
 
 def figures(arguments: Namespace) -> int:
-    """Draw the figures of a dataset, each with a table of its numbers, and write the summary."""
+    """Draw the figures of a dataset, each with a table of its numbers, and write the summary.
+
+    provenance.json in the folder says what they were made from, and so do the pictures in their metadata.
+    """
     from brownpipe import progress
-    from brownpipe.errors import DONE, FigureError
-    from brownpipe.figures import tradeoff
-    from brownpipe.figures.render import render
-    from brownpipe.figures.summary import summary
-    from brownpipe.storage import read_dataset, write_file
-    from brownpipe.tradeoff import is_tradeoff
+    from brownpipe.errors import DONE
+    from brownpipe.figures.products import show
 
     output = folder(arguments.output)
-    dataset = read_dataset(arguments.dataset)
     refuse_unwritable(output, arguments.figures or FIGURES)
-    if is_tradeoff(dataset):
-        if arguments.figures or arguments.particles is not None:
-            raise FigureError(f"{arguments.dataset}: a trade-off; it is shown as a whole")
-        with progress.shown("figures"):
-            tradeoff.render(dataset, output)
-        return DONE
     with progress.shown("figures"):
-        render(dataset, output, arguments.figures, arguments.particles)
-    write_file(Path(output) / "summary.txt", summary(dataset).encode())
+        show(arguments.dataset, output, arguments.figures, arguments.particles)
     return DONE

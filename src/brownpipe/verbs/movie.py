@@ -1,5 +1,6 @@
 """`brownpipe movie`: one run as a picture, an animation or a video."""
 
+import json
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
@@ -28,13 +29,16 @@ def movie(arguments: Namespace) -> int:
     from brownpipe import progress
     from brownpipe.figures.movie import SUFFIXES, samples_shown
     from brownpipe.figures.movie import movie as moving
+    from brownpipe.figures.origin import movie_record, stamped
     from brownpipe.formatting import in_bytes
     from brownpipe.storage import read_trajectories, write_file
 
     output = writable(arguments.output or f"{Path(arguments.file).stem}.gif", arguments.file, kinds=SUFFIXES)
     trajectories, kind = read_trajectories(arguments.file), suffix(output)
     with progress.shown("movie"):
-        contents = moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, arguments.fps)
+        record = movie_record(trajectories, arguments.file, arguments.seed, arguments.frames, arguments.fps)
+        options = (arguments.seed, arguments.frames, arguments.fps, json.dumps(record))
+        contents = stamped(moving(trajectories, arguments.file, kind, *options), f"movie{kind}", record)
     write_file(output, contents)
     count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
     show(f"{output}: {number(count, 'frame')}, {in_bytes(len(contents))}")
