@@ -292,7 +292,7 @@ def test_another_source_is_said_before_the_runs_begin(folder, capsys, monkeypatc
     assert re.search(rf"^results may differ: the file was made with {made_with}$", out, re.MULTILINE)
 
 
-@pytest.mark.parametrize("option", ["--reproduce", "--scene", "--seed"])
+@pytest.mark.parametrize("option", ["--scene", "--seed"])
 def test_a_dataset_has_no_runs(option, capsys):
     storage.write_dataset("small.nc", xarray.Dataset({"msd": ("time", [0.0, 1.0])}))
     more = ["5"] if option == "--seed" else []

@@ -1,127 +1,362 @@
-"""What a result is made with: no source file and no package that decides it is missing from its digest."""
+"""What every product says it was made from, and products that come out again byte for byte from that alone."""
 
-import ast
-import sys
-from functools import cache
-from importlib.metadata import packages_distributions
+import copy
+import getpass
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray
+from PIL import Image
 
-from brownpipe import provenance
+from brownpipe import storage, tradeoff
 from brownpipe.cli import main
-from brownpipe.engines import DEFINITIONS
-from brownpipe.errors import DONE
-from brownpipe.study import changes, read_study
+from brownpipe.engines import Engine
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
+from brownpipe.figures import origin
+from brownpipe.inspection import products
+from brownpipe.provenance import PACKAGE
+from brownpipe.scene import read_scene
+from brownpipe.storage.origin import _commit, installation, read_origins
+from ensembles import make_runs, make_scene, write
 
-CASES = [*(("simulate", engine) for engine in DEFINITIONS), ("aggregate", None), ("tradeoff", None)]
-SILENT = {  # what a verb imports and what decides no number and no byte of its output
-    "to read arguments, all of which are parameters of the job": {"verbs/", "study/", "scene/schema.py"},
-    "to show progress and say what was made": {"progress.py", "formatting.py"},
-    "to refuse and to forecast; settings of engines are arguments": {
-        *("engines/definition.py", "engines/forecast.py", "engines/friction.py", "engines/units.py"),
-        *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),
-        "figures/catalogue.py",
-    },
-}
-OF_OTHERS = {  # what it imports for other kinds of files or for other engines
-    "simulate": {"storage/__init__.py", "storage/datasets.py", "storage/tree.py", "engines/exact/checkpoint.py"},
-    "aggregate": set(),
-    "tradeoff": set(),
-}
-pytestmark = pytest.mark.promise(
-    "a result of other source code or packages is taken for up to date",
-    "Each result has a digest of the source and the versions of the packages that decide it, found by imports; if one "
-    "changes, the step runs again.",
+pytestmark = pytest.mark.slow
+
+SCENE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
+CASE = "results/s/simulate/harrison2020/N10/exact"
+NAMES = ("msd.png", "msd.svg", "msd.csv", "summary.csv", "summary.txt", "provenance.json")
+PRODUCTS = ("results/s/aggregate/s.nc", *(f"results/s/figures/{name}" for name in NAMES))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A study of 20 runs with one figure, in the folders of `brownpipe run`."""
+    folder = tmp_path_factory.mktemp("study")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for seeds in ("0-11", "12-19"):
+            simulate = ["simulate", str(SCENE), "--particles", "10", "--seeds", seeds]
+            assert main([*simulate, "--output", f"{CASE}/{seeds}.h5"]) == DONE
+        files = map(str, Path(CASE).iterdir())
+        assert main(["aggregate", *files, "--output", PRODUCTS[0], "--fit-windows", "0.1:1"]) == DONE
+        assert main(["figures", PRODUCTS[0], "--output", "results/s/figures", "--figures", "msd"]) == DONE
+    return folder
+
+
+@pytest.fixture
+def study(finished, tmp_path, monkeypatch):
+    """The current folder: a copy of it."""
+    shutil.copytree(finished / "results", tmp_path / "here" / "results")
+    monkeypatch.chdir(tmp_path / "here")
+    return tmp_path / "here"
+
+
+def reproduced(capsys, path):
+    """Exit status of `inspect --reproduce`, the lines that it prints, and those on stderr."""
+    capsys.readouterr()
+    status = main(["inspect", str(path), "--reproduce"])
+    out, err = capsys.readouterr()
+    return status, out.splitlines(), err.splitlines()
+
+
+# -- what a product says --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.promise(
+    "forgotten origin", "Every product says from which scenes, seeds, engines and versions it was made."
 )
+def test_a_dataset_has_scenes_seeds_engines_options_and_installation(finished):
+    attributes = storage.read_dataset(finished / PRODUCTS[0]).attrs
+    (runs,) = read_origins("s.nc", attributes)
+    header = storage.trajectories.read_header(finished / CASE / "0-11.h5")
+    assert runs.scene == read_scene(SCENE, 10)
+    assert (runs.engine, list(runs.seeds), runs.record) == (Engine("exact"), list(range(20)), {"tracer"})
+    assert (runs.observables, runs.average, runs.source) == ((), "runs", header["source_digest"])
+    (entry,) = json.loads(attributes["made_from"])
+    assert entry["command"] == "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
+    options = {"fit_windows": [[0.1, 1.0]], "ring_width": None, "rings": None, "displacement_times": []}
+    assert json.loads(attributes["options"]) == options
+    assert attributes["python"] == installation()["python"] and attributes["scipy_version"]
 
 
-def names(files):
-    return {file.relative_to(provenance.PACKAGE).as_posix() for file in files}
+@pytest.mark.promise("forgotten origin", "Figures carry this in their metadata; tables have it in provenance.json.")
+def test_figures_tables_and_summary_say_what_their_dataset_says(finished):
+    attributes = storage.read_dataset(finished / PRODUCTS[0]).attrs
+    records = {name: origin.read_record(finished / "results/s/figures" / name) for name in NAMES}
+    for name, record in records.items():
+        stated = origin.dataset_attributes(record)
+        assert stated.pop("sha256") == storage.seal_of(finished / PRODUCTS[0])
+        assert read_origins(name, stated) == read_origins("s.nc", attributes)
+        assert json.loads(stated["options"]) == json.loads(attributes["options"])
+        assert {key: attributes[key] for key in stated if key not in ("options", "made_from")} == {
+            key: value for key, value in stated.items() if key not in ("options", "made_from")
+        }
+        assert (record["figures"], record["particles"]) == (["msd"], None)
+        assert record["made_by"]["matplotlib_version"] and record["made_by"]["python"]
+        assert record.get("file", name) == name
+    assert records["msd.csv"]["files"] == sorted(set(NAMES) - {"provenance.json"})
+    with Image.open(finished / "results/s/figures/msd.png") as picture:
+        assert json.loads(picture.text["Source"]) == records["msd.png"]
+    made, where = (finished / "results/s/figures/summary.txt").read_text().splitlines()[-2:]
+    assert re.fullmatch(r"Made by brownpipe \S+, source \w{12}.*, Python 3\S+ from the dataset \w{12}\.", made)
+    assert where.endswith("provenance.json")
 
 
-@pytest.mark.parametrize(("step", "engine"), CASES)
-def test_what_a_verb_imports_is_in_the_digest_or_decides_nothing(step, engine):
-    """A module that a verb begins to import must be entered in the step or, with its reason, above."""
-    modules = provenance.modules_of(step, engine)
-    left = names(provenance.sources(f"verbs.{step}")) - names(provenance.sources(*modules)) - OF_OTHERS[step]
-    assert [name for name in sorted(left) if not name.startswith(tuple(set().union(*SILENT.values())))] == []
+@pytest.mark.promise("private data in results", "No product names a machine, a user, a folder or a date.")
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_products_name_no_machine_user_folder_or_date(product, finished):
+    contents = (finished / product).read_bytes()
+    private = {str(finished), str(Path.home()), socket.gethostname(), str(SCENE.parent), f"/{getpass.getuser()}/"}
+    assert [word for word in private if len(word) > 3 and word.encode() in contents] == []
+    assert not re.search(rb'"?(date|time_stamp|created)"?[=:]', contents, re.IGNORECASE)
 
 
-owners = cache(packages_distributions)
+def test_movies_and_exports_say_how_their_run_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", str(SCENE), "--particles", "3", "--seeds", "4-5", "--record", "all"]) == DONE
+    command = "brownpipe simulate harrison2020.yaml --particles 3 --seeds 5 --engine exact --record all"
+    for kind in ("gif", "png"):
+        assert main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", f"m.{kind}"]) == DONE
+        record = origin.record_in(Path(f"m.{kind}").read_bytes())
+        assert record["movie"] == {"seed": 5, "frames": 2, "fps": 25.0}
+        assert record["made_from"][0]["command"] == command
+        with Image.open(f"m.{kind}") as picture:
+            assert picture.format.lower() == kind and getattr(picture, "n_frames", 1) == (2 if kind == "gif" else 1)
+    ffmpeg = tmp_path / "ffmpeg"
+    ffmpeg.write_text('#!/bin/sh\ncat > raw\nfor last; do :; done\nprintf "%s\\n" "$@" > "$last"\n')
+    ffmpeg.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    assert main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", "m.mp4"]) == DONE
+    (comment,) = re.findall("^-metadata\ncomment=(.*)$", Path("m.mp4").read_text(), re.MULTILINE)
+    assert json.loads(comment)["movie"] == record["movie"]
+    assert main(["export", "harrison2020.h5", "--seed", "5", "--to", "xyz"]) == DONE
+    assert Path("harrison2020.xyz").read_text().count(f'command="{command}"') == 1
+    assert main(["inspect", "m.png", "--reproduce"]) == WRONG_REQUEST
 
 
-@cache
-def imports_of(file):
-    """The packages that a file imports."""
-    nodes = [*ast.walk(ast.parse(file.read_text()))]
-    modules = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-    modules += [node.module for node in nodes if isinstance(node, ast.ImportFrom)]
-    return {module.partition(".")[0] for module in modules}
+def git(folder, *words):
+    who = ["-c", "user.name=a", "-c", "user.email=b", "-c", "init.defaultBranch=main"]
+    done = subprocess.run(["git", *who, *words], cwd=folder, capture_output=True, text=True, check=True, timeout=60)
+    return done.stdout.strip()
 
 
-@pytest.mark.parametrize(("step", "engine"), [*CASES, ("tradeoff_figures", None), ("figures", None)])
-def test_all_packages_that_are_imported_are_in_the_digest(step, engine):
-    """By Python's own parser, and by what the installed packages say of their modules."""
-    imported = set().union(*map(imports_of, provenance.sources(*provenance.modules_of(step, engine))))
-    wanted = {owners()[name][0].lower() for name in imported - sys.stdlib_module_names - {"brownpipe"}}
-    assert wanted, step
-    assert wanted <= provenance.made_with(step, engine).keys()
+@pytest.mark.promise(
+    "modified source", "Results of a git checkout name its commit, and whether the source was modified."
+)
+def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypatch):
+    package = tmp_path / "src" / PACKAGE.name
+    package.mkdir(parents=True)
+    (package / "a.py").write_text("1\n")
+    assert _commit(package) is None
+    git(tmp_path, "init")
+    assert _commit(package) is None  # no commit yet
+    git(tmp_path, "add", "src")
+    git(tmp_path, "commit", "-m", "one")
+    commit = git(tmp_path, "rev-parse", "HEAD")
+    assert _commit(package) == commit
+    (tmp_path / "notes").write_text("not of the source")
+    assert _commit(package) == commit
+    (package / "a.py").write_text("2\n")
+    assert _commit(package) == f"{commit}, modified"
+    git(tmp_path, "checkout", "src")
+    (package / "new.py").write_text("3\n")
+    assert _commit(package) == f"{commit}, modified"
+    inside = tmp_path / ".venv" / "lib" / PACKAGE.name  # installed in a folder that somebody keeps in git
+    inside.mkdir(parents=True)
+    assert _commit(inside) is None
+    monkeypatch.setenv("PATH", "")
+    assert _commit(package) is None
 
 
-def test_what_packages_load_is_in_the_digest_too():
-    simulate = {"source", "h5py", "llvmlite", "numba", "numpy", "pyyaml", "scipy"}
-    assert provenance.made_with("simulate", "exact").keys() == simulate
-    assert {"xarray", "pandas"} <= provenance.made_with("aggregate").keys()
-    assert {"matplotlib", "pillow", "contourpy"} <= provenance.made_with("figures").keys()
+# -- made again -----------------------------------------------------------------------------------------------------
 
 
-def test_a_package_that_a_module_begins_to_import_is_found(tmp_path):
-    (tmp_path / "one.py").write_text("import os\nfrom brownpipe import two\n")
-    two = tmp_path / "two.py"
-    found = []
-    for line in (
-        "",
-        "import numpy as np",
-        "def f():\n    from numba import njit",
-        "import yaml",
-        "from gone import it",
-    ):
-        with open(two, "a") as file:
-            file.write(f"{line}\n")
-        provenance.sources.cache_clear()
-        provenance.packages.cache_clear()
-        found.append(provenance.packages("one", folder=tmp_path))
-    provenance.sources.cache_clear()
-    with_numba = ("llvmlite", "numba", "numpy")
-    assert found == [(), ("numpy",), with_numba, (*with_numba, "pyyaml"), (*with_numba, "pyyaml")]
+@pytest.mark.promise("result that cannot be repeated", "Every product is made again from what it says, byte for byte.")
+@pytest.mark.parametrize("product", [PRODUCTS[0], "results/s/figures/provenance.json"])
+def test_products_come_out_again_byte_for_byte(product, study, capsys):
+    before = {path: path.stat().st_mtime_ns for path in study.rglob("*")}
+    status, lines, err = reproduced(capsys, product)
+    assert (status, err, lines[-1]) == (DONE, [], f"identical: every byte of {Path(product).name}")
+    source = "drawing again from results/s/aggregate/s.nc: some"
+    if product.endswith(".nc"):
+        source = "reading 20 runs of harrison2020, N = 10, exact, seeds 0-19: 2 trajectory files, which are not made"
+    assert lines[0].startswith(source) and len(lines) == 2
+    assert {path: path.stat().st_mtime_ns for path in study.rglob("*")} == before
 
 
-def test_the_list_of_engines_decides_but_not_the_engines_on_it():
-    known = names(provenance.sources(*provenance.modules_of("simulate", "langevin")))
-    assert {"engines/__init__.py", "scene/seeds.py"} <= known
-    assert "engines/timestep/simulation.py" not in known
+@pytest.mark.promise(
+    "lost files", "A dataset or figure alone is enough: runs are made again from its scenes and seeds."
+)
+def test_a_product_alone_is_enough(study, tmp_path, monkeypatch, capsys):
+    (tmp_path / "alone").mkdir()
+    monkeypatch.chdir(tmp_path / "alone")
+    alone = shutil.copy(study / "results/s/figures/msd.svg", "renamed.svg")
+    shutil.rmtree(study)
+    status, lines, err = reproduced(capsys, alone)
+    assert re.fullmatch(r"running again 20 runs of harrison2020, N = 10, exact, seeds 0-19: some .* of CPU", lines[0])
+    assert (status, err, lines[1:]) == (DONE, [], [f"identical: every byte of {alone}"])
 
 
-SCENE = """\
-box: {x: [0.0, 4.0], y: [0.0, 4.0], boundary: periodic}
-disks: {species: [{name: bath, count: 4, radius: 0.2, mass: 1.0}]}
-velocities: {temperature: 1.0}
-duration: 1.0
-"""
+def test_runs_are_made_again_unless_all_their_files_are_there(study):
+    path = study / CASE / "12-19.h5"
+    assert products.read_product(PRODUCTS[0]).files == ((study / CASE / "0-11.h5", path),)
+    path.write_bytes(path.read_bytes()[:-1])
+    assert products.read_product(PRODUCTS[0]).files == ((),)
+    path.unlink()
+    assert products.read_product(PRODUCTS[0]).files == ((),)
 
 
-def test_another_version_of_the_compiler_is_named_as_a_reason(elsewhere, tmp_path, monkeypatch):
-    """Also of files of earlier versions, which have no version of it."""
-    (tmp_path / "hot.yaml").write_text(SCENE)
-    (tmp_path / "mine.yaml").write_text("scenes: hot.yaml\nseeds: 2\nbatch: 2\n")
-    output = "results/mine/simulate/hot/N4/exact/0-1.h5"
-    assert main(["simulate", "hot.yaml", "--seeds", "0-1", "--output", output]) == DONE
-    study, versions, header = read_study("mine.yaml"), provenance.versions(), changes.read_header
-    assert changes.changes(study) == []
-    now = versions["llvmlite_version"]
-    with monkeypatch.context() as patch:
-        patch.setattr(changes, "versions", lambda: versions | {"llvmlite_version": "99"})
-        assert changes.changes(study) == [f"engine exact: llvmlite {now} -> 99"]
-    others = versions.keys() - {"llvmlite_version"}
-    monkeypatch.setattr(changes, "read_header", lambda file: {name: header(file)[name] for name in others})
-    assert changes.changes(study) == [f"engine exact: llvmlite unknown -> {now}"]
+def altered_dataset(path):
+    dataset = storage.read_dataset(path)
+    msd = dataset.msd.copy()
+    msd[0, 0, 0, [7, 9]] += 2.0**-40
+    storage.write_dataset(path, dataset.assign(msd=msd))
+
+
+def altered_pixel(path):
+    with Image.open(path) as picture:
+        text = origin._png_text("Source", picture.text["Source"])
+        pixels = np.array(picture)
+    pixels[5, 7, 0] ^= 1
+    Image.fromarray(pixels).save(path)
+    path.write_bytes(path.read_bytes()[: origin.HEAD] + text + path.read_bytes()[origin.HEAD :])
+
+
+def altered_line(path):
+    lines = path.read_text().splitlines(keepends=True)
+    lines[2] = f"x\x1b{lines[2]}"
+    path.write_text("".join(lines))
+
+
+ALTERED = {
+    "aggregate/s.nc": {
+        "aggregate/s.nc": (altered_dataset, r"msd: 2 of 101 values; first at scene harrison2020, particles 10, "
+                           r"engine exact, time 0\.07: \S+ in the file, \S+ made again"),
+    },
+    "figures/provenance.json": {
+        "figures/msd.csv": (altered_line, r"msd\.csv: line 3: x\\x1bharrison2020,10.* in the file, harr.* made again"),
+        "figures/msd.png": (altered_pixel, r"msd\.png: 1 of [0-9,]+ pixels; first at x = 7, y = 5"),
+        "figures/msd.svg": (Path.unlink, r"msd\.svg: is missing"),
+    },
+}  # fmt: skip
+
+
+@pytest.mark.promise("altered result", "A product that was altered is named, with the first place that differs.")
+@pytest.mark.parametrize("product", ALTERED)
+def test_the_first_difference_is_named(product, study, capsys):
+    for name, (alter, _) in ALTERED[product].items():
+        alter(study / "results" / "s" / name)
+    status, (_, *lines), err = reproduced(capsys, f"results/s/{product}")
+    assert (status, err, lines[0]) == (FAILED, [], f"different: {Path(product).name}")
+    told = [told for _, told in ALTERED[product].values()]
+    assert len(lines) == 1 + len(told)
+    assert all(re.fullmatch(f"  {one}", line) for one, line in zip(told, lines[1:], strict=True))
+
+
+@pytest.mark.promise("altered result", "A figure, table or summary with any altered byte is never called identical.")
+def test_no_altered_byte_is_called_identical(study, faults, monkeypatch):
+    drawn = shutil.copytree(study / "results/s/figures", study / "drawn")
+    monkeypatch.setattr(products, "write", lambda *_: [*drawn.iterdir()])
+    for _ in faults.tries(5):
+        path = study / "results/s/figures" / faults.random.choice(["msd.csv", "summary.txt", "msd.svg", "msd.png"])
+        original = path.read_bytes()
+        contents = bytearray(original)
+        contents[faults.random.randrange(len(contents))] ^= 1 << faults.random.randrange(8)
+        path.write_bytes(contents)
+        try:
+            found = products.differences(products.read_product(path))
+        except BrownpipeError:
+            found = ["refused"]
+        assert found
+        path.write_bytes(original)
+
+
+def places(value, path=()):
+    """All places in a nested value, by their keys."""
+    yield path
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in inner:
+        yield from places(item, (*path, key))
+
+
+@pytest.mark.promise("hostile file", "A record with any wrong value is refused in one line, before anything is run.")
+def test_a_record_with_a_wrong_value_ends_in_one_line(study, faults, capsys):
+    for name in ("msd.png", "msd.svg"):
+        (study / "results/s/figures" / name).unlink()
+    (study / PRODUCTS[0]).unlink()
+    path = study / "results/s/figures/provenance.json"
+    original = json.loads(path.read_text())
+    for _ in faults.tries(20):
+        record = copy.deepcopy(original)
+        *way, last = faults.random.choice([place for place in places(record) if place and place[0] != "files"])
+        inner = record
+        for key in way:
+            inner = inner[key]
+        junk = faults.random.choice([None, -1, 1e308, "\x1b[2J", "../x", [], {}, [[]], {"a": 1}, True])
+        inner[last] = junk
+        path.write_text(json.dumps(record))
+        capsys.readouterr()
+        status = main(["inspect", str(path.with_name("msd.csv"))])
+        out, err = capsys.readouterr()
+        assert "\x1b" not in out + err, (way, last, junk)
+        assert (status == DONE and not err) or (status != DONE and err.count("\n") == 1), (way, last, junk)
+
+
+def test_another_source_is_said_first(study, capsys, monkeypatch):
+    monkeypatch.setattr(products, "made_by", lambda step: storage.made_by(step) | {"source_digest": 64 * "0"})
+    _, lines, _ = reproduced(capsys, PRODUCTS[0])
+    assert re.fullmatch(r"results may differ: the file was made with source of aggregate \w{12}, here 0{12}", lines[1])
+
+
+def test_products_say_in_words_what_they_were_made_from(study, capsys):
+    capsys.readouterr()
+    assert main(["inspect", "results/s/figures/msd.csv"]) == DONE
+    made, dataset, runs, again = capsys.readouterr().out.splitlines()
+    assert re.fullmatch(r"results/s/figures/msd\.csv  made by brownpipe \S+, source \w{12},.* Python 3\S+", made)
+    assert re.fullmatch(r"dataset      \w{12}, results/s/aggregate/s\.nc", dataset)
+    assert runs == "runs         20 runs of harrison2020, N = 10, exact, seeds 0-19"
+    assert again == "run again    brownpipe inspect results/s/figures/msd.csv --reproduce"
+
+
+@pytest.mark.parametrize("name", ["table.csv", "figure.png", "none.svg", "old.nc"])
+def test_files_that_say_nothing_of_their_origin_are_refused(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    if name == "table.csv":
+        Path(name).write_text("a,b\n")
+    elif name == "figure.png":
+        Image.new("RGB", (2, 2)).save(name)
+    elif name == "old.nc":
+        storage.write_dataset(name, xarray.Dataset({"msd": ("time", [0.0, 1.0])}))
+    status, lines, err = reproduced(capsys, name)
+    assert (status, lines, len(err)) == (WRONG_REQUEST, [], 1)
+    assert re.fullmatch(rf"brownpipe: {name}: (does not say what it was made from.*|cannot be read: .*)", err[0])
+
+
+def test_measured_times_of_a_trade_off_are_not_compared(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    exact = make_runs(make_scene("full"), range(30))
+    files = [
+        write(tmp_path, exact),
+        write(tmp_path, exact._replace(engine=Engine("langevin", (("friction", "enskog"),)))),
+    ]
+    measured = tradeoff.measure(files, seconds_per_run=lambda engine, _: 1e-3 if engine.name == "exact" else 3e-4)
+    storage.write_dataset("t.nc", measured)
+    status, lines, err = reproduced(capsys, "t.nc")
+    assert (status, err) == (DONE, [])
+    assert lines[-1].startswith("identical: every byte of t.nc; not compared: seconds, study_seconds, cost_ratio,")
+    assert main(["figures", "t.nc", "--output", "figures"]) == DONE
+    assert reproduced(capsys, "figures/provenance.json")[0] == DONE
+    storage.write_dataset("t.nc", measured.assign(msd_bias=measured.msd_bias + 1e-9))
+    status, lines, _ = reproduced(capsys, "t.nc")
+    assert status == FAILED and lines[-1].startswith("  msd_bias: 2 of 2 values; first at scene full, setting ")
+    Path("t.nc").unlink()
+    for path in files:
+        path.unlink()
+    status, _, err = reproduced(capsys, "figures/tradeoff.csv")
+    assert status == FAILED and "needs its dataset, which is not beside it: CPU times are measured anew" in err[0]

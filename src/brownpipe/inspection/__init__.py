@@ -65,6 +65,11 @@ def trajectories_of(path: str | Path, option: str) -> Trajectories:
     return contents
 
 
+def is_dataset(path: str | Path) -> bool:
+    """Return whether a file is a dataset. Errors as of `report`."""
+    return not isinstance(_read(path), Trajectories)
+
+
 def _read(path: str | Path) -> "Trajectories | Dataset":
     """Return the contents of a file of either kind.
 

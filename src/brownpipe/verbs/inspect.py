@@ -12,9 +12,9 @@ EXAMPLE = "seed17.h5 --seed 17"
 
 def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
-    add("file", metavar="FILE", help="trajectory file or dataset")
+    add("file", metavar="FILE", help="trajectory file, dataset, figure, table or summary")
     add("--seed", type=seed, metavar="SEED", help="all about this run of a trajectory file")
-    again = "run again what made a trajectory file, or with --seed one run, and compare every bit"
+    again = "make the file again, or with --seed one run of a trajectory file, and compare every byte"
     add("--reproduce", action="store_true", help=again)
     add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
     allowed = "of a dataset, say only which runs failed; exit status 1 if they are more than N"
@@ -25,14 +25,16 @@ def add_arguments(add: Callable) -> None:
 def inspect(arguments: Namespace) -> int:
     """Describe the contents of a trajectory file or dataset, and say whether it is intact.
 
-    `--reproduce` takes scene, engine, seeds and all settings from the file, writes nothing, and ends with exit status 1
-    if any array differs by a bit. `--allow-failed` is how a study with failed runs ends with exit status 1.
+    Of a figure, table or summary it says what they were made from. `--reproduce` takes scene, engine, seeds and all
+    settings from the file, makes it again in a scratch folder, and ends with exit status 1 if any byte differs.
+    `--allow-failed` is how a study with failed runs ends with exit status 1.
     """
     _refuse_together(arguments)
     if arguments.allow_failed is not None:
         return _failed(arguments.file, arguments.allow_failed)
 
     from brownpipe import inspection
+    from brownpipe.inspection import products
 
     if arguments.reproduce:
         return _reproduce(arguments)
@@ -42,6 +44,8 @@ def inspect(arguments: Namespace) -> int:
         show(*inspection.variables(arguments.file).split("\n"))
     elif arguments.seed is not None:
         show(*inspection.report_run(arguments.file, arguments.seed).split("\n"))
+    elif products.is_product(arguments.file):
+        show(*products.describe(arguments.file).split("\n"))
     else:
         show(*inspection.report(arguments.file).split("\n"))
     return DONE
@@ -70,10 +74,19 @@ def _failed(path: str, allowed: int) -> int:
 
 
 def _reproduce(arguments: Namespace) -> int:
-    """Make the runs of a file again and print whether they are the same."""
-    from brownpipe import progress
-    from brownpipe.inspection import reproduction
+    """Make the contents of a file again and print whether they are the same."""
+    from brownpipe import inspection, progress
+    from brownpipe.inspection import products, reproduction
 
+    if products.is_product(arguments.file) or inspection.is_dataset(arguments.file):
+        if arguments.seed is not None:
+            raise RequestError(f"{arguments.file}: --seed works on {inspection.OF_TRAJECTORIES}")
+        product = products.read_product(arguments.file)
+        show(*products.announcement(product), flush=True)
+        with progress.shown("inspect"):
+            lines = products.differences(product)
+        show(*products.verdict(product, lines).split("\n"))
+        return FAILED if lines else DONE
     original = reproduction.read_original(arguments.file, arguments.seed)
     show(*reproduction.announcement(original), flush=True)
     with progress.shown("inspect"):
