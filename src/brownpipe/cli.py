@@ -5,6 +5,7 @@ stderr that a name has been replaced by a newer one.
 """
 
 import argparse
+import atexit
 import difflib
 import errno
 import gc
@@ -32,17 +33,24 @@ from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
 
 JOINED = "several values of an option are joined by commas"
+GARBAGE = 50_000  # objects after which Python searches for garbage; with its own 700 every start takes 0.1 s more
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one verb; return the exit status. Without `argv` the arguments are those of the process, which ends then."""
+    """Run one verb; return the exit status.
+
+    Without `argv` the process is that of the command: it ends then, and Python searches its memory for garbage less
+    often, and not at all when it ends, which saves 0.3 s of CPU.
+    """
     if has_limited_memory():
         sys.unraisablehook = _complain
+    if argv is None:
+        gc.set_threshold(GARBAGE)
+        atexit.register(gc.freeze)
     with interrupts.ending_process():
         status = _status(sys.argv[1:] if argv is None else argv)
         if argv is None:
             interrupts.leave(status)
-            gc.freeze()  # at the end of the process Python need not search it for garbage, which takes 0.1 s
     return status
 
 
