@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from brownpipe import provenance, storage
@@ -100,12 +101,18 @@ def test_no_date_in_the_files(folder):
     assert not any(b"tIME" in path.read_bytes() or b"Software" in path.read_bytes() for path in folder.glob("*.png"))
 
 
-def test_layout_leaves_no_round_off_in_the_names_of_an_svg(dataset):
-    """SVG names clipping rectangles by their corners, and the solver of the layout is not the same to the last bit."""
+def test_layout_leaves_no_round_off_in_the_names_of_an_svg(dataset, monkeypatch):
+    """SVG names clipping rectangles by their corners, and the solver of the layout is not the same to the last bit.
+
+    The layout is computed once, and the figure is drawn once for each file.
+    """
+    counted, draw = [], Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda *given: counted.append(draw(*given)))
     with style.drawing():
         figure = module_of("energy").draw(cases_shown(dataset)["energy"])
         style.image_bytes(figure, "png")
         first = style.image_bytes(figure, "svg")
+        assert len(counted) == 2
         for axes in figure.axes:
             bounds = axes.get_position().bounds
             assert bounds == tuple(np.round(bounds, style.LAYOUT_DIGITS))

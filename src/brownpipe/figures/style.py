@@ -93,12 +93,28 @@ def image_bytes(figure: Figure, suffix: str) -> bytes:
     The solver of the layout ends with a round-off that differs from one call to the next, and SVG names its clipping
     rectangles by a hash of their corners. Panels are therefore moved to rounded positions before any later call.
     """
+    _lay_out(figure)
     buffer = io.BytesIO()
     figure.savefig(buffer, format=suffix, **SAVE[suffix])
-    figure.set_layout_engine("none")
     for axes in figure.axes:
         axes.set_position(np.round(axes.get_position().bounds, LAYOUT_DIGITS))
     return buffer.getvalue()
+
+
+def _lay_out(figure: Figure) -> None:
+    """Compute the layout, if there is none yet, at the resolution of a PNG file.
+
+    A figure with a layout engine is drawn twice by each `savefig`, the first time for the layout.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    if (engine := figure.get_layout_engine()) is not None:
+        usual = figure.dpi
+        FigureCanvasAgg(figure)
+        figure.set_dpi(SAVE["png"]["dpi"])
+        engine.execute(figure)
+        figure.set_dpi(usual)
+        figure.set_layout_engine(None)
 
 
 def png_bytes(figure: Figure) -> bytes:
