@@ -1,15 +1,24 @@
 """What all tests need: one thread each, an order that keeps all cores busy, Ctrl-C, and random faults."""
 
+import gc
 import os
 import random
 import signal
+import sys
 from pathlib import Path
 
 import pytest
+
 from reliability import Page, promises
 
 # Before numpy is imported, and for all processes that tests start: the tests themselves are on all cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Hundreds of processes are started. If none of them may store its compiled source, each takes 0.2 s of CPU more.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
+gc.set_threshold(50_000)  # with all the packages in memory the usual 700 take 6 % of the CPU time
 
 # The files that take longest, before all others: each is run by one process, and none may be left to the end. Most
 # kernels are compiled in `exact`; until they are there, the other process runs files that need few of them.
@@ -35,6 +44,17 @@ def pytest_configure(config):
     path = config.getoption("--reliability")
     if path and not hasattr(config, "workerinput"):  # not in a process to which tests are distributed
         config.pluginmanager.register(Page(path))
+
+
+def pytest_collection_finish():
+    """Leave what is imported out of every later search for garbage."""
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_unconfigure():
+    """Let extension modules find their objects freed at the end; nanobind reports what is left."""
+    gc.unfreeze()
 
 
 def pytest_collection_modifyitems(items):
