@@ -54,7 +54,8 @@ def _serve():
     """Fork for every request, a line of JSON, and answer with the exit status. Return in forked processes alone."""
     for name in IMPORTED:
         importlib.import_module(name)
-    gc.freeze()  # forked processes need not look through what they inherit
+    gc.freeze()  # forked processes need not search what they inherit for garbage
+    gc.set_threshold(50_000)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends forked processes, and the end of the tests this one
     while line := sys.stdin.readline():
         child = os.fork()
@@ -70,6 +71,7 @@ def _become(arguments, cwd, env, output):
     """Make a forked process what `python -m snakemake` is when it starts, in a folder and with an environment."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.alarm(LONGEST)
+    atexit.register(gc.freeze)
     for stream, path in enumerate([os.devnull, output, output]):
         file = os.open(path, os.O_RDWR | os.O_APPEND)
         os.dup2(file, stream)
