@@ -4,6 +4,7 @@
 #     snakemake -j2 --config seeds=100                           the default study with another value of a key
 #     snakemake tradeoff_figures -j2 --configfile config/tradeoff.yaml     cost and accuracy of its engines
 #     snakemake --report report.html                             all results of the study on one page
+import json
 import os
 import sys
 from os.path import relpath
@@ -14,8 +15,9 @@ from brownpipe.quoting import printable, shell_path
 from brownpipe.study import from_command_line, read_study
 
 try:
-    study_file = [f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1]
-    study = read_study(relpath(study_file), from_command_line(workflow.config_settings.config))
+    study_file = relpath([f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1])
+    overrides = workflow.config_settings.config
+    study = read_study(study_file, from_command_line(overrides))
     if study.tolerance is not None:
         from brownpipe.study.run_count import settle
 
@@ -25,6 +27,7 @@ except RequestError as error:
     sys.exit(f"brownpipe: {error}")
 except KeyboardInterrupt:
     sys.exit("brownpipe: interrupted")
+settings = ["--config", *(f"{key}={json.dumps(value)}" for key, value in overrides.items())] if overrides else []
 results = f"results/{study.name}"
 cases = study.case_table
 engines = {

@@ -12,8 +12,11 @@ rule aggregate:
     benchmark:
         f"{results}/benchmarks/aggregate/{study.name}.tsv"
     params:
+        study=(shell_path(study_file),),
+        config=settings,
         windows=[f"{start}:{end}" for start, end in study.fit_windows],
         options=study.aggregate_options,
         made_with=made_with("aggregate"),
     shell:
-        "brownpipe aggregate {input:q} --output {output:q} --fit-windows {params.windows:q} {params.options} 2> {log:q}"
+        "brownpipe aggregate --study {params.study} {params.config:q} --output {output:q} --fit-windows {params.windows:q}"
+        " {params.options} 2> {log:q}"

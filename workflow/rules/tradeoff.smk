@@ -10,11 +10,11 @@ rule tradeoff:
         f"{results}/benchmarks/tradeoff/{study.name}.tsv"
     threads: 1000  # limited to all cores
     params:
-        study=(shell_path(relpath(study_file)),),
+        study=(shell_path(study_file),),
         instead_of=study.instead_of,
         made_with=made_with("tradeoff"),
     shell:
-        "brownpipe tradeoff {params.study} --files {input:q} --output {output:q} 2> {log:q}"
+        "brownpipe tradeoff {params.study} {settings:q} --output {output:q} 2> {log:q}"
 
 
 rule tradeoff_figures:

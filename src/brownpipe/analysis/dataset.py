@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,11 +13,11 @@ from brownpipe.analysis.displacement import labels
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs, with_estimates
 from brownpipe.analysis.outer_join import Axes, Part, joined
-from brownpipe.analysis.runs import Group, RunBlock, blocks_of, groups_of, select
+from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_of, select
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
 from brownpipe.errors import AnalysisError
 from brownpipe.scene.sample_times import default_fit_windows
-from brownpipe.storage import Trajectories, made_by, origin_attributes
+from brownpipe.storage import made_by, origin_attributes
 
 if TYPE_CHECKING:
     import xarray
@@ -34,7 +33,7 @@ WIDEST_RING = 1000.0  # ring, in units of the longer side of the box
 
 
 def aggregate(
-    sources: Iterable[str | Path | Trajectories],
+    sources: Iterable[Source],
     windows: Sequence[tuple[float, float]] | None = None,
     dr: float | None = None,
     rings: int | None = None,
@@ -42,6 +41,7 @@ def aggregate(
 ) -> "xarray.Dataset":
     """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
+    A file that is given with what it is to hold (`storage.Expected`) is refused if it holds other runs.
     The files may hold any scenes, particle counts, engines and batches of seeds, in any order: the result depends on
     the runs alone, to the bit, and peak memory does not grow with their number. Failed runs are counted and left out of
     every average. Values that a case lacks (a shorter duration, fewer seeds) are NaN.

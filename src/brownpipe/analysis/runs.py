@@ -17,8 +17,10 @@ from brownpipe.engines.state import NONE_STOPPED, Track, blank
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
-from brownpipe.storage import Outline, Trajectories, read_outline, read_trajectories
+from brownpipe.storage import Expected, Outline, Trajectories, read_outline, read_trajectories
+from brownpipe.storage.expected import difference
 
+Source = str | Path | Expected | Trajectories  # of runs: a file, perhaps with what it is to hold, or runs in memory
 LOADED = 2  # files kept in memory; enough to read each batch of consecutive seeds only once
 
 
@@ -68,11 +70,11 @@ class RunBlock(NamedTuple):
     stopped: Mapping[int, str] = NONE_STOPPED  # seed -> why its run could not go on
 
 
-def groups_of(sources: Iterable[str | Path | Trajectories]) -> list[Group]:
+def groups_of(sources: Iterable[Source]) -> list[Group]:
     """Return the groups of trajectory files and of runs in memory, sorted by scene, particle count and engine label.
 
     Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
-    files), and what `storage.read_outline` raises.
+    files) or hold other runs than are expected of them, and what `storage.read_outline` raises.
     """
     files = [_described(number, source) for number, source in enumerate(tracked([*sources], "files verified"))]
     if not files:
@@ -82,10 +84,15 @@ def groups_of(sources: Iterable[str | Path | Trajectories]) -> list[Group]:
     return groups
 
 
-def _described(number: int, source: str | Path | Trajectories) -> TrajectoryFile:
+def _described(number: int, source: Source) -> TrajectoryFile:
     if isinstance(source, Trajectories):
         return TrajectoryFile(f"runs[{number}]", source.outline, _run_block(source))
-    return TrajectoryFile(str(source), read_outline(source))
+    if not isinstance(source, Expected):
+        return TrajectoryFile(str(source), read_outline(source))
+    path, outline = str(source.path), read_outline(source.path)
+    if wrong := difference(outline, source.request):
+        raise AnalysisError(f"{path}: {wrong}; delete it and run the study again")
+    return TrajectoryFile(path, outline)
 
 
 def _group(files: Sequence[TrajectoryFile]) -> Group:

@@ -37,12 +37,14 @@ same installation gives the same bytes of the same runs.
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.datasets import made_by, read_dataset, seal_of, write_dataset
+from brownpipe.storage.expected import Expected
 from brownpipe.storage.files import free_space, try_to_write, write_file
 from brownpipe.storage.origin import Origin, origin_attributes, read_options, read_origins, runs_record
 from brownpipe.storage.trajectories import Outline, Trajectories, read_outline, read_trajectories, write_trajectories
 from brownpipe.storage.tree import from_tree, to_tree
 
 __all__ = [
+    "Expected",
     "Origin",
     "Outline",
     "StorageError",

@@ -142,10 +142,10 @@ def some_from_bytes(image: bytes, paths: Iterable[str]) -> dict[str, Node]:
         return {path: Node(value_of(file[path]), attributes_of(file[path])) for path in paths if path in file}
 
 
-def names_in(image: bytes, group: str) -> tuple[str, ...]:
-    """Return the names of all datasets and groups in a group of an HDF5 file; none if there is no such group."""
+def names_from_bytes(image: bytes, groups: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the names in each of those `groups` that an HDF5 file has."""
     with h5py.File.in_memory(image) as file:
-        return tuple(file.get(group, ()))
+        return {group: tuple(file[group]) for group in groups if group in file}
 
 
 def _collect(group: h5py.Group, prefix: str, nodes: dict[str, Node]) -> None:

@@ -22,7 +22,7 @@ from brownpipe.scene.scene_file import MOST_DISKS
 from brownpipe.scene.seeds import parse_seeds, seed_text
 from brownpipe.storage import arrays
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import Link, Node, Tree, digest, from_bytes, names_in, some_from_bytes, to_bytes
+from brownpipe.storage.hdf5 import Link, Node, Tree, digest, from_bytes, names_from_bytes, some_from_bytes, to_bytes
 
 FORMAT = 1
 OUTLINE = (  # paths from which an Outline is made
@@ -30,7 +30,6 @@ OUTLINE = (  # paths from which an Outline is made
     "parameters/scene",
     "parameters/settings",
     "observables/run/seed",
-    "particles/tracer",
     "particles/tracer/position/time",
     "observables/run/time",
 )
@@ -38,6 +37,7 @@ COMMAND = re.compile(  # as `_command` writes it; none of its characters means a
     rb"`brownpipe simulate ([A-Za-z0-9][A-Za-z0-9._-]{0,63})\.yaml((?: --[a-z-]+ [A-Za-z0-9.,_+-]+)+)`"
 )
 WORDS_OF = {"--record": RECORDS, "--observables": (*OBSERVABLES, *RENAMED), "--average": AVERAGES}  # in the command
+LISTED = ("particles", "observables/run", "observables/events")  # groups whose names an Outline needs
 TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
 
 MEANING = {  # dataset: units, long_name
@@ -91,16 +91,10 @@ class Trajectories(NamedTuple):
     def outline(self) -> "Outline":
         """The same without tracks and observables."""
         ensemble = self.ensemble
-        return Outline(
-            scene=self.scene,
-            engine=self.engine,
-            seeds=ensemble.seeds,
-            times=ensemble.times,
-            tracer=ensemble.tracer is not None,
-            source=self.source,
-            average=ensemble.average,
-            observables=observables_making(ensemble.observables),
-        )
+        record = _record(ensemble.tracer is not None, ensemble.whole, ensemble.events)
+        observables = observables_making(ensemble.observables)
+        setting = (self.scene, self.engine, ensemble.seeds, ensemble.times)
+        return Outline(*setting, record, self.source, observables, ensemble.average)
 
 
 class Outline(NamedTuple):
@@ -110,10 +104,15 @@ class Outline(NamedTuple):
     engine: Engine
     seeds: np.ndarray  # (S,) int64
     times: np.ndarray  # (T,) [time]
-    tracer: bool  # whether the tracks of the tracer are stored
+    record: frozenset[str]  # of tracer, all, events: whose tracks, and whether collisions, are stored
     source: str  # digest of the source code that made the runs
+    observables: tuple[str, ...] = ()  # measured in the runs
     average: str = "runs"  # as in Ensemble
-    observables: tuple[str, ...] = ()  # names of what was measured in the runs
+
+    @property
+    def tracer(self) -> bool:
+        """Whether the tracks of the tracer are stored."""
+        return "tracer" in self.record
 
 
 def write_trajectories(
@@ -153,20 +152,27 @@ def read_outline(path: str | Path) -> Outline:
     """
     with _naming(path):
         image = read_sealed(path)
-        nodes = some_from_bytes(image, OUTLINE)
+        nodes, names = some_from_bytes(image, OUTLINE), names_from_bytes(image, LISTED)
         parameters = _parameters_of(nodes)
         scene, engine = _scene_and_engine(nodes)
+        tracks, runs, events = (names.get(group, ()) for group in LISTED)
         times = nodes.get("particles/tracer/position/time", nodes.get("observables/run/time"))
         return Outline(
             scene=scene,
             engine=engine,
             seeds=nodes["observables/run/seed"].value,
             times=scene.times if times is None else times.value,
-            tracer="particles/tracer" in nodes,
+            record=_record("tracer" in tracks, {*tracks} - {"tracer"}, events),
             source=parameters["source_digest"],
+            observables=observables_making(runs),
             average=parameters.get("average", "runs"),
-            observables=observables_making(names_in(image, "observables/run")),
         )
+
+
+def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
+    """Return what is recorded, in the words of `--record`, given what is true of it or not empty."""
+    parts = {"tracer": tracer, "all": whole, "events": events}
+    return frozenset(name for name, is_recorded in parts.items() if is_recorded)
 
 
 def read_header(path: str | Path) -> dict:

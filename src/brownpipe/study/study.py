@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import EXACT
+from brownpipe.engines.request import Request
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import batches
@@ -120,3 +121,10 @@ class Study:
             if case.name in use.scenes
             for first, last in self.batches_of(use.seeds or self.seeds)
         ]
+
+    def request_of(self, job: SimulationJob) -> Request:
+        """Return the runs that a job makes, with what is recorded and measured in them."""
+        case = next(case for case in self.cases if (case.name, case.particles) == (job.scene, job.particles))
+        engine = next(engine for engine in self.engines if engine.label == job.engine)
+        seeds = range(job.first, job.last + 1)
+        return Request(case, engine, seeds, frozenset({self.record}), self.observables, self.average)

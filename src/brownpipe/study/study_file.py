@@ -29,7 +29,7 @@ from brownpipe.study.study import EngineUse, Study
 
 MOST_STUDY_BYTES = 2**20  # larger files are refused
 MOST_RINGS = 100_000
-MOST_JOBS = 1000  # `aggregate` names the files of all jobs in one command line; a shell takes 128 KiB
+MOST_JOBS = 1000  # their files fit into one command line of `aggregate`; a shell takes 128 KiB
 
 RECORDS = ("tracer", "none")
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for

@@ -1,14 +1,13 @@
 """All engines and settings of a study compared with its exact runs, as one dataset."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.outer_join import Axes, Part, joined
-from brownpipe.analysis.runs import groups_of
+from brownpipe.analysis.runs import Source, groups_of
 from brownpipe.analysis.variables import SAME_TIME
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
@@ -34,7 +33,7 @@ class Comparison(NamedTuple):
 
 
 def measure(
-    paths: Iterable[str | Path],
+    paths: Iterable[Source],
     instead_of: Mapping[str, Sequence[str]] | None = None,
     window: tuple[float, float] | None = None,
     seconds_per_run: Callable[[Engine, Scene], float] | None = None,

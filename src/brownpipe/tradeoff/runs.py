@@ -1,12 +1,11 @@
 """The runs that the trade-off compares: all runs of one scene, number of disks and engine that did not fail."""
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis.runs import Group, RunBlock, blocks_of, groups_of, select
+from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_of, select
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import AnalysisError
@@ -39,7 +38,7 @@ class EngineRuns(NamedTuple):
         return self.engine.name == REFERENCE_NAME
 
 
-def read_runs(paths: Iterable[str | Path]) -> list[EngineRuns]:
+def read_runs(paths: Iterable[Source]) -> list[EngineRuns]:
     """Return the runs of trajectory files, in any order and batches, sorted by scene, number of disks and engine.
 
     Raises AnalysisError for files without a tracer and what `analysis.runs.groups_of` and `blocks_of` raise.

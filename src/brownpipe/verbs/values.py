@@ -4,6 +4,7 @@ Each raises ArgumentTypeError, which argparse shows with the name of the option.
 """
 
 import argparse
+import json
 
 ALL = 10**9  # more runs than there can be
 SCENE = "config/scenes/harrison2020.yaml"  # of the examples
@@ -16,6 +17,17 @@ def observables(text: str) -> str:
 
     names = (current_name(Entry(name.strip(), "", ("--observables",)), RENAMED) for name in text.split(","))
     return ",".join(str(name.value) for name in names)
+
+
+def key_value(text: str) -> tuple[str, object]:
+    """Return the key and the value of KEY=VALUE; the value is JSON or, if it is not, a text."""
+    key, sign, value = text.partition("=")
+    if not (sign and key.isidentifier()):
+        raise argparse.ArgumentTypeError(f"must be KEY=VALUE, with a key of the study, like seeds=100, not {text!r}")
+    try:
+        return key, json.loads(value)
+    except (ValueError, RecursionError):
+        return key, value
 
 
 def window(text: str) -> tuple[float, float]:
