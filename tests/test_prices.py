@@ -51,7 +51,7 @@ def test_every_engine_has_a_price_in_its_scenes(finished):
     assert text in printed and "not on the Pareto front" in text
     names = {path.name for path in (made / "tradeoff").iterdir()}
     pictures = {f"tradeoff_full.{kind}" for kind in ("png", "svg")}
-    assert names == pictures | {"prices.nc", "tradeoff.csv", "tradeoff.txt"}
+    assert names == pictures | {"prices.nc", "tradeoff.csv", "tradeoff.txt", "SHA256SUMS"}
     rows = list(csv.DictReader((made / "tradeoff" / "tradeoff.csv").read_text().splitlines()))
     settings = {(row["scene"], row["setting"]) for row in rows}
     engines = ("exact", "timestep-0.03", "langevin-boltzmann", "exact in half")
@@ -73,8 +73,23 @@ def test_seeds_are_as_many_as_the_tolerance_needs(finished):
 
 def test_nothing_is_run_again_until_the_tolerance_changes(finished, tmp_path):
     folder = shutil.copytree(finished[0], tmp_path / "copy")
-    assert "Nothing to be done" in snakemake(folder, "tradeoff_figures", "--dry-run")
+    assert planned(folder) == {"tradeoff_figures": "1", "total": "1"}  # only the table is shown again
     (folder / "prices.yaml").write_text(STUDY.replace("20%", "15%"))
-    planned = snakemake(folder, "tradeoff_figures", "--dry-run").partition("Job stats:")[2]
-    counts = dict(re.findall(r"^(\w+) +(\d+)$", planned, re.MULTILINE))
+    counts = planned(folder)
     assert counts["simulate"] == "3" and counts["tradeoff"] == "1"  # all but the engine with seeds of its own
+
+
+@pytest.mark.parametrize("deleted", ["tradeoff/prices.nc", "tradeoff/tradeoff.csv", "simulate/half/N6/exact/*.h5"])
+def test_what_was_deleted_is_made_again(finished, tmp_path, deleted):
+    folder = shutil.copytree(finished[0], tmp_path / "copy")
+    for file in (folder / "results" / "prices").glob(deleted):
+        file.unlink()
+    before = {"simulate": "1", "tradeoff": "1"}
+    made = before if "simulate" in deleted else {"tradeoff": "1"} if deleted.endswith(".nc") else {}
+    assert planned(folder).items() >= (made | {"tradeoff_drawings": "1"}).items()
+
+
+def planned(folder):
+    """How many jobs of each rule a dry run would start."""
+    table = snakemake(folder, "tradeoff_figures", "--dry-run").partition("Job stats:")[2]
+    return dict(re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE))

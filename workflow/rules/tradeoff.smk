@@ -11,13 +11,14 @@ rule tradeoff:
     threads: 1000  # limited to all cores
     params:
         study=(shell_path(study_file),),
+        config=settings,
         instead_of=study.instead_of,
         made_with=made_with("tradeoff"),
     shell:
-        "brownpipe tradeoff {params.study} {settings:q} --output {output:q} 2> {log:q}"
+        "brownpipe tradeoff {params.study} {params.config:q} --output {output:q} 2> {log:q}"
 
 
-rule tradeoff_figures:
+rule tradeoff_drawings:
     input:
         f"{results}/tradeoff/{study.name}.nc",
     output:
@@ -29,11 +30,23 @@ rule tradeoff_figures:
             for name in study.tradeoff_cases
         ],
         others=expand("{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.tradeoff_cases),
+        checksums=f"{results}/tradeoff/SHA256SUMS",
     log:
-        f"{results}/logs/tradeoff_figures/{study.name}.log",
+        f"{results}/logs/tradeoff_drawings/{study.name}.log",
     benchmark:
-        f"{results}/benchmarks/tradeoff_figures/{study.name}.tsv"
+        f"{results}/benchmarks/tradeoff_drawings/{study.name}.tsv"
     params:
         made_with=made_with("tradeoff_figures"),
     shell:
-        'brownpipe figures {input:q} --output "$(dirname {output.table:q})" 2> {log:q} && cat {output.table:q}'
+        'brownpipe figures {input:q} --output "$(dirname {output.table:q})" 2> {log:q}'
+
+
+# As rule all does for the study, this asks for every file of the trade-off, and shows its answer at each run.
+rule tradeoff_figures:
+    input:
+        rules.tradeoff_drawings.output,
+        rules.tradeoff.output,
+        rules.tradeoff.input,
+        table=rules.tradeoff_drawings.output.table,
+    shell:
+        "cat {input.table:q}"
