@@ -67,9 +67,11 @@ rule all:
 
 
 onstart:
+    from brownpipe.study.run_record import RunRecord, write_run_record
     from brownpipe.study.workload import describe_workload
 
-    to_do = [job.wildcards for job in workflow.dag.needrun_jobs() if job.rule.name == "simulate"]
-    runs = sum(int(seeds.last) - int(seeds.first) + 1 for seeds in to_do)
+    write_run_record(results, RunRecord(study_file, overrides))
+    to_do = [job for job in workflow.dag.needrun_jobs() if job.rule.name == "simulate"]
+    runs = sum(int(job.wildcards.last) - int(job.wildcards.first) + 1 for job in to_do)
     workload = f"brownpipe: the study {study.name}: {describe_workload(study)}"
     logger.info(workload, extra={"forecast": True, "runs": runs})

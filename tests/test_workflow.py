@@ -136,7 +136,7 @@ def test_everything_declared_is_there_and_printed(finished):
     names = {path.name for path in (folder / "results" / "study" / "figures").iterdir()}
     study = read_study(folder / "study.yaml")
     expected = {f"{name}.{kind}" for name in study.figures for kind in ("png", "svg", "csv")}
-    assert names == expected | {"summary.txt", "summary.csv", "provenance.json"}
+    assert names == expected | {"summary.txt", "summary.csv", "provenance.json", "SHA256SUMS"}
     answer = (folder / "results/study/figures/summary.txt").read_text()
     last = "figures and tables: results/study/figures\nall on one page: the same command with --report report.html\n"
     assert printed.endswith(answer + last)

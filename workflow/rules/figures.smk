@@ -10,6 +10,7 @@ rule figures:
             for name in study.figures
         ],
         others=expand("{results}/figures/{name}.{kind}", results=results, name=study.figures, kind=["png", "csv"]),
+        checksums=f"{results}/figures/SHA256SUMS",
     log:
         f"{results}/logs/figures/{study.name}.log",
     benchmark:

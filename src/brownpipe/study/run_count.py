@@ -10,12 +10,14 @@ from brownpipe.errors import RequestError
 from brownpipe.formatting import in_time
 from brownpipe.scene import Scene, reading
 from brownpipe.scene.seeds import MOST_SEEDS
+from brownpipe.storage.checksums import write_sealed_text
 from brownpipe.study.pilot import pilot_seconds, run_pilot
 from brownpipe.study.study import REFERENCE, Study
 from brownpipe.study.study_file import MOST_JOBS, RENAMED_TARGETS
-from brownpipe.study.writing import write_yaml
 from brownpipe.tradeoff import bias, runs_for, spread_of
 
+COMMENT = "# The number of runs that the tolerance of this study needs, determined once."
+PLAN = "plan.yaml"
 DISTRIBUTION = "displacement_distribution"  # the target whose scatter is known without pilot runs
 
 
@@ -48,7 +50,7 @@ def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run
         needed = {case_title(case): runs_needed(case, study) for case in study.cases}
         plan = request | {"needed": needed, "runs": max(needed.values())}
         if not dry_run:
-            write_yaml(path, plan, "The number of runs that the tolerance of this study needs, determined once.")
+            write_sealed_text(path, f"{COMMENT}\n\n{reading.yaml_text(plan)}")
     return _with_runs(study, plan["runs"])
 
 
@@ -92,12 +94,16 @@ def case_title(scene: Scene) -> str:
 
 
 def _stored_plan(path: str | Path) -> dict:
-    """Return the contents of the plan file; empty if there is none or it cannot be read."""
+    """Return the contents of the plan file; empty if there is none, it cannot be read or it contradicts itself."""
     try:
         plan = reading.read_yaml(path, 2**20) if os.path.exists(path) else {}
     except RequestError:
         return {}
     if not isinstance(plan, dict):
+        return {}
+    needed = plan.get("needed")
+    counts = [*needed.values()] if isinstance(needed, dict) else []
+    if not counts or not all(isinstance(count, int) for count in counts) or plan.get("runs") != max(counts):
         return {}
     old = plan.get("observable")  # the key of files written before it was renamed
     return {"target": RENAMED_TARGETS.get(old, old)} | plan if isinstance(old, str) else plan

@@ -18,9 +18,24 @@ from brownpipe.verbs import (
     schema,
     simulate,
     tradeoff,
+    verify,
 )
 
 VERBS = {  # as in the help
     module.__name__.rpartition(".")[2]: module
-    for module in (new, run, simulate, aggregate, figures, movie, export, tradeoff, plan, inspect, check, schema)
+    for module in (
+        new,
+        run,
+        simulate,
+        aggregate,
+        figures,
+        movie,
+        export,
+        tradeoff,
+        plan,
+        inspect,
+        verify,
+        check,
+        schema,
+    )
 }

@@ -22,14 +22,17 @@ def add_arguments(add: Callable) -> None:
 def figures(arguments: Namespace) -> int:
     """Draw the figures of a dataset, each with a table of its numbers, and write the summary.
 
-    provenance.json in the folder says what they were made from, and so do the pictures in their metadata.
+    provenance.json in the folder says what they were made from, and so do the pictures in their metadata. `SHA256SUMS`,
+    written last, has the checksums of these files and of the dataset: `sha256sum --check SHA256SUMS`.
     """
     from brownpipe import progress
     from brownpipe.errors import DONE
     from brownpipe.figures.products import show
+    from brownpipe.storage.checksums import write_checksums
 
     output = folder(arguments.output)
     refuse_unwritable(output, arguments.figures or FIGURES)
     with progress.shown("figures"):
-        show(arguments.dataset, output, arguments.figures, arguments.particles)
+        files = show(arguments.dataset, output, arguments.figures, arguments.particles)
+    write_checksums(output, [*files, arguments.dataset])
     return DONE

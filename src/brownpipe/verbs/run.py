@@ -2,8 +2,10 @@
 
 from argparse import Namespace
 from collections.abc import Callable
+from pathlib import Path
 
-from brownpipe.errors import DONE
+from brownpipe.errors import DONE, RequestError
+from brownpipe.verbs import verify
 from brownpipe.verbs.output import show
 from brownpipe.verbs.values import cores
 
@@ -19,6 +21,7 @@ def add_arguments(add: Callable) -> None:
     add("-n", "--dry-run", action="store_true", help=listed)
     page = "afterwards write a page with all results (default: report.html)"
     add("--report", nargs="?", const="report.html", metavar="FILE", help=page)
+    add("--verify", action="store_true", help="afterwards verify all results, as `brownpipe verify` does")
 
 
 def run(arguments: Namespace) -> int:
@@ -28,12 +31,15 @@ def run(arguments: Namespace) -> int:
     `--` are passed to Snakemake: `brownpipe run my_study.yaml -- --config seeds=100`. With -n and such arguments
     Snakemake lists every job with its command and its reasons: `brownpipe run my_study.yaml -n -- --printshellcmds`.
     """
+    from brownpipe import progress
     from brownpipe.study import read_study
     from brownpipe.study.changes import changes
     from brownpipe.study.workflow import is_changed_by, planned_jobs, run_study
 
     further = arguments.further
     status = DONE
+    if arguments.verify and arguments.dry_run:
+        raise RequestError("--verify: must not be given with -n, which runs nothing")
     if arguments.dry_run and not further and arguments.report is None:
         show(planned_jobs(arguments.study, arguments.cores))
     else:
@@ -42,4 +48,7 @@ def run(arguments: Namespace) -> int:
         study = read_study(arguments.study)
         for line in changes(study):
             show(f"differs from results/{study.name}: {line}")
+    if status == DONE and arguments.verify:
+        with progress.shown("verify"):
+            status = verify.report(f"results/{Path(arguments.study).stem}")
     return status

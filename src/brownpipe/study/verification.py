@@ -1,0 +1,333 @@
+"""Whether everything that a study has made is intact, and the command that makes the rest again: `brownpipe verify`.
+
+Trajectory files, datasets, the plan and the record of the study have seals of their own. Figures, tables and texts are
+compared with SHA256SUMS of their folder, in which the dataset that they show is listed, too. What a file contains is
+compared with what the study asks for, so that exchanged files are found. One file at a time is in memory.
+"""
+
+import os
+import shlex
+from collections.abc import Iterator, Mapping, Set
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from brownpipe.analysis.displacement import labels
+from brownpipe.analysis.variables import MISSING
+from brownpipe.engines.request import Request
+from brownpipe.errors import RequestError, StorageError, WrongFileError
+from brownpipe.figures.cases import cases_of
+from brownpipe.provenance import made_with, simulation_of, source_digest
+from brownpipe.stages import tracked
+from brownpipe.storage import Outline, read_dataset, read_trajectories
+from brownpipe.storage.checksums import NAME as CHECKSUMS
+from brownpipe.storage.checksums import digest_of, read_checksums, read_sealed_text
+from brownpipe.storage.expected import difference
+from brownpipe.study.expectation import expected_files, read_settled
+from brownpipe.study.run_count import PLAN
+from brownpipe.study.run_record import NAME as RECORD
+from brownpipe.study.run_record import RunRecord, likely_study, read_run_record
+from brownpipe.study.study import SimulationJob, Study
+from brownpipe.tradeoff import is_tradeoff
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+NO_RESULTS = ("logs", "benchmarks")  # folders
+MISSING_FILE = "is missing"
+FOREIGN, SURPLUS, OLDER = "foreign", "surplus", "older"
+REMARKS = {
+    FOREIGN: "not made by the study, and not verified: {}",
+    SURPLUS: "intact, but not of the study as it is now: {}",
+    OLDER: "intact, but made by another version of brownpipe: {}",
+}
+SHOWN = 3  # files that a remark names
+
+
+class Problem(NamedTuple):
+    """A file that is missing or is not what brownpipe wrote."""
+
+    file: str  # relative to the folder of the study's results
+    what: str  # is wrong with it
+
+
+class Verdict(NamedTuple):
+    """What was found in the results of a study."""
+
+    intact: int  # number of files
+    problems: tuple[Problem, ...]
+    remarks: tuple[str, ...]  # on files that are no problem
+    cure: str | None  # command that makes again what is missing or damaged
+
+
+class Results(NamedTuple):
+    """The results of a study that are there, and those that it promises."""
+
+    folder: Path
+    files: tuple[str, ...]  # that are there, relative to the folder
+    record: RunRecord | None  # None: unknown
+    study: Study | None  # None: unknown
+    requests: Mapping[str, Request]  # of its trajectory files
+    promised: frozenset[str]  # all files that the study makes, as far as they are known
+
+
+Findings = Iterator[tuple[str, str | None, str | None]]  # file, what is wrong with it, key of REMARKS
+
+
+def verify_results(folder: str | Path) -> Verdict:
+    """Verify everything that a study has made, given the folder of its results.
+
+    Raises WrongFileError if there is none. Nothing is written.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise WrongFileError(f"{folder}: cannot be read: no such folder")
+    results = _results(folder)
+    problems = dict.fromkeys(results.promised.difference(results.files), MISSING_FILE)
+    remarks: dict[str, list[str]] = {key: [] for key in REMARKS}
+    sealed = list(_sealed(results))
+    broken = {file for file, what, _ in sealed if what is not None}
+    for file, what, remark in (*sealed, *_listed(results, broken)):
+        if what is not None:
+            problems.setdefault(file, what)
+        elif remark is not None:
+            remarks[remark].append(file)
+    intact = len({*results.files}.difference(problems, remarks[FOREIGN]))
+    lines = tuple(REMARKS[key].format(_some(files)) for key, files in remarks.items() if files)
+    cure = _cure(results, problems) if problems else None
+    return Verdict(intact, tuple(Problem(*each) for each in sorted(problems.items())), lines, cure)
+
+
+def verify_file(path: str | Path) -> None:
+    """Verify one file by its seal and digest, or by SHA256SUMS of its folder.
+
+    Raises StorageError, which says how to make it again, if it is damaged; WrongFileError if brownpipe did not make it.
+    """
+    path, folder = Path(path), Path(path).parent
+    listed = _checksums(folder)
+    if path.name in listed:
+        if digest_of(path) != listed[path.name]:
+            dataset = next((os.path.join(folder, name) for name in listed if name.endswith(".nc")), "DATASET.nc")
+            again = shlex.join(["brownpipe", "figures", os.path.normpath(dataset), "--output", str(folder)])
+            raise StorageError(f"{path}: was damaged or edited after it was written; {again}")
+    elif path.suffix == ".nc":
+        read_dataset(path)
+    else:
+        read_trajectories(path)
+
+
+# -- what there is --------------------------------------------------------------------------------------------------
+
+
+def _results(folder: Path) -> Results:
+    """Return the results in a folder with the study that they are of, if that is known."""
+    files = tuple(sorted(_files(folder)))
+    record = _record(folder)
+    study, requests = None, {}
+    if record is not None:
+        try:
+            study = read_settled(folder.parent.parent / record.study, record.config, folder.parent)
+        except RequestError:
+            record = None
+    if study is not None:
+        start = f"results/{study.name}/"
+        requests = {str(path).removeprefix(start): request for path, request in expected_files(study)}
+    return Results(folder, files, record, study, requests, _promised(study, requests, files))
+
+
+def _files(folder: Path) -> Iterator[str]:
+    """Yield everything below a folder but folders, logs and benchmarks."""
+    for place, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not (place == str(folder) and name in NO_RESULTS)]
+        yield from (Path(place, name).relative_to(folder).as_posix() for name in names)
+
+
+def _record(folder: Path) -> RunRecord | None:
+    """Return how the study was run; if there is no record of it, by the study file of the same name."""
+    try:
+        return read_run_record(folder)
+    except RequestError:
+        study = likely_study(folder)
+        return None if study is None else RunRecord(study)
+
+
+def _promised(study: Study | None, requests: Mapping[str, Request], files: tuple[str, ...]) -> frozenset[str]:
+    """Return all files that a study makes: those of the trade-off if there is one of them, the others unless only
+    the trade-off was made."""
+    promised = {RECORD, *requests}
+    if study is None:
+        return frozenset({RECORD})
+    if study.tolerance is not None:
+        promised.add(PLAN)
+    has_tradeoff = any(file.startswith("tradeoff/") for file in files)
+    if not has_tradeoff or any(file.startswith(("aggregate/", "figures/")) for file in files):
+        shown = [f"{name}.{kind}" for name in study.figures for kind in ("png", "svg", "csv")]
+        promised.add(f"aggregate/{study.name}.nc")
+        promised |= {f"figures/{name}" for name in ("summary.txt", "summary.csv", CHECKSUMS, *shown)}
+    if has_tradeoff:
+        shown = [f"tradeoff_{name}.{kind}" for name in study.tradeoff_cases for kind in ("png", "svg")]
+        names = (f"{study.name}.nc", "tradeoff.txt", "tradeoff.csv", CHECKSUMS)
+        promised |= {f"tradeoff/{name}" for name in (*names, *shown)}
+    return frozenset(promised)
+
+
+# -- files with a seal ----------------------------------------------------------------------------------------------
+
+
+def _sealed(results: Results) -> Findings:
+    """Verify trajectory files, datasets, plan and record by their seals, and whether they are of this study."""
+    listed = {f"{part}/{name}" for part in ("figures", "tradeoff") for name in _checksums(results.folder / part)}
+    for file in tracked(results.files, "files"):
+        path = results.folder / file
+        try:
+            if not path.is_file():
+                yield file, *(("is no ordinary file", None) if file in results.promised else (None, FOREIGN))
+            elif file in (RECORD, PLAN):
+                read_sealed_text(path)
+            elif path.suffix == ".h5":
+                yield _trajectories(results, file)
+            elif path.suffix == ".nc":
+                yield _dataset(results, file)
+            elif file not in listed and file not in results.promised:
+                yield file, None, FOREIGN
+        except WrongFileError as error:
+            yield file, *((_cause(error), None) if file in results.promised else (None, FOREIGN))
+        except StorageError as error:
+            yield file, _cause(error), None
+
+
+def _cause(error: StorageError) -> str:
+    """Return what is wrong with a file, without its name and without the remedy."""
+    return str(error.__cause__ if isinstance(error.__cause__, StorageError) else error)
+
+
+def _trajectories(results: Results, file: str) -> tuple[str, str | None, str | None]:
+    """Return what is wrong with a trajectory file that is intact."""
+    outline = read_trajectories(results.folder / file).outline
+    request = results.requests.get(file)
+    if request is not None and (wrong := difference(outline, request)):
+        return file, wrong, None
+    if file != _place(outline):
+        return file, f"holds the runs of {_place(outline)}", None
+    if request is None and results.study is not None:
+        return file, None, SURPLUS
+    is_older = outline.source != source_digest(simulation_of(outline.engine.name))
+    return file, None, OLDER if is_older else None
+
+
+def _place(outline: Outline) -> str:
+    """Return the file that the runs belong into."""
+    first, last = outline.seeds[[0, -1]].tolist()
+    job = SimulationJob(outline.scene.name, outline.scene.particles, outline.engine.label, first, last)
+    return f"simulate/{job.file}"
+
+
+def _dataset(results: Results, file: str) -> tuple[str, str | None, str | None]:
+    """Return what is wrong with a dataset that is intact."""
+    dataset, study = read_dataset(results.folder / file), results.study
+    if study is None or file not in results.promised:
+        return file, None, None if study is None else SURPLUS
+    step = "tradeoff" if is_tradeoff(dataset) else "aggregate"
+    if not file.startswith(f"{step}/"):
+        return file, f"is a dataset of `brownpipe {step}`", None
+    wrong = (_other_scenes if step == "tradeoff" else _other_runs)(dataset, results)
+    is_older = dataset.attrs.get("source_digest") != made_with(step)["source"]
+    return file, wrong, OLDER if is_older else None
+
+
+def _other_scenes(dataset: "Dataset", results: Results) -> str | None:
+    """Return in what a trade-off departs from the study, in words."""
+    assert results.study is not None
+    digests = {
+        name: case.digest for case in results.study.cases for name in (case.name, f"{case.name}_N{case.particles}")
+    }
+    found = dict(zip(dataset.scene.values.tolist(), dataset.digest.values.tolist(), strict=True))
+    is_same = found == {name: digests[name] for name in results.study.tradeoff_cases}
+    return None if is_same else "compares other scenes than the study"
+
+
+def _other_runs(dataset: "Dataset", results: Results) -> str | None:
+    """Return in what an analysis departs from the study, in words."""
+    assert results.study is not None
+    wanted: dict[tuple, list[int]] = {}
+    for scene, engine, seeds, *_ in results.requests.values():
+        wanted.setdefault((scene.name, scene.particles, engine.label), []).extend(seeds)
+    found = {}
+    for case in cases_of(dataset):
+        key = (case.scene.item(), case.particles.item(), case.engine.item())
+        found[key] = case.seed.values[case.run_status.values != MISSING].tolist()
+    if found != {key: sorted(seeds) for key, seeds in wanted.items()}:
+        return "is of other runs than those of the study"
+    if dataset.window.values.tolist() != labels(results.study.fit_windows):
+        return "has other fit windows than the study"
+    return None
+
+
+# -- files with a line in SHA256SUMS --------------------------------------------------------------------------------
+
+
+def _listed(results: Results, broken: Set[str]) -> Findings:
+    """Compare figures, tables and texts with the checksums of their folders, and their dataset unless it is broken.
+
+    Where an intact dataset and what it was drawn as both differ from SHA256SUMS, that is of other results.
+    """
+    for part in ("figures", "tradeoff"):
+        folder = results.folder / part
+        sums = f"{part}/{CHECKSUMS}"
+        try:
+            listed = read_checksums(folder)
+        except WrongFileError:
+            continue  # without the file, which is missing
+        except StorageError as error:
+            yield sums, str(error), None
+            continue
+        promised = {file for file in results.promised if file.startswith(f"{part}/")} - {sums}
+        yield from ((file, "has no checksum", None) for file in promised if Path(file).name not in listed)
+        files = {name: os.path.normpath(f"{part}/{name}") for name in listed}
+        there = [name for name in listed if files[name] not in broken and (folder / name).is_file()]
+        differing = [name for name in there if digest_of(folder / name) != listed[name]]
+        datasets = {name for name in differing if name.endswith(".nc")}
+        if datasets and len(differing) > len(datasets):
+            yield sums, "is of other results than those in its folder", None
+            continue
+        for name in differing:
+            is_dataset = name in datasets
+            what = (
+                "is not the dataset that the figures show"
+                if is_dataset
+                else "was damaged or edited after it was written"
+            )
+            yield files[name], what, None
+
+
+def _checksums(folder: Path) -> Mapping[str, str]:
+    """Return the checksums in a folder, none if they cannot be read."""
+    try:
+        return read_checksums(folder)
+    except StorageError:
+        return {}
+
+
+# -- what makes it again --------------------------------------------------------------------------------------------
+
+
+def _cure(results: Results, problems: Mapping[str, str]) -> str:
+    """Return the command that removes what is wrong and makes again what the study promises."""
+    root = results.folder.parent.parent
+    steps = [] if root.resolve() == Path.cwd() else [shlex.join(["cd", str(root.resolve())])]
+    if wrong := sorted(file for file, what in problems.items() if what != MISSING_FILE):
+        steps.append(shlex.join(["rm", "-rf", "--", *(f"results/{results.folder.name}/{file}" for file in wrong)]))
+    if results.record is None:
+        return " && ".join([*steps, "brownpipe run STUDY"])
+    of_tradeoff = [file.startswith("tradeoff/") for file in problems]
+    has_figures = results.study is None or f"figures/{CHECKSUMS}" in results.promised
+    if has_figures and not all(of_tradeoff):
+        steps.append(results.record.command())
+    if any(of_tradeoff) or not has_figures:
+        steps.append(results.record.command("tradeoff_figures"))
+    return " && ".join(steps)
+
+
+def _some(files: list[str]) -> str:
+    """Return the first of some files, and how many more there are."""
+    shown = ", ".join(file if file.isprintable() else ascii(file) for file in files[:SHOWN])
+    return shown if len(files) <= SHOWN else f"{shown} and {len(files) - SHOWN} more"

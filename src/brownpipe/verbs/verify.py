@@ -1,0 +1,53 @@
+"""`brownpipe verify`: whether results are as they were written."""
+
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+
+from brownpipe.errors import DONE, FAILED
+
+EXAMPLE = "results/small"
+
+
+def add_arguments(add: Callable) -> None:
+    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
+    what = "folder with the results of a study, or single files: trajectories, datasets, figures, tables"
+    add("paths", nargs="+", metavar="RESULTS", help=what)
+
+
+def verify(arguments: Namespace) -> int:
+    """Verify all that a study has made, byte by byte, and that each file holds what the study asks for.
+
+    Names every file that is missing, damaged or exchanged, and the command that makes them again; then the exit status
+    is 1. Files of another version of brownpipe and files that it did not make are named, too, and do not change the
+    exit status. Nothing is written. `brownpipe run STUDY --verify` does the same after a run.
+    """
+    from brownpipe import progress
+    from brownpipe.study.verification import verify_file
+
+    status = DONE
+    with progress.shown("verify"):
+        for path in arguments.paths:
+            if Path(path).is_dir():
+                status = max(status, report(path))
+            else:
+                verify_file(path)
+                print(f"{path}: intact")
+    return status
+
+
+def report(folder: str) -> int:
+    """Verify the results of a study and print what is found; return the exit status."""
+    from brownpipe.study.verification import verify_results
+
+    verdict = verify_results(folder)
+    for file, what in verdict.problems:
+        print(f"{folder}/{file if file.isprintable() else ascii(file)}: {what}")
+    for remark in verdict.remarks:
+        print(f"{folder}: {remark}")
+    if verdict.cure is not None:
+        print(f"{folder}: {verdict.intact} files intact, {len(verdict.problems)} not; to make these again:")
+        print(verdict.cure)
+        return FAILED
+    print(f"{folder}: {verdict.intact} files intact")
+    return DONE

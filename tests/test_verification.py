@@ -1,0 +1,250 @@
+"""`brownpipe verify`: every damaged, missing or exchanged file is named, with the command that makes it again."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from brownpipe.cli import main
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
+from brownpipe.storage.checksums import read_checksums, write_checksums
+from brownpipe.study import run_count
+from brownpipe.study.expectation import expected_files, read_settled
+from brownpipe.study.run_record import RunRecord, write_run_record
+from brownpipe.study.verification import Verdict, verify_results
+
+SCENE = """\
+box: {x: [-3.0, 3.0], y: [-3.0, 3.0]}
+particles: 6
+disks:
+  tracer: {radius: 0.3, mass: 1.0}
+  species: [{name: bath, count: rest, radius: 0.1, mass: 0.4}]
+velocities: {temperature: 1.6}
+duration: 0.4
+sample_interval: 0.1
+"""
+RESULTS = Path("results/mine")
+SHOWN = {f"figures/{name}" for name in ("health.csv", "health.png", "health.svg", "summary.csv", "summary.txt")}
+FILES = {f"simulate/hot/N6/exact/{name}.h5" for name in ("0-1", "2-3")} | SHOWN
+FILES |= {"aggregate/mine.nc", "figures/SHA256SUMS", "run.yaml"}
+
+
+def make_results():
+    """What the workflow makes, by the commands of its rules."""
+    for path, request in expected_files(read_settled("mine.yaml")):
+        seeds = f"{request.seeds[0]}-{request.seeds[-1]}"
+        assert main(["simulate", "hot.yaml", "--particles", "6", "--seeds", seeds, "--output", path]) == DONE
+    dataset = f"{RESULTS}/aggregate/mine.nc"
+    assert main(["aggregate", "--study", "mine.yaml", "--output", dataset]) == DONE
+    assert main(["figures", dataset, "--output", f"{RESULTS}/figures", "--figures", "health"]) == DONE
+    write_run_record(RESULTS, RunRecord("mine.yaml"))
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    """A folder with a finished study, and as `other` the same study of a heavier bath."""
+    folder = tmp_path_factory.mktemp("verified")
+    with pytest.MonkeyPatch.context() as patch:
+        for place, mass in ((folder, "0.4"), (folder / "other", "0.5")):
+            place.mkdir(exist_ok=True)
+            (place / "hot.yaml").write_text(SCENE.replace("0.4}", f"{mass}}}"))
+            (place / "mine.yaml").write_text("scenes: hot.yaml\nseeds: 4\nbatch: 2\nfigures: [health]\n")
+            patch.chdir(place)
+            make_results()
+    return folder
+
+
+@pytest.fixture
+def study(original, tmp_path, monkeypatch):
+    """A copy of it, which is the working directory."""
+    folder = shutil.copytree(original, tmp_path / "copy")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def contents(folder=RESULTS):
+    return {file: (folder / file).read_bytes() for file in FILES}
+
+
+def flip(path, chance):
+    data = bytearray(path.read_bytes())
+    data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+    path.write_bytes(data)
+
+
+def cut(path, chance):
+    os.truncate(path, chance.randrange(path.stat().st_size))
+
+
+def append(path, chance):
+    with open(path, "ab") as file:
+        file.write(chance.randbytes(chance.choice([1, 7, 4096])))
+
+
+def remove(path, chance):
+    path.unlink()
+
+
+def take_from_other(path, chance):
+    shutil.copy(Path("other") / path, path)
+
+
+DAMAGES = (flip, cut, append, remove, take_from_other)
+
+
+def harm(chance):
+    """Do one random harm to the results; return the files that are then wrong."""
+    before = contents()
+    if chance.random() < 0.2:
+        one, other = (RESULTS / file for file in chance.sample(sorted(FILES), 2))
+        (before_one, before_other) = one.read_bytes(), other.read_bytes()
+        one.write_bytes(before_other), other.write_bytes(before_one)
+    else:
+        chance.choice(DAMAGES)(RESULTS / chance.choice(sorted(FILES)), chance)
+    now = {file: (RESULTS / file).read_bytes() if (RESULTS / file).exists() else None for file in FILES}
+    return {file for file in FILES if now[file] != before[file]}
+
+
+def named(verdict):
+    return {problem.file for problem in verdict.problems}
+
+
+@pytest.mark.promise(
+    "a byte of a result changes, a file is cut, replaced or deleted, two files change places",
+    "`brownpipe verify` names exactly the files concerned, and the command it prints makes them again, byte for byte.",
+)
+def test_any_damage_is_found_and_nothing_else(study, faults):
+    """SHA256SUMS is the exception: without it damage to a figure cannot be seen, and all are made again."""
+    before = contents()
+    assert verify_results(RESULTS) == Verdict(len(FILES), (), (), None)
+    for _ in faults.tries(8):
+        wrong = harm(faults.random)
+        found = named(verify_results(RESULTS))
+        hidden = SHOWN if "figures/SHA256SUMS" in wrong else set()
+        assert found - hidden == wrong - hidden, faults.seed
+        for file in wrong:
+            (RESULTS / file).write_bytes(before[file])
+    assert verify_results(RESULTS).problems == ()
+
+
+@pytest.mark.slow
+def test_the_command_that_is_printed_makes_again_what_was_wrong(study, faults, capsys):
+    before = contents()
+    surroundings = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    for _ in faults.tries(1):
+        while not harm(faults.random):
+            pass
+        capsys.readouterr()
+        assert main(["verify", str(RESULTS)]) == FAILED
+        cure = capsys.readouterr().out.splitlines()[-1]
+        done = subprocess.run(["bash", "-c", cure], env=surroundings, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, (faults.seed, cure, done.stdout, done.stderr)
+        assert main(["verify", str(RESULTS)]) == DONE
+        assert [file for file, data in contents().items() if data != before[file]] == [], cure
+
+
+def test_what_is_wrong_is_said_with_its_cure(study, capsys):
+    (RESULTS / "figures/health.png").unlink()
+    with open(RESULTS / "simulate/hot/N6/exact/0-1.h5", "ab") as file:
+        file.write(b"x")
+    capsys.readouterr()
+    assert main(["verify", str(RESULTS)]) == FAILED
+    assert capsys.readouterr().out.splitlines() == [
+        "results/mine/figures/health.png: is missing",
+        "results/mine/simulate/hot/N6/exact/0-1.h5: was damaged or edited after it was written",
+        "results/mine: 8 files intact, 2 not; to make these again:",
+        "rm -rf -- results/mine/simulate/hot/N6/exact/0-1.h5 && brownpipe run mine.yaml",
+    ]
+
+
+def test_keys_that_the_command_line_replaced_are_part_of_the_cure(study):
+    write_run_record(RESULTS, RunRecord("mine.yaml", {"seeds": "0-1", "particles": [6]}))
+    verdict = verify_results(RESULTS)
+    assert named(verdict) == {"aggregate/mine.nc"}
+    assert verdict.cure.endswith(" && brownpipe run mine.yaml -- --config 'seeds=\"0-1\"' 'particles=[6]'")
+    assert verdict.remarks == ("intact, but not of the study as it is now: simulate/hot/N6/exact/2-3.h5",)
+
+
+@pytest.mark.promise(
+    "files of others, or of another version of brownpipe, are among the results",
+    "`brownpipe verify` names them and leaves them alone; they are no fault.",
+)
+def test_foreign_files_and_those_of_another_version_are_only_named(study, monkeypatch):
+    (RESULTS / "notes.txt").write_text("mine")
+    (RESULTS / "simulate" / "old.h5").write_text("text")
+    os.mkfifo(RESULTS / "figures" / "pipe.png")
+    monkeypatch.setattr("brownpipe.study.verification.source_digest", lambda module: "another")
+    verdict = verify_results(RESULTS)
+    assert verdict.problems == () and verdict.intact == len(FILES)
+    foreign, older = verdict.remarks
+    assert foreign == "not made by the study, and not verified: figures/pipe.png, notes.txt, simulate/old.h5"
+    assert older.startswith("intact, but made by another version of brownpipe: simulate/hot/N6/exact/0-1.h5, ")
+
+
+def test_without_a_record_the_study_of_that_name_is_taken(study):
+    (RESULTS / "run.yaml").unlink()
+    assert verify_results(RESULTS).cure == "brownpipe run mine.yaml"
+    Path("mine.yaml").unlink()
+    Path("other/mine.yaml").unlink()
+    (RESULTS / "simulate/hot/N6/exact/0-1.h5").rename(RESULTS / "simulate/hot/N6/exact/2-3.h5")
+    verdict = verify_results(RESULTS)
+    assert dict(verdict.problems)["simulate/hot/N6/exact/2-3.h5"] == "holds the runs of simulate/hot/N6/exact/0-1.h5"
+    assert verdict.cure == "rm -rf -- results/mine/simulate/hot/N6/exact/2-3.h5 && brownpipe run STUDY"
+
+
+def test_from_another_folder_the_cure_goes_there_first(study, monkeypatch):
+    (RESULTS / "figures/summary.txt").unlink()
+    monkeypatch.chdir(study / "other")
+    assert verify_results(study / RESULTS).cure == f"cd {study} && brownpipe run mine.yaml"
+
+
+@pytest.mark.parametrize(
+    ("file", "cure"),
+    [
+        (
+            "simulate/hot/N6/exact/0-1.h5",
+            "seeds 0-1 are lost: delete it and run the study again, or brownpipe simulate",
+        ),
+        ("aggregate/mine.nc", "delete it and run the study or brownpipe aggregate again"),
+        ("figures/health.svg", "brownpipe figures results/mine/aggregate/mine.nc --output results/mine/figures"),
+    ],
+)
+def test_a_single_file(study, capsys, file, cure):
+    path = RESULTS / file
+    assert main(["verify", str(path)]) == DONE
+    assert capsys.readouterr().out == f"{path}: intact\n"
+    with open(path, "ab") as stream:
+        stream.write(b"x")
+    assert main(["verify", str(path)]) == FAILED
+    assert capsys.readouterr().err.startswith(f"brownpipe: {path}: was damaged or edited after it was written; {cure}")
+
+
+@pytest.mark.parametrize("path", ["absent", "hot.yaml", "other"])
+def test_what_brownpipe_did_not_make_is_no_result(study, path, capsys):
+    assert main(["verify", path]) == (FAILED if path == "other" else WRONG_REQUEST)
+
+
+def test_sha256sum_reads_the_checksums(study):
+    words = ["sha256sum", "--check", "--strict", "SHA256SUMS"]
+    done = subprocess.run(words, cwd=RESULTS / "figures", capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and done.stdout.count(": OK\n") == len(SHOWN) + 1, done.stderr
+
+
+def test_any_name_is_listed_as_sha256sum_does(tmp_path):
+    names = ["a b.txt", "back\\slash\\n", "new\nline", "ü.png"]
+    for name in names:
+        (tmp_path / name).write_text(name)
+    write_checksums(tmp_path, [tmp_path / name for name in names])
+    assert read_checksums(tmp_path).keys() == {*names}
+    words = ["sha256sum", "--check", "--strict", "SHA256SUMS"]
+    assert subprocess.run(words, cwd=tmp_path, capture_output=True, timeout=60).returncode == 0
+
+
+def test_a_plan_that_contradicts_itself_is_not_used(tmp_path):
+    path, plan = tmp_path / "plan.yaml", "needed:\n  hot, N = 6: 120\nruns: 120\n"
+    for text in (plan, plan.replace("runs: 120", "runs: 12"), plan.replace("runs: 120\n", ""), "runs: 120\n", "- 3\n"):
+        path.write_text(text)
+        assert bool(run_count._stored_plan(path)) == (text == plan)
