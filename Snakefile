@@ -67,11 +67,14 @@ rule all:
 
 
 onstart:
+    from brownpipe.storage.finished import set_aside
     from brownpipe.study.run_record import RunRecord, write_run_record
     from brownpipe.study.workload import describe_workload
 
     write_run_record(results, RunRecord(study_file, overrides))
     to_do = [job for job in workflow.dag.needrun_jobs() if job.rule.name == "simulate"]
+    for job in to_do:
+        set_aside(job.output[0])  # Snakemake would delete a batch that was finished after an interruption
     runs = sum(int(job.wildcards.last) - int(job.wildcards.first) + 1 for job in to_do)
     workload = f"brownpipe: the study {study.name}: {describe_workload(study)}"
     logger.info(workload, extra={"forecast": True, "runs": runs})

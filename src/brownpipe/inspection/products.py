@@ -26,7 +26,7 @@ from brownpipe.figures.products import SUMMARY, write
 from brownpipe.formatting import in_time
 from brownpipe.inspection.lines import DIGITS, is_version
 from brownpipe.inspection.runs import seeds_in_words
-from brownpipe.provenance import simulation_of, source_digest
+from brownpipe.provenance import modules_of, source_digest
 from brownpipe.stages import tracked
 from brownpipe.storage import (
     Origin,
@@ -210,7 +210,7 @@ def _refuse_unfit(path: Path, origin: Origin) -> None:
 def _changes(product: Product) -> Iterator[str]:
     """Yield what differs between the installation that made a product and this one."""
     for origin, found in zip(product.origins, product.files, strict=True):
-        now = source_digest(simulation_of(origin.engine.name))
+        now = source_digest(*modules_of("simulate", origin.engine.name))
         if product.needs_runs and not found and origin.source != now:
             yield f"source of {origin.engine.name} {origin.source[:DIGITS]}, here {now[:DIGITS]}"
     made = [(product.attributes, product.step)] if product.needs_runs else []

@@ -2,12 +2,12 @@
 
 import json
 import os
-import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 from brownpipe.errors import RequestError, StorageError
+from brownpipe.quoting import shell_path, shell_word
 from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.storage.checksums import MOST_BYTES, read_sealed_text, write_sealed_text
 
@@ -25,7 +25,8 @@ class RunRecord(NamedTuple):
         """Return the command that runs the study again, to be pasted into a shell."""
         config = ["--config", *(f"{key}={json.dumps(value)}" for key, value in self.config.items())]
         further = [*target, *(config if self.config else [])]
-        return shlex.join(["brownpipe", "run", self.study, *(["--", *further] if further else [])])
+        words = ["--", *map(shell_word, further)] if further else []
+        return " ".join(["brownpipe run", shell_path(self.study), *words])
 
 
 def write_run_record(folder: str | Path, record: RunRecord) -> None:

@@ -6,7 +6,6 @@ compared with what the study asks for, so that exchanged files are found. One fi
 """
 
 import os
-import shlex
 from collections.abc import Iterator, Mapping, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,7 +15,8 @@ from brownpipe.analysis.variables import MISSING
 from brownpipe.engines.request import Request
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.figures.cases import cases_of
-from brownpipe.provenance import made_with, simulation_of, source_digest
+from brownpipe.provenance import made_with, modules_of, source_digest
+from brownpipe.quoting import shell_path
 from brownpipe.stages import tracked
 from brownpipe.storage import Outline, read_dataset, read_trajectories
 from brownpipe.storage.checksums import NAME as CHECKSUMS
@@ -107,7 +107,7 @@ def verify_file(path: str | Path) -> None:
     if path.name in listed:
         if digest_of(path) != listed[path.name]:
             dataset = next((os.path.join(folder, name) for name in listed if name.endswith(".nc")), "DATASET.nc")
-            again = shlex.join(["brownpipe", "figures", os.path.normpath(dataset), "--output", str(folder)])
+            again = f"brownpipe figures {shell_path(os.path.normpath(dataset))} --output {shell_path(folder)}"
             raise StorageError(f"{path}: was damaged or edited after it was written; {again}")
     elif path.suffix == ".nc":
         read_dataset(path)
@@ -162,10 +162,10 @@ def _promised(study: Study | None, requests: Mapping[str, Request], files: tuple
     if not has_tradeoff or any(file.startswith(("aggregate/", "figures/")) for file in files):
         shown = [f"{name}.{kind}" for name in study.figures for kind in ("png", "svg", "csv")]
         promised.add(f"aggregate/{study.name}.nc")
-        promised |= {f"figures/{name}" for name in ("summary.txt", "summary.csv", CHECKSUMS, *shown)}
+        promised |= {f"figures/{name}" for name in ("summary.txt", "summary.csv", "provenance.json", CHECKSUMS, *shown)}
     if has_tradeoff:
         shown = [f"tradeoff_{name}.{kind}" for name in study.tradeoff_cases for kind in ("png", "svg")]
-        names = (f"{study.name}.nc", "tradeoff.txt", "tradeoff.csv", CHECKSUMS)
+        names = (f"{study.name}.nc", "tradeoff.txt", "tradeoff.csv", "provenance.json", CHECKSUMS)
         promised |= {f"tradeoff/{name}" for name in (*names, *shown)}
     return frozenset(promised)
 
@@ -210,7 +210,7 @@ def _trajectories(results: Results, file: str) -> tuple[str, str | None, str | N
         return file, f"holds the runs of {_place(outline)}", None
     if request is None and results.study is not None:
         return file, None, SURPLUS
-    is_older = outline.source != source_digest(simulation_of(outline.engine.name))
+    is_older = outline.source != source_digest(*modules_of("simulate", outline.engine.name))
     return file, None, OLDER if is_older else None
 
 
@@ -313,9 +313,10 @@ def _checksums(folder: Path) -> Mapping[str, str]:
 def _cure(results: Results, problems: Mapping[str, str]) -> str:
     """Return the command that removes what is wrong and makes again what the study promises."""
     root = results.folder.parent.parent
-    steps = [] if root.resolve() == Path.cwd() else [shlex.join(["cd", str(root.resolve())])]
+    steps = [] if root.resolve() == Path.cwd() else [f"cd {shell_path(root.resolve())}"]
     if wrong := sorted(file for file, what in problems.items() if what != MISSING_FILE):
-        steps.append(shlex.join(["rm", "-rf", "--", *(f"results/{results.folder.name}/{file}" for file in wrong)]))
+        paths = " ".join(shell_path(f"results/{results.folder.name}/{file}") for file in wrong)
+        steps.append(f"rm -rf -- {paths}")
     if results.record is None:
         return " && ".join([*steps, "brownpipe run STUDY"])
     of_tradeoff = [file.startswith("tradeoff/") for file in problems]

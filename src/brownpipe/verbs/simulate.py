@@ -68,6 +68,7 @@ def simulate(arguments: Namespace) -> int:
     """
     from brownpipe.engines import forecast, read_record
     from brownpipe.engines.failures import failures
+    from brownpipe.engines.request import Request
     from brownpipe.scene import read_scene
     from brownpipe.scene.seeds import parse_seeds
     from brownpipe.study import refuse_repetition
@@ -87,14 +88,19 @@ def simulate(arguments: Namespace) -> int:
 
     from brownpipe import progress
     from brownpipe.storage import remove_checkpoint, write_trajectories
+    from brownpipe.storage.finished import take_back
 
     if remark := engine.definition.caution(scene):
         say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
-    checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
-    with progress.shown("simulate"):
-        ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
-    write_trajectories(output, scene, engine, ensemble)
+    ensemble = take_back(output, Request(scene, engine, seeds, record, **measures))
+    if ensemble is not None:
+        show(f"{output}: kept, as an interrupted study had finished exactly these runs")
+    else:
+        checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
+        with progress.shown("simulate"):
+            ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
+        write_trajectories(output, scene, engine, ensemble)
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
     if failed := failures(ensemble):

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.errors import DONE, FAILED
+from brownpipe.verbs.output import show
 
 EXAMPLE = "results/small"
 
@@ -32,7 +33,7 @@ def verify(arguments: Namespace) -> int:
                 status = max(status, report(path))
             else:
                 verify_file(path)
-                print(f"{path}: intact")
+                show(f"{path}: intact")
     return status
 
 
@@ -42,12 +43,12 @@ def report(folder: str) -> int:
 
     verdict = verify_results(folder)
     for file, what in verdict.problems:
-        print(f"{folder}/{file if file.isprintable() else ascii(file)}: {what}")
+        show(f"{folder}/{file}: {what}")
     for remark in verdict.remarks:
-        print(f"{folder}: {remark}")
+        show(f"{folder}: {remark}")
     if verdict.cure is not None:
-        print(f"{folder}: {verdict.intact} files intact, {len(verdict.problems)} not; to make these again:")
-        print(verdict.cure)
+        show(f"{folder}: {verdict.intact} files intact, {len(verdict.problems)} not; to make these again:")
+        show(verdict.cure)
         return FAILED
-    print(f"{folder}: {verdict.intact} files intact")
+    show(f"{folder}: {verdict.intact} files intact")
     return DONE
