@@ -282,6 +282,10 @@ def test_a_change_runs_what_depends_on_it_and_nothing_else(study, file, old, new
     assert planned(study) == jobs
 
 
+@pytest.mark.promise(
+    "a result is deleted, or a figure is added to a finished study",
+    "The next run makes every missing file again that the study promises, and what is made from it.",
+)
 @pytest.mark.parametrize(
     ("deleted", "jobs"),
     [
@@ -358,6 +362,13 @@ def test_a_study_of_two_engines(of_two_engines):
     log = (folder / "results/study/logs/simulate/thermal/N10/langevin-enskog/0-19.log").read_text()
     assert "langevin is rough here" in log
     assert planned(folder) == NOTHING
+
+
+def test_another_figure_of_a_finished_study_is_drawn(of_two_engines, tmp_path):
+    folder = Path(shutil.copytree(of_two_engines[0], tmp_path / "copy"))
+    text = (folder / "study.yaml").read_text()
+    (folder / "study.yaml").write_text(text.replace("[health]", "[health, msd]"))
+    assert planned(folder) == FIGURES
 
 
 @pytest.mark.parametrize(
