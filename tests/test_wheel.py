@@ -132,7 +132,7 @@ def test_every_kernel_is_compiled_once_and_only_the_first_time(compiled):
 
 def test_a_first_study_comes_to_its_figures(installed, new, finished):
     figures = installed.folder / "results" / "first" / "figures"
-    expected = {"msd.svg", "msd.png", "msd.csv", "summary.txt", "summary.csv", "provenance.json"}
+    expected = {"msd.svg", "msd.png", "msd.csv", "summary.txt", "summary.csv", "provenance.json", "SHA256SUMS"}
     assert {path.name for path in figures.iterdir()} == expected
     assert finished.startswith((figures / "summary.txt").read_text())
     visible = {path.name for path in installed.folder.iterdir() if not path.name.startswith(".")}
