@@ -24,6 +24,7 @@ ROOMS = (  # each may import those before it
     "errors",
     "interrupts",
     "formatting",
+    "opening",
     "provenance",
     "stages",
     "elementary",

@@ -20,6 +20,7 @@ from typing import Any
 
 from brownpipe import stages
 from brownpipe.formatting import in_time
+from brownpipe.opening import opened_unlinked
 from brownpipe.quoting import printable
 from brownpipe.stages import Stage
 
@@ -100,8 +101,8 @@ class Display:
                 self.show()
             if self.note is not None and self.stage is not None:
                 left = self.pace.left(time.monotonic(), self.stage.total)
-                with suppress(OSError):
-                    self.note.write_text(json.dumps([self.title, left, *self.stage]))
+                with suppress(OSError), open(self.note, "w", opener=opened_unlinked) as note:
+                    note.write(json.dumps([self.title, left, *self.stage]))
 
     def show(self) -> None:
         """Print the remarks; draw the bar or print a line if it is due. No error of the screen ends a calculation."""

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, NoReturn
 import yaml
 
 from brownpipe.errors import RequestError
+from brownpipe.opening import read_ordinary
 from brownpipe.quoting import printable, shell_path
 
 _HDF5 = b"\x89HDF"  # the first bytes of an HDF5 file
@@ -83,10 +84,9 @@ def _why_not_yaml(error: yaml.YAMLError, text: str) -> str:
 
 
 def _text(path: str | Path, most_bytes: int) -> str:
-    """Return the text of a file in UTF-8, without reading more than most_bytes + 1."""
+    """Return the text of an ordinary file in UTF-8, without reading more than most_bytes + 1."""
     try:
-        with open(path, "rb") as stream:
-            data = stream.read(most_bytes + 1)
+        data = read_ordinary(path, most_bytes + 1)
     except OSError as error:
         hint = f"; did you mean {Path(path).name}.yaml?" if os.path.isfile(f"{path}.yaml") else ""
         raise RequestError(f"{path}: cannot be read: {error.strerror}{hint}") from None
@@ -311,7 +311,10 @@ def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] 
     """Return the entries of a mapping by key, with defaults for optional keys; refuse unknown and missing keys."""
     allowed = (*required, *(optional or {}))
     if not isinstance(entry.value, dict):
-        must_be(entry, f"a mapping with the keys {', '.join(allowed)}")
+        wanted = f"a mapping with the keys {{', '.join(allowed)}}"
+        if not entry.path and isinstance(entry.value, str):  # maybe a wrong file, whose text is no business of ours
+            refuse(entry, f"must be {wanted}, not a text")
+        must_be(entry, wanted)
     for key, value in entry.value.items():
         if key not in allowed:
             hint = "a number has a decimal point; " if key.isdigit() else _did_you_mean(key, allowed)
