@@ -20,28 +20,36 @@ import hashlib
 import os
 import re
 import resource
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
+from itertools import islice
 from pathlib import Path
+from zlib import crc32
 
 from brownpipe import interrupts
 from brownpipe.errors import StorageError, WrongFileError
+from brownpipe.opening import opened_unlinked, read_ordinary
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
 PREFIX = "brownpipe-sha256:"
 NO_RESULTS = (
     "is YAML, not HDF5; brownpipe simulate makes trajectory files of a scene, brownpipe run the results of a study"
 )
+WRONG_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL, errno.ENXIO)
 BLANK_SEAL = PREFIX + 64 * "0"
 BLOCK = 4096  # bytes that a disk hands out at once
+MEMORY = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")  # bytes of this machine
+LONGEST_WRITING = 86_400.0  # s; a part that has not changed for so long is abandoned, wherever its process is
 SEAL = re.compile(PREFIX.encode() + b"[0-9a-f]{64}")
 
 
 def write_file(path: str | Path, contents: bytes) -> None:
     """Write a file such that any reader sees the old file or the complete new one, never a part of it.
 
-    The bytes go to NAME.<pid>.part in the same folder (created if missing), are flushed to the disk and read back; only
-    then is the part renamed. If anything fails before, the part is removed.
+    The bytes go to a part beside it (`replacing`; its folder is created if missing), are flushed to the disk and read
+    back; only then is the part renamed. If anything fails before, the part is removed.
 
     Raises StorageError if the disk is full, the folder cannot be written to, or the file reads back differently.
     """
@@ -74,21 +82,30 @@ def free_space(folder: str | Path) -> float:
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Give the name of a part, NAME.<pid>.part, to write to; if that succeeds, it becomes the file, else it is removed.
+    """Create a part, NAME.<process>-<place>-<random>.part, to write to. It becomes the file, or is removed on an error.
 
-    Raises StorageError as `write_file` does.
+    The part is a new file: a file or link of its name, which another user may have planted, is neither opened nor
+    followed. Writers reopen it by `opening.opened_unlinked`. A link in place of the file is replaced, not followed.
+    Parts of the same NAME that a killed process has left are removed first.
+
+    Raises StorageError as `write_file` does, and if another process has replaced the part.
     """
     path = Path(path)
     if not path.name:
         raise StorageError(f"{path}: is a folder; choose the name of a file")
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    part = path.with_name(f"{path.name}.{os.getpid()}-{_place()}-{os.urandom(4).hex()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        remove_abandoned_parts(path)
+        handle = opened_unlinked(str(part), os.O_WRONLY | os.O_CREAT | os.O_EXCL)
         try:
             interrupts.unfinished.add(str(part))
             yield part
+            if not os.path.samestat(os.fstat(handle), os.lstat(part)):
+                raise OSError(errno.EIO, "another process has replaced its part; choose a folder of your own")
             os.replace(part, path)
         finally:
+            os.close(handle)
             part.unlink(missing_ok=True)
             interrupts.unfinished.discard(str(part))
         sync(path.parent)
@@ -96,9 +113,38 @@ def replacing(path: str | Path) -> Iterator[Path]:
         raise StorageError(f"{path}: not written: {_reason(error)}") from error
 
 
+def remove_abandoned_parts(path: Path) -> None:
+    """Remove the parts of a file whose process has ended here without removing them, or wrote them a day ago."""
+    parts = re.compile(re.escape(path.name) + r"\.([0-9]{1,9})(?:-([0-9a-f]{8})-[0-9a-f]{8})?\.part")
+    with suppress(OSError), os.scandir(path.parent) as entries:
+        for entry in entries:
+            if found := parts.fullmatch(entry.name):
+                with suppress(OSError):
+                    age = time.time() - entry.stat(follow_symlinks=False).st_mtime
+                    if age > LONGEST_WRITING or (found[2] == _place() and not _is_running(int(found[1]))):
+                        os.unlink(entry.path)
+
+
+@cache
+def _place() -> str:
+    """Return the name of the space in which process numbers are unique: the machine, and its PID namespace."""
+    namespace = os.readlink("/proc/self/ns/pid") if os.path.exists("/proc/self/ns/pid") else ""
+    return f"{crc32(f'{os.uname().nodename} {namespace}'.encode()):08x}"
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # it belongs to another user, or it is none that can be asked for
+        return True
+    return True
+
+
 def _write_through(path: Path, contents: bytes) -> None:
-    """Write the bytes, wait until they are on the disk, and read them back."""
-    with open(path, "wb") as file:
+    """Write the bytes to an existing file, wait until they are on the disk, and read them back."""
+    with open(path, "wb", opener=opened_unlinked) as file:
         file.write(contents)
         file.flush()
         os.fsync(file.fileno())
@@ -144,19 +190,24 @@ def read_sealed(path: str | Path) -> bytes:
     """Return the bytes of a sealed HDF5 file after verifying its seal.
 
     Raises StorageError, without the name of the file, if the seal is broken or missing; WrongFileError if there is no
-    file, or one without any mark of HDF5 and brownpipe.
+    file, one that is not an ordinary file, or one without any mark of HDF5 and brownpipe.
     """
     try:
-        contents = Path(path).read_bytes()
-    except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as error:
-        raise WrongFileError(f"cannot be read: {error.strerror}") from error
+        if os.stat(path).st_size > MEMORY:
+            raise WrongFileError("is larger than the memory of this machine")
+        contents = read_ordinary(path, MEMORY)
+    except MemoryError:
+        raise WrongFileError("does not fit into memory") from None
     except OSError as error:
-        raise StorageError(f"cannot be read: {error.strerror}") from error
+        problem = WrongFileError if error.errno in WRONG_PATH else StorageError
+        raise problem(f"cannot be read: {error.strerror}") from error
+    except ValueError as error:  # a path that no system allows
+        raise WrongFileError(f"cannot be read: {error}") from None
     if contents and not contents.startswith(HDF5) and PREFIX.encode() not in contents:
         raise WrongFileError(NO_RESULTS if Path(path).suffix in (".yaml", ".yml") else "is not an HDF5 file")
     if not contents.startswith(HDF5):
         raise StorageError("is not an HDF5 file")
-    seals = list(SEAL.finditer(contents))
+    seals = [*islice(SEAL.finditer(contents), 2)]
     if len(seals) != 1:
         raise StorageError("is cut short, damaged, or not a file of brownpipe")
     first, last = seals[0].span()

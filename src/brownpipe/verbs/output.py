@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from brownpipe.errors import RequestError
@@ -21,7 +22,8 @@ def show(*lines: str, flush: bool = False) -> None:
 
 def say(message: str, status: int) -> int:
     """Print a message on stderr, in one line; return the exit status."""
-    print("brownpipe:", printable(message) or "out of memory", file=sys.stderr)
+    with suppress(OSError):  # nobody reads it
+        print("brownpipe:", printable(message) or "out of memory", file=sys.stderr)
     return status
 
 
@@ -31,14 +33,17 @@ def number(count: int, name: str) -> str:
 
 
 def writable(path: str, *inputs: str, kinds: Sequence[str]) -> str:
-    """Return the path of an output file, links resolved, and make its folder.
+    """Return the path of an output file, links of this user resolved, and make its folder.
 
     `kinds` has the suffixes that the file may have, with "" if it may have none. Called before anything is computed.
     Raises OSError, StorageError or RequestError if the file could not be written afterwards.
     """
     from brownpipe.storage import try_to_write
 
-    path = os.path.realpath(path) if os.path.islink(path) else path
+    if os.path.islink(path):
+        if os.lstat(path).st_uid not in (os.getuid(), 0):
+            raise RequestError(f"{path}: is a link that another user has made; choose another name for the output")
+        path = os.path.realpath(path)
     _refuse_to_replace(path, inputs)
     if suffix(path) not in kinds:
         allowed = " or ".join(", ".join(filter(None, kinds)).rsplit(", ", 1))
