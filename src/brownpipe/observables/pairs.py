@@ -16,6 +16,7 @@ from brownpipe.scene import Scene
 BINS_PER_CONTACT = 40  # bins per smallest contact distance
 FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
 MOST_COUNTS = 1_000_000  # bins of all histograms of a run
+MOST_SPECIES = 1000  # with more, their pairs alone fill the memory
 SECONDS_PER_HISTOGRAM = 4e-5  # CPU seconds, and
 SECONDS_PER_PAIR = 9e-8  # for a pair of disks closer than the end of the histogram,
 SECONDS_PER_RING = 1.4e-7  # for a bin of distance around a lone disk between walls
@@ -59,6 +60,8 @@ def pair_names(scene: Scene) -> list[str]:
 
 def unfit(scene: Scene) -> str | None:
     """Return why the scene has no such histograms, None if it has."""
+    if len(species_table(scene).name) > MOST_SPECIES:
+        return f"would have more than {MOST_COUNTS} bins for so many kinds or sizes of disks"
     number, _ = bins(scene)
     if number < 1:
         return "needs two disks, and room for them to be apart"

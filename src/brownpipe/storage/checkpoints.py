@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.errors import RequestError, StorageError
+from brownpipe.storage.admission import understood
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
 from brownpipe.storage.hdf5 import Node, digest, from_bytes, to_bytes
 
@@ -31,10 +32,11 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
     if not Path(path).exists():
         return None
     try:
-        nodes = _contents(path)
+        with understood():
+            nodes = _contents(path)
+            stored = dict(json.loads(nodes["made_by"].value))
     except StorageError as error:
         raise StorageError(f"{path}: {error}; delete it to begin anew") from error
-    stored = json.loads(nodes["made_by"].value)
     differing = [name for name in made_by if stored.get(name) != made_by[name]]
     if differing:
         cure = "repeat that command, delete this file to begin anew, or choose another --output"

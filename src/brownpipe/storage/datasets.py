@@ -10,14 +10,17 @@ import numpy as np
 
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.provenance import made_with, versions
+from brownpipe.storage.admission import Contents, opened
 from brownpipe.storage.files import BLANK_SEAL, PREFIX, SEAL, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import Node, attributes_of, some_from_bytes, to_bytes, value_of
+from brownpipe.storage.hdf5 import SCALE_ATTRIBUTES, Node, some_from_bytes, to_bytes
 from brownpipe.storage.origin import installation
 
 if TYPE_CHECKING:
     import xarray
 
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."  # the name of its scale begins with this
+MOST_VARIABLES = 1000  # of a dataset; the analysis makes some 150
+MOST_DECLARED, MOST_COMPRESSED = 2**28, 16  # bytes of all variables, and more for each byte of the file
 NETCDF_ATTRIBUTES = {"_NCProperties", "_Netcdf4Coordinates", "_Netcdf4Dimid"}  # of files written by netCDF libraries
 
 
@@ -60,7 +63,7 @@ def read_values(path: str | Path, names: Iterable[str]) -> dict[str, np.ndarray]
     Raises StorageError and WrongFileError like `read_dataset`.
     """
     with _naming(path):
-        return {name: node.value for name, node in some_from_bytes(read_sealed(path), names).items()}
+        return {name: node.value for name, node in some_from_bytes(read_sealed(path), tuple(names)).items()}
 
 
 @contextmanager
@@ -102,29 +105,39 @@ def _from_bytes(image: bytes) -> "xarray.Dataset":
     """Return the dataset without the seal among its attributes."""
     import xarray
 
-    with h5py.File.in_memory(image) as file:
-        attributes = _attributes(file)
+    with opened(image) as contents:
+        attributes = _attributes(contents, contents.file)
         if attributes.pop("seal", None) is None:
             raise WrongFileError("is a file of brownpipe, but not a dataset (of `brownpipe aggregate`)")
-        variables = {name: _variable(item) for name, item in file.items() if not _is_without_coordinates(item)}
-    return xarray.decode_cf(xarray.Dataset(variables, attrs=attributes)).drop_encoding()
+        if len(contents.file) > MOST_VARIABLES:
+            raise StorageError(f"has {len(contents.file)} variables; must have at most {MOST_VARIABLES}")
+        names = tuple(name for name in contents.file if not _is_without_coordinates(contents.file, name))
+        items = contents.some(names)
+        if not all(isinstance(item, h5py.Dataset) for item in items.values()):  # HDF5 would search them for scales
+            raise StorageError("has groups, which no dataset has")
+        if sum(contents.admitted.values()) > MOST_DECLARED + MOST_COMPRESSED * len(image):
+            raise StorageError("declares more data than a dataset has")
+        variables = {name: _variable(contents, item) for name, item in items.items()}
+        return xarray.decode_cf(xarray.Dataset(variables, attrs=attributes)).drop_encoding()
 
 
-def _variable(item: h5py.Dataset) -> "xarray.Variable":
+def _variable(contents: Contents, item: h5py.Dataset) -> "xarray.Variable":
     """Return a variable as it is encoded in the file."""
     import xarray
 
     paths = [item.name] if item.is_scale else [axis[0].name for axis in item.dims]
     encoding = {"dtype": str} if h5py.check_string_dtype(item.dtype) else {}
-    return xarray.Variable([path.removeprefix("/") for path in paths], value_of(item), _attributes(item), encoding)
+    dims = [path.removeprefix("/") for path in paths]
+    return xarray.Variable(dims, contents.value(item), _attributes(contents, item), encoding)
 
 
-def _is_without_coordinates(item: h5py.Dataset) -> bool:
+def _is_without_coordinates(file: h5py.File, name: str) -> bool:
     """Return whether a dataset only stands for a dimension."""
-    return item.is_scale and item.attrs["NAME"].startswith(NO_VARIABLE.encode())
+    item = file.get(name) if file.get(name, getclass=True, getlink=True) is h5py.HardLink else None
+    return isinstance(item, h5py.Dataset) and item.is_scale and item.attrs["NAME"].startswith(NO_VARIABLE.encode())
 
 
-def _attributes(item: h5py.Group | h5py.Dataset) -> dict:
+def _attributes(contents: Contents, item: h5py.Group | h5py.Dataset) -> dict:
     """Return the attributes that describe the contents; a number for an array of one element, as xarray does."""
-    attributes = {name: value for name, value in attributes_of(item).items() if name not in NETCDF_ATTRIBUTES}
-    return {name: value[0] if np.shape(value) == (1,) else value for name, value in attributes.items()}
+    found = contents.attributes(item, SCALE_ATTRIBUTES | NETCDF_ATTRIBUTES)
+    return {name: value[0] if np.shape(value) == (1,) else value for name, value in found.items()}

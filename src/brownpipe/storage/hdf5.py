@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
+from brownpipe.storage.admission import Contents, Items, opened
+
 CHUNK_BYTES = 2**18
 CHECKSUMS = {"contents_digest", "seal"}  # attributes that the digest leaves out
 SCALE_ATTRIBUTES = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}  # how HDF5 itself stores dimension scales
@@ -129,42 +131,32 @@ def _attach_scales(file: h5py.File, path: str, node: Node | Link) -> None:
 
 
 def from_bytes(image: bytes) -> dict[str, Node]:
-    """Return all nodes of an HDF5 file, given its bytes. Linked datasets appear at each of their paths."""
-    nodes: dict[str, Node] = {}
-    with h5py.File.in_memory(image) as file:
-        _collect(file, "", nodes)
-    return nodes
+    """Return all nodes of an HDF5 file, given its bytes. Linked datasets appear at each of their paths.
+
+    Raises StorageError for anything that brownpipe does not write (`admission`).
+    """
+    with opened(image) as contents:
+        return nodes_of(contents, contents.members())
 
 
-def some_from_bytes(image: bytes, paths: Iterable[str]) -> dict[str, Node]:
+def some_from_bytes(image: bytes, paths: tuple[str, ...]) -> dict[str, Node]:
     """Return the nodes of an HDF5 file at those `paths` that it has; no other dataset is decompressed."""
-    with h5py.File.in_memory(image) as file:
-        return {path: Node(value_of(file[path]), attributes_of(file[path])) for path in paths if path in file}
+    with opened(image) as contents:
+        return nodes_of(contents, contents.some(paths))
 
 
-def names_from_bytes(image: bytes, groups: Iterable[str]) -> dict[str, tuple[str, ...]]:
+def names_from_bytes(image: bytes, groups: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """Return the names in each of those `groups` that an HDF5 file has."""
-    with h5py.File.in_memory(image) as file:
-        return {group: tuple(file[group]) for group in groups if group in file}
+    with opened(image) as contents:
+        found = contents.some(groups)
+        return {path: tuple(item) for path, item in found.items() if isinstance(item, h5py.Group)}
 
 
-def _collect(group: h5py.Group, prefix: str, nodes: dict[str, Node]) -> None:
-    """Add all nodes below a group, whose path is `prefix`, to `nodes`."""
-    for name, item in group.items():
-        nodes[prefix + name] = Node(value_of(item), attributes_of(item))
-        if isinstance(item, h5py.Group):
-            _collect(item, f"{prefix}{name}/", nodes)
+def nodes_of(contents: Contents, items: Items) -> dict[str, Node]:
+    """Return the nodes of admitted groups and datasets."""
+    return {path: Node(contents.value(item), attributes_of(contents, item)) for path, item in items.items()}
 
 
-def value_of(item: h5py.Group | h5py.Dataset) -> Any:
-    """Return the array, number or text of a dataset, None for a group."""
-    if isinstance(item, h5py.Group):
-        return None
-    if h5py.check_string_dtype(item.dtype):
-        return item.asstr()[()]
-    return item[()]
-
-
-def attributes_of(item: h5py.Group | h5py.Dataset) -> dict:
+def attributes_of(contents: Contents, item: h5py.Group | h5py.Dataset) -> dict:
     """Return the attributes of a group or dataset without those by which HDF5 stores dimension scales."""
-    return {name: item.attrs[name] for name in item.attrs if name not in SCALE_ATTRIBUTES}
+    return contents.attributes(item, SCALE_ATTRIBUTES)

@@ -17,12 +17,24 @@ from brownpipe.observables import ARRAYS, AVERAGES, AXES, OBSERVABLES, RENAMED, 
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Box, Scene, parse_scene, reading
-from brownpipe.scene.reading import Entry
+from brownpipe.scene.reading import NAME, Entry
 from brownpipe.scene.scene_file import MOST_DISKS
 from brownpipe.scene.seeds import parse_seeds, seed_text
 from brownpipe.storage import arrays
+from brownpipe.storage.admission import opened, understood
+from brownpipe.storage.consistency import refuse_axes, refuse_sizes, refuse_values
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import Link, Node, Tree, digest, from_bytes, names_from_bytes, some_from_bytes, to_bytes
+from brownpipe.storage.hdf5 import (
+    Link,
+    Node,
+    Tree,
+    digest,
+    from_bytes,
+    names_from_bytes,
+    nodes_of,
+    some_from_bytes,
+    to_bytes,
+)
 
 FORMAT = 1
 OUTLINE = (  # paths from which an Outline is made
@@ -38,6 +50,7 @@ COMMAND = re.compile(  # as `_command` writes it; none of its characters means a
 )
 WORDS_OF = {"--record": RECORDS, "--observables": (*OBSERVABLES, *RENAMED), "--average": AVERAGES}  # in the command
 LISTED = ("particles", "observables/run", "observables/events")  # groups whose names an Outline needs
+TEXTS = ("scene_name", "engine", "average", "source_digest", "contents_digest")  # attributes of /parameters
 TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
 
 MEANING = {  # dataset: units, long_name
@@ -141,8 +154,8 @@ def read_trajectories(path: str | Path) -> Trajectories:
     Raises StorageError, which names the file, its seeds and the command that makes them again; WrongFileError if the
     file does not exist or is no trajectory file.
     """
-    with _naming(path):
-        return _trajectories(_contents(path))
+    with _naming(path), understood():
+        return _trajectories(*_contents(path))
 
 
 def read_outline(path: str | Path) -> Outline:
@@ -150,14 +163,14 @@ def read_outline(path: str | Path) -> Outline:
 
     Raises StorageError and WrongFileError like `read_trajectories`.
     """
-    with _naming(path):
+    with _naming(path), understood():
         image = read_sealed(path)
         nodes, names = some_from_bytes(image, OUTLINE), names_from_bytes(image, LISTED)
         parameters = _parameters_of(nodes)
         scene, engine = _scene_and_engine(nodes)
         tracks, runs, events = (names.get(group, ()) for group in LISTED)
         times = nodes.get("particles/tracer/position/time", nodes.get("observables/run/time"))
-        return Outline(
+        outline = Outline(
             scene=scene,
             engine=engine,
             seeds=nodes["observables/run/seed"].value,
@@ -167,6 +180,8 @@ def read_outline(path: str | Path) -> Outline:
             observables=observables_making(runs),
             average=parameters.get("average", "runs"),
         )
+        refuse_axes(outline.seeds, outline.times, outline.average, scene)
+        return outline
 
 
 def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
@@ -177,7 +192,7 @@ def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
 
 def read_header(path: str | Path) -> dict:
     """Return the attributes of /parameters (names, versions, digests); checks and errors as of `read_outline`."""
-    with _naming(path):
+    with _naming(path), understood():
         return _parameters_of(some_from_bytes(read_sealed(path), OUTLINE))
 
 
@@ -344,12 +359,18 @@ def _command(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
 # -- reading --------------------------------------------------------------------------------------------------------
 
 
-def _contents(path: str | Path) -> dict[str, Node]:
-    """Return all nodes of a trajectory file after verifying seal and digest."""
-    nodes = from_bytes(read_sealed(path))
-    if _parameters_of(nodes)["contents_digest"] != digest(nodes):
+def _contents(path: str | Path) -> tuple[dict[str, Node], Scene, Engine]:
+    """Return all nodes of a trajectory file, its scene and its engine after verifying seal, sizes and digest."""
+    with opened(read_sealed(path)) as contents:
+        outline = nodes_of(contents, contents.some(OUTLINE))
+        _parameters_of(outline)
+        scene, engine = _scene_and_engine(outline)
+        items = contents.members()
+        refuse_sizes(items, scene, len(outline["observables/run/seed"].value))
+        nodes = nodes_of(contents, items)
+    if nodes["parameters"].attributes["contents_digest"] != digest(nodes):
         raise StorageError("HDF5 gives back other numbers than were written; check memory and the HDF5 library")
-    return nodes
+    return nodes, scene, engine
 
 
 def _parameters_of(nodes: dict[str, Node]) -> dict:
@@ -359,12 +380,17 @@ def _parameters_of(nodes: dict[str, Node]) -> dict:
     attributes = nodes["parameters"].attributes
     if attributes["format"] > FORMAT:
         raise StorageError(f"has format {attributes['format']}; this brownpipe reads up to {FORMAT}: upgrade it")
+    for name in (*TEXTS, *versions()):
+        if not isinstance(attributes.get(name, ""), str):
+            raise StorageError(f"has a {name} that is no text")
     return attributes
 
 
 def _scene_and_engine(nodes: dict[str, Node]) -> tuple[Scene, Engine]:
     """Return scene and engine; raise StorageError if this version of brownpipe refuses one of them."""
     parameters = nodes["parameters"].attributes
+    if not NAME.fullmatch(parameters["scene_name"]):
+        raise StorageError("names no scene")
     mapping, settings = (json.loads(nodes[f"parameters/{name}"].value) for name in ("scene", "settings"))
     try:
         scene = parse_scene(mapping, f"{parameters['scene_name']}.yaml")
@@ -373,10 +399,10 @@ def _scene_and_engine(nodes: dict[str, Node]) -> tuple[Scene, Engine]:
         raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
 
 
-def _trajectories(nodes: dict[str, Node]) -> Trajectories:
+def _trajectories(nodes: dict[str, Node], scene: Scene, engine: Engine) -> Trajectories:
     parameters = nodes["parameters"].attributes
-    scene, engine = _scene_and_engine(nodes)
     ensemble = _ensemble(nodes, scene)._replace(average=parameters.get("average", "runs"))
+    refuse_values(ensemble, scene)
     return Trajectories(scene, engine, ensemble, parameters["source_digest"])
 
 
