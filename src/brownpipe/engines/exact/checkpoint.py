@@ -9,6 +9,7 @@ import numpy as np
 from brownpipe.engines.exact.run import RunState, never
 from brownpipe.engines.recording import SAMPLES
 from brownpipe.engines.state import Ensemble, Events, Track, blank
+from brownpipe.errors import StorageError
 
 Record = TypeVar("Record", bound=NamedTuple)
 
@@ -21,6 +22,7 @@ class Checkpoints(NamedTuple):
     stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
 
 
+MOST_SLOTS = 2**24  # of a cell in a stored state
 NO_CHECKPOINTS = Checkpoints(never, lambda _: None)
 
 
@@ -34,7 +36,7 @@ def complete(
     `make_run(column, stored, due)` fills one column of the ensemble. It continues from the stored state of this run, if
     there is one, and yields the run's state at the end of a block when a checkpoint is due.
     """
-    finished, stored = (0, None) if checkpoints.stored is None else unpack(checkpoints.stored, ensemble)
+    finished, stored = (0, None) if checkpoints.stored is None else _unpacked(checkpoints.stored, ensemble)
     runs = len(ensemble.seeds)
     for column in range(finished, runs):
         for state in make_run(column, stored, checkpoints.due):
@@ -69,6 +71,38 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
         arrays |= {f"run.samples.{name}": rows for name, rows in state.samples.items()}
         arrays |= {} if state.events is None else _named("run.events", state.events)
     return arrays
+
+
+def _unpacked(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunState | None]:
+    """Do the same as `unpack`; raise StorageError for arrays that are not those of `pack` for such an ensemble."""
+    try:
+        finished, state = unpack(arrays, ensemble)
+        if not 0 <= finished <= len(ensemble.seeds) or (state is not None and not 0 < state.slots <= MOST_SLOTS):
+            raise ValueError("number of runs")
+        logs = [*ensemble.events.values(), *([state.events] if state is not None and state.events is not None else [])]
+        if not all(map(_is_log, logs)) or not all(_is_track(track, ensemble) for track in ensemble.whole.values()):
+            raise ValueError("shapes")
+    except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
+        wrong = "the checkpoint does not fit the scene and the seeds"
+        raise StorageError(f"{wrong} ({type(error).__name__}); delete it to begin anew") from error
+    return finished, state
+
+
+def _is_log(events: Events) -> bool:
+    """Whether the arrays of collisions have the types and shapes of `state.Events`."""
+    if any(values is None or values.ndim == 0 for values in events):
+        return False
+    count = len(events.time)
+    shapes = [(values.shape, values.dtype) for values in events]
+    disks, numbers = np.dtype(np.int32), np.dtype(float)
+    return shapes == [((count,), numbers), ((count,), disks), ((count,), disks), ((count, 2), numbers)]
+
+
+def _is_track(track: Track, ensemble: Ensemble) -> bool:
+    """Whether the arrays of a whole run have one shape (T, N, 2)."""
+    shapes = {values.shape for values in track if values is not None}
+    (shape,) = shapes if len(shapes) == 1 else [()]
+    return len(shape) == 3 and shape[0] == len(ensemble.times) and shape[2] == 2
 
 
 def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunState | None]:

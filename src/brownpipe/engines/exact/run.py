@@ -22,7 +22,7 @@ from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.recording import SAMPLES, tracer_track, whole_track
 from brownpipe.engines.state import Events, State
 from brownpipe.engines.units import Frame, frame_of, motion_of
-from brownpipe.errors import RunError
+from brownpipe.errors import RunError, StorageError
 from brownpipe.scene import Scene
 
 SECONDS_TO_COMPILE = 7.0  # of CPU
@@ -179,6 +179,7 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
 
     Cells, event queue and neighbour lists are left alone, as the next block builds them anew.
     """
+    _refuse_unfit(state, w, recorder)
     begin(w, state.motion)
     if state.progress is None:
         return []
@@ -190,6 +191,33 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
     for name, rows in state.samples.items():
         getattr(recorder, name)[: len(rows)] = rows
     return [] if state.events is None else [state.events]
+
+
+def _refuse_unfit(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> None:
+    """Raise StorageError for a stored state with which the kernels, which check no index, would leave their arrays."""
+    n, grid = len(w.disk) // ws.ROW, w.grid
+    fit = state.motion.shape == state.first.shape == (n, 4)
+    for motion in (state.motion, state.first) if fit else ():
+        x, y = motion[:, 0] - grid.x, motion[:, 1] - grid.y
+        inside = (np.abs(x) <= 2 * grid.width) & (np.abs(y) <= 2 * grid.height)  # a disk may lead its box by a block
+        fit &= motion.dtype == float and bool(np.isfinite(motion).all() and inside.all())
+    if fit and state.progress is not None:
+        samples, block = state.progress[[ws.SAMPLE, ws.BLOCK]] if len(state.progress) == ws.PROGRESS else (-1, -1)
+        idle = [ws.LOGGED, ws.OVERFLOW, ws.BLOCK_BEGUN]
+        arrays = (state.progress, state.count, state.tally) + (() if w.image is None else (state.image,))
+        of_workspace = (w.progress, w.count, w.tally) + (() if w.image is None else (w.image,))
+        fit = all(_alike(one, other) for one, other in zip(arrays, of_workspace, strict=True))
+        fit &= 0 <= samples < len(recorder.block) and 0 <= block <= recorder.block[samples]
+        fit &= not state.progress[idle].any() and state.samples is not None
+        for name, rows in (state.samples or {}).items() if fit else ():
+            fit &= _alike(rows, getattr(recorder, name)[:samples])
+    if not fit:
+        raise StorageError("the stored state of the run does not fit its scene; delete the checkpoint to begin anew")
+
+
+def _alike(one: np.ndarray | None, other: np.ndarray) -> bool:
+    """Whether two arrays have one type and shape."""
+    return isinstance(one, np.ndarray) and one.dtype == other.dtype and one.shape == other.shape
 
 
 def _block_and_time(w: ws.Workspace) -> tuple[int, float]:
