@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import hostile
 from brownpipe import provenance
 from brownpipe.cli import main
 from brownpipe.engines import Engine
@@ -385,3 +386,20 @@ def test_an_interval_that_is_none(value, capsys):
         main(["simulate", "some.yaml", "--checkpoint-every", value])
     assert left.value.code == WRONG_REQUEST
     assert "--checkpoint-every: must be a finite number > 0" in capsys.readouterr().err
+
+
+@pytest.mark.promise(
+    "A checkpoint that was made or changed to do harm",
+    "It is refused in one line, or the run continues: no index leaves an array and nothing runs on for ever.",
+)
+def test_no_change_of_a_checkpoint_leads_to_more_than_one_line(kept, faults, tmp_path):
+    for _ in faults.tries(4):
+        contents, done = hostile.changed_tree(kept, faults.random, KEPT)
+        KEPT.write_bytes(contents)
+        argv = ["simulate", "some.yaml", *ASKED, "--checkpoint-every", "60"]
+        ended = hostile.in_child(lambda argv=argv: main(argv), tmp_path)
+        assert ended.status in (DONE, FAILED, WRONG_REQUEST), (ended, done)
+        assert "Traceback" not in ended.errors, (ended, done)
+        assert ended.status == DONE or ended.errors.count("\n") == 1, (ended, done)
+        Path("x.h5").unlink(missing_ok=True)
+        KEPT.unlink(missing_ok=True)
