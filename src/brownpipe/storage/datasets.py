@@ -125,10 +125,21 @@ def _variable(contents: Contents, item: h5py.Dataset) -> "xarray.Variable":
     """Return a variable as it is encoded in the file."""
     import xarray
 
-    paths = [item.name] if item.is_scale else [axis[0].name for axis in item.dims]
+    paths = [item.name] if item.is_scale else _scales(contents.file, item)
     encoding = {"dtype": str} if h5py.check_string_dtype(item.dtype) else {}
     dims = [path.removeprefix("/") for path in paths]
     return xarray.Variable(dims, contents.value(item), _attributes(contents, item), encoding)
+
+
+def _scales(file: h5py.File, item: h5py.Dataset) -> list[str]:
+    """Return the paths of the scales of a dataset. (HDF5's own function crashes if their list is of another type.)"""
+    if item.ndim == 0:
+        return []
+    attribute = h5py.h5a.open(item.id, b"DIMENSION_LIST")
+    references = h5py.check_vlen_dtype(attribute.dtype)
+    if references is None or h5py.check_ref_dtype(references) is not h5py.Reference or attribute.shape != (item.ndim,):
+        raise StorageError(f"has no list of dimensions ({item.name})")
+    return [file[scales[0]].name for scales in item.attrs["DIMENSION_LIST"]]
 
 
 def _is_without_coordinates(file: h5py.File, name: str) -> bool:
