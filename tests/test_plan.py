@@ -182,6 +182,7 @@ def test_too_many_jobs_take_larger_batches(study_file, tmp_path):
         ({}, "seeds: missing; must be given, or a tolerance instead"),
         ({"tolerance": 0}, "tolerance: must be a relative error above 0 and below 1, like 0.02 or 2%, not 0"),
         ({"tolerance": "0%"}, "tolerance: must be a relative error above 0"),
+        ({"tolerance": 1e-300}, "tolerance: must be at least 0.00032, for at most some 10000000 runs, not 1e-300"),
         ({"tolerance": "200%"}, "tolerance: must be a relative error above 0"),
         ({"tolerance": True}, "tolerance: must be a relative error above 0"),
         (

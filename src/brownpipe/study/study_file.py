@@ -28,6 +28,7 @@ from brownpipe.scene.seeds import MOST_SEEDS, read_seeds
 from brownpipe.study.study import EngineUse, Study
 
 MOST_STUDY_BYTES = 2**20  # larger files are refused
+SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
 MOST_RINGS = 100_000
 MOST_JOBS = 1000  # their files fit into one command line of `aggregate`; a shell takes 128 KiB
 
@@ -231,12 +232,14 @@ def _engine_use(entry: Entry, cases: tuple[Scene, ...]) -> EngineUse:
 
 
 def read_tolerance(entry: Entry) -> float:
-    """Return a relative error: a number, or a text like "2%"; above 0 and below 1. Raises RequestError."""
+    """Return a relative error: a number, or a text like "2%"; SMALLEST_TOLERANCE to below 1. Raises RequestError."""
     allowed = "a relative error above 0 and below 1, like 0.02 or 2%"
     text = PERCENTAGE.fullmatch(entry.value) if isinstance(entry.value, str) else None
     value = float(text[1]) / 100 if text else entry.value
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
         must_be(entry, allowed)
+    if value < SMALLEST_TOLERANCE:
+        must_be(entry, f"at least {SMALLEST_TOLERANCE:.2g}, for at most some {MOST_SEEDS} runs")
     return float(value)
 
 
