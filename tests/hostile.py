@@ -6,6 +6,7 @@ import re
 import resource
 import signal
 import sys
+import warnings
 import zlib
 from pathlib import Path
 
@@ -55,6 +56,7 @@ def in_child(function, folder, memory=400 * 2**20, seconds=15):
                 os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), stream)
             sys.stdout, sys.stderr = (os.fdopen(os.dup(stream), "w", errors="replace") for stream in (1, 2))
             os.chdir(folder)
+            warnings.simplefilter("default")  # as outside of the tests
             status = function()
         except SystemExit as left:
             status = left.code

@@ -105,6 +105,8 @@ def refuse_values(ensemble: Ensemble, scene: Scene) -> None:
     seeds, observables = ensemble.seeds, ensemble.observables
     for name, values in observables.items():
         _refuse_type(name, values, "iuf")
+        if np.isinf(values).any():  # engines store NaN in place of what overflows
+            raise StorageError(f"holds infinite numbers ({name})")
     failed = observables.get("failed")
     if failed is None or not np.isin(failed, (0, 1)).all():
         raise StorageError("does not say which runs failed")
