@@ -1,11 +1,11 @@
 """The exceptions of brownpipe, with the exit status of the command line. Every message is one printable line."""
 
-from brownpipe.quoting import printable
-
 import errno
 import mmap
 import resource
 from collections.abc import Iterator
+
+from brownpipe.quoting import printable
 
 NO_MEMORY = (  # what libraries say, besides MemoryError, where the address space is too small
     "failed to map segment",

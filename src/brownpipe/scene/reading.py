@@ -311,7 +311,7 @@ def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] 
     """Return the entries of a mapping by key, with defaults for optional keys; refuse unknown and missing keys."""
     allowed = (*required, *(optional or {}))
     if not isinstance(entry.value, dict):
-        wanted = f"a mapping with the keys {{', '.join(allowed)}}"
+        wanted = f"a mapping with the keys {', '.join(allowed)}"
         if not entry.path and isinstance(entry.value, str):  # maybe a wrong file, whose text is no business of ours
             refuse(entry, f"must be {wanted}, not a text")
         must_be(entry, wanted)
