@@ -27,7 +27,8 @@ except RequestError as error:
     sys.exit(f"brownpipe: {error}")
 except KeyboardInterrupt:
     sys.exit("brownpipe: interrupted")
-settings = ["--config", *(f"{key}={json.dumps(value)}" for key, value in overrides.items())] if overrides else []
+seen = {key: value for key, value in overrides.items() if key not in ("figures", "allow_failed")}  # by the analysis
+settings = ["--config", *(f"{key}={json.dumps(value)}" for key, value in seen.items())] if seen else []
 results = f"results/{study.name}"
 cases = study.case_table
 engines = {
@@ -53,17 +54,16 @@ rule all:
     default_target: True
     input:
         rules.figures.output,
-        rules.aggregate.output,
         rules.aggregate.input,
         summary=rules.figures.output.summary,
+        dataset=rules.aggregate.output[0],
     params:
-        dataset=f"{results}/aggregate/{study.name}.nc",
         allow_failed=study.allow_failed,
         report=(printable(os.environ.get("REPORT_COMMAND", "the same command with --report report.html")),),
     shell:
         'cat {input.summary:q} && echo figures and tables: "$(dirname {input.summary:q})"'
         " && echo all on one page: {params.report:q}"
-        " && brownpipe inspect {params.dataset:q} --allow-failed {params.allow_failed}"
+        " && brownpipe inspect {input.dataset:q} --allow-failed {params.allow_failed}"
 
 
 onstart:

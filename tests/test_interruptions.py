@@ -47,7 +47,7 @@ def test_a_batch_that_differs_in_anything_is_made_again(made, tmp_path, monkeypa
     if change == "scene":
         (tmp_path / "hot.yaml").write_text(SCENE.replace("mass: 0.4", "mass: 0.5"))
     if change == "source":
-        monkeypatch.setattr("brownpipe.storage.finished.source_digest", lambda module: "another")
+        monkeypatch.setattr("brownpipe.storage.finished.source_digest", lambda *_: "another")
     if change == "version":
         monkeypatch.setattr("brownpipe.storage.finished.versions", lambda: {"numba_version": "99"})
     if change == "byte":

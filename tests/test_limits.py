@@ -14,7 +14,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from brownpipe import errors
 from brownpipe.cli import main
-from brownpipe.engines import compiled
+from brownpipe.engines import compiled, compiling
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.storage import files
 from test_failures import CROWD
@@ -116,7 +116,7 @@ def test_a_lack_of_memory_is_one_line_whatever_reports_it(error, expected, capsy
     def fail(*_, **__):
         raise ValueError("while drawing") from error
 
-    monkeypatch.setattr("brownpipe.storage.read_dataset", fail)
+    monkeypatch.setattr("brownpipe.figures.products.read_dataset", fail)
     monkeypatch.setattr(errors, "limits", lambda: "")
     assert main(["figures", f"{expected}/a.nc", "--output", "figures"]) == FAILED
     assert capsys.readouterr() == ("", "brownpipe: out of memory\n")
@@ -124,9 +124,9 @@ def test_a_lack_of_memory_is_one_line_whatever_reports_it(error, expected, capsy
 
 def test_kernels_are_neither_compiled_nor_loaded_in_too_little_memory(monkeypatch):
     """LLVM would abort."""
-    monkeypatch.setattr(compiled, "LEAST_MEMORY", 2**60)
+    monkeypatch.setattr(compiling, "LEAST_MEMORY", 2**60)
     with pytest.raises(OSError, match="allocate memory") as caught:
-        compiled.compile_all([compiled.KernelCall(lambda: pytest.fail("called"), (), 0.0)])
+        compiling.compile_all([compiled.KernelCall(lambda: pytest.fail("called"), (), 0.0)])
     assert errors.ran_out_of_memory(caught.value)
 
 

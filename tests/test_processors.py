@@ -118,6 +118,7 @@ SAME = {  # where they are used, and why no stored number depends on them
     "scene/sample_times.py: math.log10": "a number of samples, with tolerance",
     "scene/sample_times.py: 10 ** (k / samples.per_decade)": "Python's power, one for all processors with FMA",
     "engines/forecast.py: np.log": "a forecast of CPU time",
+    "engines/saturation.py: (1.0 - share) ** runs": "a warning",
     "engines/exact/layout.py: math.log2": "rounded up to a power of two",
     "analysis/resampling.py: math.exp": "rounded to integers",
     "analysis/resampling.py: _weights(block)[:, rows[0]:rows[-1] + 1] @ full": "sums of integers below 2^24",

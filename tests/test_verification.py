@@ -27,7 +27,8 @@ duration: 0.4
 sample_interval: 0.1
 """
 RESULTS = Path("results/mine")
-SHOWN = {f"figures/{name}" for name in ("health.csv", "health.png", "health.svg", "summary.csv", "summary.txt")}
+SHOWN = {f"figures/health.{kind}" for kind in ("csv", "png", "svg")}
+SHOWN |= {f"figures/{name}" for name in ("summary.csv", "summary.txt", "provenance.json")}
 FILES = {f"simulate/hot/N6/exact/{name}.h5" for name in ("0-1", "2-3")} | SHOWN
 FILES |= {"aggregate/mine.nc", "figures/SHA256SUMS", "run.yaml"}
 
@@ -155,7 +156,7 @@ def test_what_is_wrong_is_said_with_its_cure(study, capsys):
     assert capsys.readouterr().out.splitlines() == [
         "results/mine/figures/health.png: is missing",
         "results/mine/simulate/hot/N6/exact/0-1.h5: was damaged or edited after it was written",
-        "results/mine: 8 files intact, 2 not; to make these again:",
+        "results/mine: 9 files intact, 2 not; to make these again:",
         "rm -rf -- results/mine/simulate/hot/N6/exact/0-1.h5 && brownpipe run mine.yaml",
     ]
 
@@ -176,7 +177,7 @@ def test_foreign_files_and_those_of_another_version_are_only_named(study, monkey
     (RESULTS / "notes.txt").write_text("mine")
     (RESULTS / "simulate" / "old.h5").write_text("text")
     os.mkfifo(RESULTS / "figures" / "pipe.png")
-    monkeypatch.setattr("brownpipe.study.verification.source_digest", lambda module: "another")
+    monkeypatch.setattr("brownpipe.study.verification.source_digest", lambda *_: "another")
     verdict = verify_results(RESULTS)
     assert verdict.problems == () and verdict.intact == len(FILES)
     foreign, older = verdict.remarks

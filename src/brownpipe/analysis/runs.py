@@ -50,7 +50,9 @@ class Group(NamedTuple):
 
     @property
     def outline(self) -> Outline:
-        return self.files[0].outline
+        """That of the first file, if possible of one with a run that came to its end."""
+        outlines = [file.outline for file in self.files]
+        return next((outline for outline in outlines if outline.observables is not None), outlines[0])
 
     @property
     def engine(self) -> Engine:

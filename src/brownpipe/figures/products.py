@@ -21,23 +21,24 @@ if TYPE_CHECKING:
 SUMMARY = "summary.txt"
 
 
-def show(
-    path: str | Path, folder: str | Path, names: Sequence[str] | None = None, particles: int | None = None
-) -> list[Path]:
-    """Write the figures, tables and summary of the dataset at `path` into a folder; return the paths.
+def read(path: str | Path, names: Sequence[str] | None = None, particles: int | None = None) -> tuple[Dataset, Record]:
+    """Return the dataset at `path` and what is to be written of it.
 
-    names, particles: as in `render`; a trade-off is shown as a whole. Raises FigureError as `render` does, and what
+    names, particles: as in `render`; a trade-off is shown as a whole, otherwise FigureError is raised. Raises what
     `read_dataset` raises.
     """
     dataset = read_dataset(path)
     if is_tradeoff(dataset) and (names or particles is not None):
         raise FigureError(f"{path}: a trade-off; it is shown as a whole")
     step = "tradeoff_figures" if is_tradeoff(dataset) else "figures"
-    return write(dataset, folder, record_of(dataset, step, seal_of(path), names, particles))
+    return dataset, record_of(dataset, step, seal_of(path), names, particles)
 
 
 def write(dataset: Dataset, folder: str | Path, record: Record, names: Sequence[str] | None = None) -> list[Path]:
-    """Write the products of a record into a folder; of the figures only `names`, if given. Return the paths."""
+    """Write the products of a record into a folder; of the figures only `names`, if given. Return the paths.
+
+    Raises FigureError as `render` does.
+    """
     if is_tradeoff(dataset):
         paths = tradeoff.render(dataset, folder, record)
     else:

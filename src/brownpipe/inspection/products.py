@@ -191,8 +191,9 @@ def _trajectory_files(folder: Path, origin: Origin) -> tuple[Path, ...]:
             outline = read_outline(file)
         except StorageError:
             continue
-        own = (outline.scene.digest, outline.engine, outline.average, outline.observables, outline.source)
-        if own == (origin.digest, origin.engine, origin.average, origin.observables, origin.source):
+        own = (outline.scene.digest, outline.engine, outline.average, outline.source)
+        are_measured = outline.observables in (None, origin.observables)
+        if are_measured and own == (origin.digest, origin.engine, origin.average, origin.source):
             found.append(file)
             seeds += outline.seeds.tolist()
     return tuple(found) if sorted(seeds) == [*origin.seeds] else ()

@@ -33,7 +33,7 @@ def difference(outline: Outline, request: Request) -> str | None:
     record = request.record - {"none"} if wanted.particles else frozenset()
     if outline.record != record:
         return f"holds runs with --record {_words(outline.record)}, not {_words(record)}"
-    if set(outline.observables) != set(request.observables):
+    if outline.observables is not None and set(outline.observables) != set(request.observables):
         return f"holds runs with --observables {_words(outline.observables)}, not {_words(request.observables)}"
     if outline.average != request.average:
         return f"holds runs with --average {outline.average}, not {request.average}"

@@ -63,7 +63,7 @@ def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str
     record: what `--record` must be given; by default `tracer`, or `none` if its track was not recorded.
     """
     scene, engine, record = outline.scene, outline.engine, record or ("tracer" if outline.tracer else "none")
-    measured = {"observables": ",".join(outline.observables), "average": outline.average}
+    measured = {"observables": ",".join(outline.observables or ()), "average": outline.average}
     defaults = {"record": "tracer", "observables": "", "average": "runs"}
     options = {"record": record} | measured
     words = [f"--particles {scene.particles}"] if scene.species else []

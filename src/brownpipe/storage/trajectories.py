@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,6 +49,7 @@ COMMAND = re.compile(  # as `_command` writes it; none of its characters means a
     rb"`brownpipe simulate ([A-Za-z0-9][A-Za-z0-9._-]{0,63})\.yaml((?: --[a-z-]+ [A-Za-z0-9.,_+-]+)+)`"
 )
 WORDS_OF = {"--record": RECORDS, "--observables": (*OBSERVABLES, *RENAMED), "--average": AVERAGES}  # in the command
+WITHOUT_RESULTS = {"seed", "failed", "stopped"}  # all that is known of runs that could not go on
 LISTED = ("particles", "observables/run", "observables/events")  # groups whose names an Outline needs
 TEXTS = ("scene_name", "engine", "average", "source_digest", "contents_digest")  # attributes of /parameters
 TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
@@ -105,7 +106,7 @@ class Trajectories(NamedTuple):
         """The same without tracks and observables."""
         ensemble = self.ensemble
         record = _record(ensemble.tracer is not None, ensemble.whole, ensemble.events)
-        observables = observables_making(ensemble.observables)
+        observables = _measured(ensemble.observables)
         setting = (self.scene, self.engine, ensemble.seeds, ensemble.times)
         return Outline(*setting, record, self.source, observables, ensemble.average)
 
@@ -119,7 +120,7 @@ class Outline(NamedTuple):
     times: np.ndarray  # (T,) [time]
     record: frozenset[str]  # of tracer, all, events: whose tracks, and whether collisions, are stored
     source: str  # digest of the source code that made the runs
-    observables: tuple[str, ...] = ()  # measured in the runs
+    observables: tuple[str, ...] | None = ()  # measured in the runs; None if none of them came to its end
     average: str = "runs"  # as in Ensemble
 
     @property
@@ -177,11 +178,16 @@ def read_outline(path: str | Path) -> Outline:
             times=scene.times if times is None else times.value,
             record=_record("tracer" in tracks, {*tracks} - {"tracer"}, events),
             source=parameters["source_digest"],
-            observables=observables_making(runs),
+            observables=_measured(runs),
             average=parameters.get("average", "runs"),
         )
         refuse_axes(outline.seeds, outline.times, outline.average, scene)
         return outline
+
+
+def _measured(names: Collection[str]) -> tuple[str, ...] | None:
+    """Return the observables that were measured, given the names of all numbers and arrays of the runs."""
+    return None if WITHOUT_RESULTS.issuperset(names) else observables_making(names)
 
 
 def _record(tracer: object, whole: object, events: object) -> frozenset[str]:

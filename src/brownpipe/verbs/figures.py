@@ -27,12 +27,13 @@ def figures(arguments: Namespace) -> int:
     """
     from brownpipe import progress
     from brownpipe.errors import DONE
-    from brownpipe.figures.products import show
+    from brownpipe.figures.products import read, write
     from brownpipe.storage.checksums import write_checksums
 
     output = folder(arguments.output)
+    dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
     refuse_unwritable(output, arguments.figures or FIGURES)
     with progress.shown("figures"):
-        files = show(arguments.dataset, output, arguments.figures, arguments.particles)
+        files = write(dataset, output, record)
     write_checksums(output, [*files, arguments.dataset])
     return DONE
