@@ -18,6 +18,7 @@ from brownpipe.engines.exact import equilibration
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact.checkpoint import Checkpoints
 from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.request import Request
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.health import failed_of
@@ -26,6 +27,7 @@ from brownpipe.figures.summary import summary
 from brownpipe.inspection import reproduction
 from brownpipe.scene import parse_scene
 from brownpipe.storage import from_tree, read_dataset, read_trajectories, to_tree, write_dataset, write_trajectories
+from brownpipe.storage.expected import Expected
 from brownpipe.storage.trajectories import read_header
 from brownpipe.tradeoff.runs import read_runs
 
@@ -283,6 +285,9 @@ def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd,
     assert all(first.identical(other) for other in others)
     kept = [seed for seed in SEEDS if seed not in (0, 2, 11, 14)]
     without = aggregate([written(Path("kept.h5"), crowd, part(whole, kept))])
+    asked = [Request(crowd, Engine("exact"), [seed], observables=("species_energy",)) for seed in SEEDS]
+    expected = aggregate([Expected(*pair) for pair in zip(batches[1], asked, strict=True)])
+    assert expected.identical(first)
     assert (first.failed_runs.item(), first.runs.item()) == (4, 12)
     for name in ("msd", "msd_standard_error", "diffusion_coefficient", "displacement_counts"):
         np.testing.assert_array_equal(first[name], without[name])
