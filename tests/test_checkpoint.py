@@ -3,11 +3,10 @@
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 from importlib.metadata import version
 from itertools import count
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -310,13 +309,15 @@ def test_killed_at_any_moment():
     argv = ["simulate", "some.yaml", "--seeds", "3-4", "--output", "x.h5", "--checkpoint-every"]
     for seconds, delay in (("1e-9", 0.0), ("0.1", 0.05), ("1e-9", 0.0371)):
         before = KEPT.stat().st_mtime_ns if KEPT.exists() else 0
-        process = subprocess.Popen([sys.executable, "-m", "brownpipe", *argv, seconds])
-        while process.poll() is None and not (KEPT.exists() and KEPT.stat().st_mtime_ns > before):
+        process = get_context("fork").Process(target=main, args=([*argv, seconds],))
+        process.start()
+        while process.is_alive() and not (KEPT.exists() and KEPT.stat().st_mtime_ns > before):
             time.sleep(0.001)
         time.sleep(delay)
         process.kill()
-        assert process.wait() == -signal.SIGKILL  # it was not at the end
-    subprocess.run([sys.executable, "-m", "brownpipe", *argv, "0.5"], check=True)
+        process.join()
+        assert process.exitcode == -signal.SIGKILL  # it was not at the end
+    assert main([*argv, "0.5"]) == DONE
     interrupted = Path("x.h5").read_bytes()
     assert sorted(os.listdir()) == ["some.yaml", "x.h5"]
     assert main(argv[:-1]) == DONE
