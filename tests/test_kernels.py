@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from itertools import pairwise
+from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,78 +14,58 @@ import numba
 import numpy as np
 import pytest
 
-from brownpipe.engines import inlining, kernels
+from brownpipe.engines import inlining, kernel_cache, kernels
+from brownpipe.engines.compiled import KernelCall
+from brownpipe.engines.compiling import compile_all, one_compiler
 from brownpipe.engines.records import by_reference, local_copy
 
 HERE = Path(__file__).parent
 NOTE = HERE.parent / "config" / "scenes" / "harrison2020.yaml"
 
-HOLD = """
-import sys, time
-from pathlib import Path
-from brownpipe.engines.compiling import one_compiler
-with one_compiler(Path(sys.argv[1]) / "code.nbc", "work"):
-    begin = time.monotonic()
-    time.sleep(0.2)
-    print(begin, time.monotonic())
-"""
+
+def at_once(function, *arguments):
+    """Call a function with each argument in a forked process of its own, all at the same time; return the results."""
+    with get_context("fork").Pool(len(arguments)) as pool:
+        return pool.map_async(function, arguments, chunksize=1).get(timeout=120)
 
 
-@pytest.mark.slow
+def hold(file):
+    """Take the lock of compiling for a while; return when that began and ended."""
+    with one_compiler(file, "work"):
+        began = time.monotonic()
+        time.sleep(0.2)
+        return began, time.monotonic()
+
+
 def test_one_compiler_at_a_time(tmp_path):
-    processes = [
-        subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
-        for _ in range(3)
-    ]
-    times = sorted(tuple(map(float, process.communicate(timeout=60)[0].split())) for process in processes)
+    times = sorted(at_once(hold, *[tmp_path / "code.nbc"] * 3))
     assert len(times) == 3
     assert all(end <= begin for (_, end), (begin, _) in pairwise(times))
 
 
-AT_ONCE = """
-import sys, time
-import numpy as np
-from brownpipe.engines import kernel_cache
-from brownpipe.engines.compiled import KernelCall
-from brownpipe.engines.compiling import compile_all
-from test_kernels import Inner, Outer, work
+def compile_and_call(given):
+    """Compile `work` for a type, unless its machine code is in the folder; return how often, and what it calculates."""
+    folder, kind = given
+    made, told, write = kernels.entry_point(work.py_func), [], kernel_cache.write
 
-def write_slowly(*file):
-    time.sleep(0.5)
-    write(*file)
+    def write_slowly(*file):
+        time.sleep(0.5)
+        write(*file)
 
-write, kernel_cache.write = kernel_cache.write, write_slowly
-record = Outer(2.0, Inner(3, np.arange(4, dtype=sys.argv[1])), None, np.zeros(4, sys.argv[1]))
-kernel_cache.on_compile.append(lambda line: print("compiled"))
-print("ready", flush=True)
-sys.stdin.readline()
-compile_all([KernelCall(work, (record._replace(values=record.values[:0]),), 1.0)])
-print(work(record), record.values.tolist())
-"""
+    made._cache = kernel_cache.DiskCache(folder, work.py_func)
+    record = Outer(2.0, Inner(3, np.arange(4, dtype=kind)), None, np.zeros(4, kind))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kernel_cache, "write", write_slowly)
+        patch.setattr(kernel_cache, "on_compile", [told.append])
+        compile_all([KernelCall(made, (record._replace(values=record.values[:0]),), 1.0)])
+    return len(told), made(record), record.values.tolist()
 
 
-@pytest.mark.slow
 def test_several_processes_compile_for_other_types_at_once(tmp_path):
     """And each finds its own machine code afterwards, not that of another one, though the disk is slow."""
-    settings = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join([*sys.path, str(HERE)])}
-    for first in (True, False):
-        processes = [
-            subprocess.Popen(
-                [sys.executable, "-c", AT_ONCE, kind],
-                env=settings,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-            for kind in ("float64", "int64")
-        ]
-        assert [process.stdout.readline() for process in processes] == ["ready\n"] * 2
-        for process in processes:
-            process.stdin.write("go\n")
-            process.stdin.flush()
-        printed = [process.communicate(timeout=120)[0].splitlines() for process in processes]
-        assert [lines[:-1] for lines in printed] == [["compiled"] if first else []] * 2
-        assert [line.replace(".0", "") for *_, line in printed] == ["24 [3, 5, 7, 9]"] * 2
+    given = [(tmp_path / "code", kind) for kind in ("float64", "int64")]
+    assert at_once(compile_and_call, *given) == [(1, 24, [3, 5, 7, 9])] * 2
+    assert at_once(compile_and_call, *given) == [(0, 24, [3, 5, 7, 9])] * 2
 
 
 def test_a_prefetch_is_compiled_to_one():
