@@ -78,10 +78,12 @@ def aggregated(output):
     "The analysis of a study names any file that holds other runs than the study asks for, and makes no dataset.",
 )
 def test_every_exchange_of_files_is_refused_by_name(study, capsys):
+    """Each file of the study in place of each other one; OTHERS in place of the one that they are most like."""
     given = {path: path.read_bytes() for path in [*study, *Path().glob("*.h5")]}
     assert len(study) == 4 and len(given) == 4 + len(OTHERS)
     for place in study:
-        for other in given.keys() - {place}:
+        others = given.keys() - {place} if place == study[0] else {*study} - {place}
+        for other in others:
             capsys.readouterr()
             place.write_bytes(given[other])
             status, told = aggregated("after.nc"), capsys.readouterr().err
