@@ -14,7 +14,7 @@ from brownpipe.analysis import aggregate
 from brownpipe.analysis.failed import failed_runs
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.engines.exact import equilibration
+from brownpipe.engines.exact import equilibration, layout
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact.checkpoint import Checkpoints
 from brownpipe.engines.exact.simulation import simulate
@@ -162,7 +162,8 @@ def unhealthy(evolve):
     return evolve_and_fail
 
 
-def test_a_scene_without_places_in_any_run_is_refused_at_the_first(crowd):
+def test_a_scene_without_places_in_any_run_is_refused_at_the_first(monkeypatch):
+    monkeypatch.setattr(layout, "LISTS_FROM", 1.0)  # the kernels of `crowd`: others would be compiled and never run
     full = parse_scene(yaml.safe_load(CROWD) | {"particles": 46}, "crowd.yaml")
     with pytest.raises(RequestError, match=r"^crowd, N = 46, seed 0: disks: only \d+ of 46 disks found a place"):
         simulate(full, range(1000))
@@ -268,13 +269,14 @@ def test_the_python_interface_warns_of_runs_that_could_not_go_on(crowd):
 # -- studies --------------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def batches(crowd, whole):
+@pytest.fixture(scope="module")
+def batches(crowd, whole, tmp_path_factory):
     """Trajectory files of the same runs in batches of several sizes, some of stopped runs alone."""
+    folder = tmp_path_factory.mktemp("batches")
     cuts = {size: [[*SEEDS[first : first + size]] for first in range(0, 16, size)] for size in (16, 3, 1)}
     tracers = whole._replace(whole={}, events={})
     return {
-        size: [written(Path(f"{size}-{seeds[0]}.h5"), crowd, part(tracers, seeds)) for seeds in parts]
+        size: [written(folder / f"{size}-{seeds[0]}.h5", crowd, part(tracers, seeds)) for seeds in parts]
         for size, parts in cuts.items()
     }
 
