@@ -44,7 +44,7 @@ class Contents:
     def members(self) -> Items:
         """Return all groups and datasets by their paths, each admitted."""
         found: Items = {}
-        self._collect(self.file, "", found, {_address(self.file)})
+        self._collect(self.file, "", found, {address_of(self.file)})
         return found
 
     def _collect(self, group: h5py.Group, prefix: str, found: Items, groups: set[int]) -> None:
@@ -54,9 +54,9 @@ class Contents:
             if isinstance(item, h5py.Dataset):
                 self._admit(item)
             else:
-                if _address(item) in groups or prefix.count("/") >= DEEPEST:
+                if address_of(item) in groups or prefix.count("/") >= DEEPEST:
                     raise StorageError(f"has groups in a cycle or too deep ({name})")
-                groups.add(_address(item))
+                groups.add(address_of(item))
                 self._collect(item, f"{prefix}{name}/", found, groups)
 
     def some(self, paths: tuple[str, ...]) -> Items:
@@ -74,7 +74,7 @@ class Contents:
 
     def _admit(self, item: h5py.Dataset) -> None:
         """Raise StorageError for a dataset that must not be read."""
-        address = _address(item)
+        address = address_of(item)
         if address in self.admitted:
             self.repeated -= self.admitted[address]
         else:
@@ -150,7 +150,8 @@ def _linked(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset:
     return item
 
 
-def _address(item: h5py.Group | h5py.Dataset) -> int:
+def address_of(item: h5py.Group | h5py.Dataset) -> int:
+    """Return where in its file an object is; the same for all its paths and references."""
     return h5py.h5o.get_info(item.id).addr
 
 

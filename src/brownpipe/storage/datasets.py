@@ -10,7 +10,7 @@ import numpy as np
 
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.provenance import made_with, versions
-from brownpipe.storage.admission import Contents, opened
+from brownpipe.storage.admission import Contents, address_of, opened
 from brownpipe.storage.files import BLANK_SEAL, PREFIX, SEAL, read_sealed, seal, write_file
 from brownpipe.storage.hdf5 import SCALE_ATTRIBUTES, Node, some_from_bytes, to_bytes
 from brownpipe.storage.origin import installation
@@ -117,29 +117,38 @@ def _from_bytes(image: bytes) -> "xarray.Dataset":
             raise StorageError("has groups, which no dataset has")
         if sum(contents.admitted.values()) > MOST_DECLARED + MOST_COMPRESSED * len(image):
             raise StorageError("declares more data than a dataset has")
-        variables = {name: _variable(contents, item) for name, item in items.items()}
+        paths: dict[int, str] = {}
+        variables = {name: _variable(contents, item, paths) for name, item in items.items()}
         return xarray.decode_cf(xarray.Dataset(variables, attrs=attributes)).drop_encoding()
 
 
-def _variable(contents: Contents, item: h5py.Dataset) -> "xarray.Variable":
-    """Return a variable as it is encoded in the file."""
+def _variable(contents: Contents, item: h5py.Dataset, paths: dict[int, str]) -> "xarray.Variable":
+    """Return a variable as it is encoded in the file; `paths` as in `_scales`."""
     import xarray
 
-    paths = [item.name] if item.is_scale else _scales(contents.file, item)
+    scales = [item.name] if item.is_scale else _scales(contents.file, item, paths)
     encoding = {"dtype": str} if h5py.check_string_dtype(item.dtype) else {}
-    dims = [path.removeprefix("/") for path in paths]
+    dims = [path.removeprefix("/") for path in scales]
     return xarray.Variable(dims, contents.value(item), _attributes(contents, item), encoding)
 
 
-def _scales(file: h5py.File, item: h5py.Dataset) -> list[str]:
-    """Return the paths of the scales of a dataset. (HDF5's own function crashes if their list is of another type.)"""
+def _scales(file: h5py.File, item: h5py.Dataset, paths: dict[int, str]) -> list[str]:
+    """Return the paths of the scales of a dataset. (HDF5's own function crashes if their list is of another type.)
+
+    HDF5 searches the whole file for a path: `paths` keeps those found before, by the addresses of the scales.
+    """
     if item.ndim == 0:
         return []
     attribute = h5py.h5a.open(item.id, b"DIMENSION_LIST")
     references = h5py.check_vlen_dtype(attribute.dtype)
     if references is None or h5py.check_ref_dtype(references) is not h5py.Reference or attribute.shape != (item.ndim,):
         raise StorageError(f"has no list of dimensions ({item.name})")
-    return [file[scales[0]].name for scales in item.attrs["DIMENSION_LIST"]]
+    found = [file[scales[0]] for scales in item.attrs["DIMENSION_LIST"]]
+    addresses = [address_of(scale) for scale in found]
+    for address, scale in zip(addresses, found, strict=True):
+        if address not in paths:
+            paths[address] = scale.name
+    return [paths[address] for address in addresses]
 
 
 def _is_without_coordinates(file: h5py.File, name: str) -> bool:
