@@ -43,7 +43,7 @@ def render(
 
     Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
     """
-    shown = cases_shown(dataset, particles)
+    shown = cases_shown(dataset, particles, names)
     for name in names or ():
         _refuse_lacking(name, shown)
     files: dict[str, bytes] = {}
@@ -65,7 +65,7 @@ def render(
 
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
     """Return one figure of a dataset, as `render` writes it; the same errors."""
-    shown = cases_shown(dataset, particles)
+    shown = cases_shown(dataset, particles, [name])
     _refuse_lacking(name, shown)
     with drawing():
         return module_of(name).draw(shown[name])
@@ -81,12 +81,16 @@ def module_of(name: str) -> ModuleType:
     return import_module(f"brownpipe.figures.{name}")
 
 
-def cases_shown(dataset: Dataset, particles: int | None = None) -> dict[str, list[Dataset]]:
-    """Return for each figure the cases it shows: those with data for it, of one particle count or of all."""
+def cases_shown(
+    dataset: Dataset, particles: int | None = None, names: Sequence[str] | None = None
+) -> dict[str, list[Dataset]]:
+    """Return for each figure, or each of `names`, the cases it shows: those with data for it, of one particle count
+    or of all.
+    """
     check_names(dataset)
     cases = cases_of(dataset)
     check_count(cases, particles)
-    return {name: _selected(figure, cases, particles) for name, figure in FIGURES.items()}
+    return {name: _selected(FIGURES[name], cases, particles) for name in names or FIGURES}
 
 
 def _selected(figure: Entry, cases: list[Dataset], particles: int | None) -> list[Dataset]:
