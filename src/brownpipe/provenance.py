@@ -91,7 +91,8 @@ def _members(folder: Path, name: str) -> list[str]:
     return [f"{room}.{file.stem}" for file in (folder / room).glob("[!_]*.py")] if every else [name]
 
 
-def _imported(folder: Path, file: Path) -> list[str]:
+@cache  # the steps share most of their files
+def _imported(folder: Path, file: Path) -> tuple[str, ...]:
     """Return the modules that a file imports, or imports names from."""
     modules = []
     for package, names, module in IMPORT.findall(file.read_text(encoding="utf-8")):
@@ -100,7 +101,7 @@ def _imported(folder: Path, file: Path) -> list[str]:
         for name in re.findall(r"(\w+)(?: as \w+)?", names):
             modules.append(f"{package}.{name}" if _file(folder, f"{package}.{name}") else package)
         modules += [module] if module else []
-    return modules
+    return tuple(modules)
 
 
 def _top(module: str) -> str:
