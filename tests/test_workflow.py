@@ -39,7 +39,7 @@ sample_interval: 0.1
 STUDY = """\
 scenes: [scenes/hot.yaml, scenes/thermal.yaml]
 particles: [8, 12]
-seeds: 20
+seeds: 10
 batch: 10
 """
 PHYSICS = ("*.h5", "*.nc")
@@ -48,7 +48,7 @@ pytestmark = pytest.mark.slow
 
 
 def write_study(folder):
-    """Files of a study of four cases in two batches each."""
+    """Files of a study of four cases in one batch each."""
     (folder / "scenes").mkdir(parents=True)
     (folder / "study.yaml").write_text(STUDY)
     (folder / "scenes" / "hot.yaml").write_text(SCENE)
@@ -142,12 +142,12 @@ def test_everything_declared_is_there_and_printed(finished):
     assert printed.endswith(answer + last)
     logs = list((folder / "results/study/logs").rglob("*.log"))
     tables = list((folder / "results/study/benchmarks").rglob("*.tsv"))
-    assert (len(logs), len(tables)) == (10, 10)
+    assert (len(logs), len(tables)) == (6, 6)
     said = [line for log in logs for line in log.read_text().splitlines()]
     said = [line for line in said if not line.startswith(("brownpipe: compiling ", "brownpipe: waiting "))]
     last = r"results/\S+\.h5: 10 runs, worst overlap \S+ contact distances, .* of CPU"
     made = [line for line in said if re.fullmatch(last, line)]
-    assert len(made) == 8
+    assert len(made) == 4
     said = [line for line in said if line not in made]
     remarks = [engine.definition.caution(case) for case in study.cases for engine in study.engines]
     assert sorted(said) == sorted(f"brownpipe: {one}" for one in remarks if one for _ in study.batches_of(study.seeds))
@@ -157,14 +157,14 @@ def test_the_screen_shows_how_far_the_study_is_and_little_else(finished):
     folder, printed = finished
     before = printed[: printed.index((folder / "results/study/figures/summary.txt").read_text())].splitlines()
     assert before[0].startswith("Using workflow specific profile ")  # Snakemake says so before it asks for a display
-    assert before[1].startswith("brownpipe: the study study: 80 runs in 8 jobs of up to 10 seeds: some ")
-    of_80 = r"\d+ of 80 runs( \(\d+ %\))?, \d+ s.*"
-    shown = rf"simulate: {of_80}|aggregate: ({of_80}|\d+ s)|figures: .*\d+ s.*|brownpipe: .*"
+    assert before[1].startswith("brownpipe: the study study: 40 runs in 4 jobs of up to 10 seeds: some ")
+    of_40 = r"\d+ of 40 runs( \(\d+ %\))?, \d+ s.*"
+    shown = rf"simulate: {of_40}|aggregate: ({of_40}|\d+ s)|figures: .*\d+ s.*|brownpipe: .*"
     assert [line for line in before[2:] if not re.fullmatch(shown, line)] == []
     assert {"aggregate", "figures", "simulate"} <= {line.partition(":")[0] for line in before}
     logs = "".join(log.read_text() for log in (folder / ".snakemake" / "log").iterdir())
-    assert logs.count("brownpipe simulate ") >= 8  # every command is there
-    assert "9 of 11 steps" in logs
+    assert logs.count("brownpipe simulate ") >= 4  # every command is there
+    assert "5 of 7 steps" in logs
 
 
 def test_the_answer_is_shown_again_though_nothing_is_to_be_done(finished):
@@ -212,14 +212,14 @@ def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_langua
     assert first.returncode != 0
     assert not list(folder.rglob("*.part"))
     done = len(list(folder.rglob("*.h5")))
-    assert 0 < done < 8
-    assert planned(folder)["simulate"] <= 8 - done + 1
+    assert 0 < done < 4
+    assert planned(folder)["simulate"] <= 4 - done + 1
     snakemake_in(folder, elsewhere, "--cores", "2")
     one, two = (contents(each, *PHYSICS, *PICTURES) for each in (finished[0], folder))
     assert one.keys() == two.keys()
     assert [path for path in one if one[path] != two[path]] == []
     figures = read_study(folder / "study.yaml").figures
-    assert len(one) == 8 + 1 + 2 + 3 * len(figures)  # runs, dataset, summary, figures in three forms
+    assert len(one) == 4 + 1 + 2 + 3 * len(figures)  # runs, dataset, summary, figures in three forms
 
 
 def wait_for(condition, seconds=120):
@@ -232,15 +232,15 @@ def wait_for(condition, seconds=120):
 def test_batches_change_neither_trajectories_nor_results(finished, tmp_path, monkeypatch):
     """Figures and summary are made of the dataset alone, the same bytes of the same dataset."""
     folder = write_study(tmp_path / "study")
-    commands = snakemake(folder, "--dry-run", "--until", "aggregate", "--config", "batch=20")
-    assert run_here(folder, commands, monkeypatch) == 4 + 1
+    commands = snakemake(folder, "--dry-run", "--until", "aggregate", "--config", "batch=5")
+    assert run_here(folder, commands, monkeypatch) == 8 + 1
     one, two = (contents(each, "*.nc") for each in (finished[0], folder))
     assert one == two and len(one) == 1
     of_figures = (ROOT / "workflow" / "rules" / "figures.smk").read_text().partition("    output:")[0]
     assert of_figures.split() == ["rule", "figures:", "input:", 'f"{results}/aggregate/{study.name}.nc",']
     for case in ("hot/N8", "thermal/N12"):
-        parts = [finished[0] / f"results/study/simulate/{case}/exact/{batch}.h5" for batch in ("0-9", "10-19")]
-        whole = folder / f"results/study/simulate/{case}/exact/0-19.h5"
+        parts = [folder / f"results/study/simulate/{case}/exact/{batch}.h5" for batch in ("0-4", "5-9")]
+        whole = finished[0] / f"results/study/simulate/{case}/exact/0-9.h5"
         joined = np.concatenate([tracers(part) for part in parts], axis=1)
         assert joined.tobytes() == tracers(whole).tobytes()
 
@@ -253,9 +253,9 @@ def tracers(path):
 # -- nothing that need not be ---------------------------------------------------------------------------------------
 
 
-ALL = {"simulate": 8, "aggregate": 1, "figures": 1}
+ALL = {"simulate": 4, "aggregate": 1, "figures": 1}
 NOTHING = dict.fromkeys(ALL, 0)
-HALF = {"simulate": 4, "aggregate": 1, "figures": 1}
+HALF = {"simulate": 2, "aggregate": 1, "figures": 1}
 FIGURES = {"simulate": 0, "aggregate": 0, "figures": 1}
 ANALYSIS = {"simulate": 0, "aggregate": 1, "figures": 1}
 REORDERED = "# a comment\n" + "".join(
@@ -270,9 +270,9 @@ REORDERED = "# a comment\n" + "".join(
         ("scenes/hot.yaml", SCENE, REORDERED, NOTHING),
         ("scenes/hot.yaml", "mass: 0.4", "mass: 0.5", HALF),
         ("scenes/thermal.yaml", "duration: 1.0", "duration: 1.1", HALF),
-        ("study.yaml", "seeds: 20", "seeds: 30", HALF),
-        ("study.yaml", "seeds: 20", "seeds: 20\nfit_windows: [[0.2, 1.0]]", ANALYSIS),
-        ("study.yaml", "seeds: 20", "seeds: 20\nfigures: [msd]", FIGURES),
+        ("study.yaml", "seeds: 10", "seeds: 20", ALL),  # the second batch of each case
+        ("study.yaml", "seeds: 10", "seeds: 10\nfit_windows: [[0.2, 1.0]]", ANALYSIS),
+        ("study.yaml", "seeds: 10", "seeds: 10\nfigures: [msd]", FIGURES),
     ],
 )
 def test_a_change_runs_what_depends_on_it_and_nothing_else(study, file, old, new, jobs):
@@ -289,7 +289,7 @@ def test_a_change_runs_what_depends_on_it_and_nothing_else(study, file, old, new
 @pytest.mark.parametrize(
     ("deleted", "jobs"),
     [
-        ("simulate/*/*/*/0-9.h5", {"simulate": 4, "aggregate": 1, "figures": 1}),
+        ("simulate/hot/*/*/0-9.h5", HALF),
         ("aggregate/study.nc", ANALYSIS),
         ("figures/health.svg", FIGURES),
         ("figures/summary.csv", FIGURES),
@@ -330,10 +330,10 @@ def test_a_changed_version_runs_its_step_again(study, tmp_path, package, jobs):
 
 def test_more_seeds_leave_the_files_of_the_others_alone(study):
     before = {path: path.stat().st_mtime_ns for path in study.rglob("*.h5")}
-    one_case = ("scenes=scenes/hot.yaml", "particles=8")  # has two batches, as each of the others
-    snakemake(study, "--cores", "2", "--until", "simulate", "--config", "seeds=24", *one_case)
+    one_case = ("scenes=scenes/hot.yaml", "particles=8")
+    snakemake(study, "--cores", "2", "--until", "simulate", "--config", "seeds=14", *one_case)
     after = {path: path.stat().st_mtime_ns for path in study.rglob("*.h5")}
-    assert {path.name for path in after.keys() - before.keys()} == {"20-23.h5"}
+    assert {path.name for path in after.keys() - before.keys()} == {"10-13.h5"}
     assert before.items() <= after.items()
 
 
@@ -385,10 +385,10 @@ def test_a_changed_engine_runs_its_own_jobs_again(of_two_engines, tmp_path, sour
 
 def test_what_is_measured_in_the_runs_is_passed_on(study, monkeypatch):
     measured = ["--config", "observables=[square_displacement,species_energy]", "record=none"]
-    assert planned(study, "--until", "simulate", *measured) == {"simulate": 8, "aggregate": 0, "figures": 0}
+    assert planned(study, "--until", "simulate", *measured) == {"simulate": 4, "aggregate": 0, "figures": 0}
     one_case = ("scenes=scenes/hot.yaml", "particles=8")
     commands = snakemake(study, "--dry-run", "--until", "simulate", *measured, *one_case)
-    assert run_here(study, commands, monkeypatch) == 2
+    assert run_here(study, commands, monkeypatch) == 1
     with h5py.File(study / "results/study/simulate/hot/N8/exact/0-9.h5") as file:
         assert file["observables/run/species_energy"].shape == (10, 11, 2)
         assert "observables/run/square_displacement" in file and "particles/tracer" not in file
@@ -483,7 +483,7 @@ def test_report_is_one_page_that_begins_with_the_answer(finished, tmp_path):
     page = (tmp_path / "report.html").read_text()
     assert not re.search(r"<(?:script|link|img)[^>]*(?:src|href)=.?https?:", page)
     first = page[page.index("workflow_desc") :].partition("\n")[0]
-    assert re.search(r"hot +8 +20 +", first)
+    assert re.search(r"hot +8 +10 +", first)
     assert "<svg" in first
     for caption in (
         "Mean squared displacement of the tracer",
