@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -9,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from brownpipe.cli import main
-from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, StorageError
 from brownpipe.storage.checksums import read_checksums, write_checksums
 from brownpipe.study import run_count
 from brownpipe.study.expectation import expected_files, read_settled
 from brownpipe.study.run_record import RunRecord, write_run_record
-from brownpipe.study.verification import Verdict, verify_results
+from brownpipe.study.verification import Verdict, verify_file, verify_results
 
 SCENE = """\
 box: {x: [-3.0, 3.0], y: [-3.0, 3.0]}
@@ -249,3 +250,40 @@ def test_a_plan_that_contradicts_itself_is_not_used(tmp_path):
     for text in (plan, plan.replace("runs: 120", "runs: 12"), plan.replace("runs: 120\n", ""), "runs: 120\n", "- 3\n"):
         path.write_text(text)
         assert bool(run_count._stored_plan(path)) == (text == plan)
+
+
+def pipe(path):
+    os.mkfifo(path)
+
+
+def link_to_nothing(path):
+    path.symlink_to("nothing")
+
+
+@pytest.mark.promise(
+    "a pipe, folder or broken link in place of a result", "`brownpipe verify` names it and never waits."
+)
+@pytest.mark.parametrize("plant", [pipe, Path.mkdir, link_to_nothing], ids=["pipe", "folder", "link"])
+@pytest.mark.parametrize("file", sorted(FILES - SHOWN | {"figures/health.csv"}))
+def test_what_is_no_file_is_named(study, file, plant):
+    def too_long(*_):
+        raise TimeoutError
+
+    path = RESULTS / file
+    path.unlink()
+    plant(path)
+    before = signal.signal(signal.SIGALRM, too_long)
+    signal.alarm(30)
+    try:
+        assert file in named(verify_results(RESULTS))
+        with pytest.raises(StorageError):
+            verify_file(path)
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.promise("a list of checksums is exchanged", "It is named, also if what replaces it is sealed.")
+def test_a_sealed_text_that_is_no_list_of_checksums_is_named(study):
+    shutil.copy(RESULTS / "run.yaml", RESULTS / "figures/SHA256SUMS")
+    assert "figures/SHA256SUMS" in named(verify_results(RESULTS))

@@ -6,6 +6,9 @@ A named pipe, a device or a socket in place of a file may never end, never begin
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 
 KINDS = {  # by the file type in the mode
@@ -16,8 +19,9 @@ KINDS = {  # by the file type in the mode
 }
 
 
-def read_ordinary(path: str | Path, most_bytes: int) -> bytes:
-    """Return the contents of an ordinary file, at most the first `most_bytes`.
+@contextmanager
+def opened_ordinary(path: str | Path) -> Iterator[BufferedReader]:
+    """Open an ordinary file to be read.
 
     Raises OSError, with a `strerror` for messages, if the path is anything else or cannot be read; ValueError for a
     path that no system allows.
@@ -25,9 +29,14 @@ def read_ordinary(path: str | Path, most_bytes: int) -> bytes:
     _refuse_kind(os.stat(path))  # first, as opening can be an action of a device, and waits at a pipe
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK)
     with open(handle, "rb") as file:
-        found = os.fstat(handle)
-        _refuse_kind(found)
-        return file.read(min(found.st_size or most_bytes, most_bytes)) or b""
+        _refuse_kind(os.fstat(handle))
+        yield file
+
+
+def read_ordinary(path: str | Path, most_bytes: int) -> bytes:
+    """Return the contents of an ordinary file, at most the first `most_bytes`; errors as of `opened_ordinary`."""
+    with opened_ordinary(path) as file:
+        return file.read(min(os.fstat(file.fileno()).st_size or most_bytes, most_bytes)) or b""
 
 
 def _refuse_kind(found: os.stat_result) -> None:

@@ -11,11 +11,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from brownpipe.errors import StorageError, WrongFileError
+from brownpipe.opening import opened_ordinary, read_ordinary
 from brownpipe.storage.files import PREFIX, write_file
 
 NAME = "SHA256SUMS"
 MOST_BYTES = 2**20  # of a sealed text; larger files are refused
 SEAL_LENGTH = len(f"# {PREFIX}\n") + 64
+LINE = re.compile(r"\\?[0-9a-f]{64}  .+")
 ESCAPES = {"\\": "\\\\", "\n": "\\n", "\r": "\\r"}  # in names, as `sha256sum` writes them
 
 
@@ -30,8 +32,7 @@ def read_sealed_text(path: str | Path) -> str:
     Raises StorageError, without the name of the file, if the seal is broken or missing; WrongFileError without a file.
     """
     try:
-        with open(path, "rb") as file:
-            text = file.read(MOST_BYTES + 1).decode(errors="replace")
+        text = read_ordinary(path, MOST_BYTES + 1).decode(errors="replace")
     except OSError as error:
         raise WrongFileError(f"cannot be read: {error.strerror}") from error
     lines, seal = text[:-SEAL_LENGTH], text[-SEAL_LENGTH:]
@@ -53,8 +54,13 @@ def write_checksums(folder: str | Path, files: Iterable[str | Path]) -> Path:
 
 
 def read_checksums(folder: str | Path) -> Mapping[str, str]:
-    """Return the SHA-256 of each file listed in SHA256SUMS of a folder, by name. Errors as of `read_sealed_text`."""
+    """Return the SHA-256 of each file listed in SHA256SUMS of a folder, by name.
+
+    Errors as of `read_sealed_text`; StorageError, too, for a sealed text that is no list of checksums.
+    """
     lines = read_sealed_text(Path(folder) / NAME).split("\n")[:-1]
+    if not all(map(LINE.fullmatch, lines)):
+        raise StorageError("is sealed, but is no list of checksums")
     pairs = (line.removeprefix("\\").split("  ", 1) for line in lines)
     names = {escape: character for character, escape in ESCAPES.items()}
     return {re.sub(r"\\[\\nr]", lambda found: names[found[0]], name): digest for digest, name in pairs}
@@ -68,6 +74,6 @@ def _line(name: str, digest: str) -> str:
 
 
 def digest_of(path: str | Path) -> str:
-    """Return the SHA-256 of a file, read in blocks. Raises OSError if it cannot be read."""
-    with open(path, "rb") as file:
+    """Return the SHA-256 of an ordinary file, read in blocks. Raises OSError if it cannot be read."""
+    with opened_ordinary(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -168,7 +168,11 @@ def _commit(package: Path) -> str | None:
         done = subprocess.run(
             command, env=environment, timeout=LONGEST_GIT, stdin=subprocess.DEVNULL, capture_output=True
         )
-    except (OSError, subprocess.SubprocessError):
+    except (
+        FileNotFoundError,
+        PermissionError,
+        subprocess.SubprocessError,
+    ):  # others, such as too many open files, are told
         return None
     said = done.stdout.decode(errors="replace")
     commit = COMMIT.search(said)

@@ -93,6 +93,11 @@ def case_title(scene: Scene) -> str:
     return f"{scene.name}, N = {scene.particles}"
 
 
+def is_plan(path: str | Path) -> bool:
+    """Whether a file is a plan that does not contradict itself."""
+    return bool(_stored_plan(path))
+
+
 def _stored_plan(path: str | Path) -> dict:
     """Return the contents of the plan file; empty if there is none, it cannot be read or it contradicts itself."""
     try:

@@ -54,6 +54,15 @@ def read_run_record(folder: str | Path) -> RunRecord:
     return RunRecord(mapping["study"], config if isinstance(config, dict) else {})
 
 
+def is_run_record(path: str | Path) -> bool:
+    """Whether a file is a record of how a study was run."""
+    try:
+        read_run_record(Path(path).parent)
+    except RequestError:
+        return False
+    return True
+
+
 def likely_study(folder: Path) -> str | None:
     """Return the study file with the name of the results: NAME.yaml beside `results`, or the only one a folder deeper.
 

@@ -23,9 +23,9 @@ from brownpipe.storage.checksums import NAME as CHECKSUMS
 from brownpipe.storage.checksums import digest_of, read_checksums, read_sealed_text
 from brownpipe.storage.expected import difference
 from brownpipe.study.expectation import expected_files, read_settled
-from brownpipe.study.run_count import PLAN
+from brownpipe.study.run_count import PLAN, is_plan
 from brownpipe.study.run_record import NAME as RECORD
-from brownpipe.study.run_record import RunRecord, likely_study, read_run_record
+from brownpipe.study.run_record import RunRecord, is_run_record, likely_study, read_run_record
 from brownpipe.study.study import SimulationJob, Study
 from brownpipe.tradeoff import is_tradeoff
 
@@ -105,7 +105,11 @@ def verify_file(path: str | Path) -> None:
     path, folder = Path(path), Path(path).parent
     listed = _checksums(folder)
     if path.name in listed:
-        if digest_of(path) != listed[path.name]:
+        try:
+            digest = digest_of(path)
+        except OSError as error:
+            raise WrongFileError(f"{path}: cannot be read: {error.strerror}") from error
+        if digest != listed[path.name]:
             dataset = next((os.path.join(folder, name) for name in listed if name.endswith(".nc")), "DATASET.nc")
             again = f"brownpipe figures {shell_path(os.path.normpath(dataset))} --output {shell_path(folder)}"
             raise StorageError(f"{path}: was damaged or edited after it was written; {again}")
@@ -183,6 +187,8 @@ def _sealed(results: Results) -> Findings:
                 yield file, *(("is no ordinary file", None) if file in results.promised else (None, FOREIGN))
             elif file in (RECORD, PLAN):
                 read_sealed_text(path)
+                if not (is_run_record if file == RECORD else is_plan)(path):
+                    yield file, "is another text than its name says", None
             elif path.suffix == ".h5":
                 yield _trajectories(results, file)
             elif path.suffix == ".nc":
