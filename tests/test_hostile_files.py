@@ -300,7 +300,7 @@ def test_killed_writers_leave_the_old_file_and_the_next_one_no_litter(faults, tm
     contents = [bytes([k]) * 300_000 for k in range(2)]
     storage.write_file(tmp_path / "x", contents[0])
     left = 0
-    for _ in faults.tries(15):
+    for _ in faults.tries(20):
         child = os.fork()
         if child == 0:
             while True:
