@@ -16,7 +16,8 @@ from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage import Trajectories
-from brownpipe.storage.trajectories import MEANING, read_header
+from brownpipe.storage.layout import MEANING
+from brownpipe.storage.trajectories import read_header
 
 HEALTH = {  # observable: name of its largest absolute value in the report
     "energy_drift": "worst energy drift",

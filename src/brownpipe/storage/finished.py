@@ -14,7 +14,8 @@ from brownpipe.errors import StorageError
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.storage.expected import difference
 from brownpipe.storage.files import sync
-from brownpipe.storage.trajectories import FORMAT, read_header, read_trajectories
+from brownpipe.storage.layout import FORMAT
+from brownpipe.storage.trajectories import read_header, read_trajectories
 
 SUFFIX = ".kept"
 

@@ -1,33 +1,26 @@
 """Trajectory files: a batch of runs of one scene by one engine; their layout is drawn in `brownpipe.storage`."""
 
 import json
-import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import h5py
 import numpy as np
 
-from brownpipe.engines import DEFINITIONS, RECORDS, Engine, option, recorded, requested
+from brownpipe.engines import Engine, recorded
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
-from brownpipe.observables import ARRAYS, AVERAGES, AXES, OBSERVABLES, RENAMED, observables_making
+from brownpipe.observables import AXES, observables_making
 from brownpipe.provenance import modules_of, source_digest, versions
-from brownpipe.quoting import shell_path
-from brownpipe.scene import Box, Scene, parse_scene, reading
-from brownpipe.scene.reading import NAME, Entry
-from brownpipe.scene.scene_file import MOST_DISKS
-from brownpipe.scene.seeds import parse_seeds, seed_text
-from brownpipe.storage import arrays
+from brownpipe.scene import Scene, parse_scene
+from brownpipe.scene.reading import NAME
+from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.admission import opened, understood
 from brownpipe.storage.consistency import refuse_axes, refuse_sizes, refuse_values
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
 from brownpipe.storage.hdf5 import (
-    Link,
     Node,
-    Tree,
     digest,
     from_bytes,
     names_from_bytes,
@@ -35,8 +28,9 @@ from brownpipe.storage.hdf5 import (
     some_from_bytes,
     to_bytes,
 )
+from brownpipe.storage.layout import FORMAT, parameter_nodes, run_nodes
+from brownpipe.storage.rerun import remedy
 
-FORMAT = 1
 OUTLINE = (  # paths from which an Outline is made
     "parameters",
     "parameters/scene",
@@ -45,52 +39,9 @@ OUTLINE = (  # paths from which an Outline is made
     "particles/tracer/position/time",
     "observables/run/time",
 )
-COMMAND = re.compile(  # as `_command` writes it; none of its characters means anything to a shell
-    rb"`brownpipe simulate ([A-Za-z0-9][A-Za-z0-9._-]{0,63})\.yaml((?: --[a-z-]+ [A-Za-z0-9.,_+-]+)+)`"
-)
-WORDS_OF = {"--record": RECORDS, "--observables": (*OBSERVABLES, *RENAMED), "--average": AVERAGES}  # in the command
 WITHOUT_RESULTS = {"seed", "failed", "stopped"}  # all that is known of runs that could not go on
 LISTED = ("particles", "observables/run", "observables/events")  # groups whose names an Outline needs
 TEXTS = ("scene_name", "engine", "average", "source_digest", "contents_digest")  # attributes of /parameters
-TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
-
-MEANING = {  # dataset: units, long_name
-    "time": ("time", "time since the start of the run"),
-    "step": ("1", "index of the sample"),
-    "seed": ("1", "seed of the run"),
-    "disk": ("1", "index of the disk; 0 is the tracer"),
-    "component": ("1", "Cartesian component"),
-    "position": ("length", "position of the disk's centre"),
-    "velocity": ("length/time", "velocity"),
-    "image": ("1", "periodic images crossed; unwrapped position = position + image * edges"),
-    "radius": ("length", "radius"),
-    "mass": ("mass", "mass"),
-    "edges": ("length", "width and height of the box"),
-    "origin": ("length", "lower left corner of the box"),
-    "a": ("1", "colliding disk"),
-    "b": ("1", "its partner: a disk, or a wall: -1 left, -2 right, -3 bottom, -4 top"),
-    "impulse": ("mass*length/time", "momentum transferred to disk a"),
-    "pair_collisions": ("1", "collisions between disks"),
-    "wall_collisions": ("1", "collisions of disks with walls"),
-    "tracer_collisions": ("1", "collisions of the tracer with disks"),
-    "energy_drift": ("1", "relative change of the kinetic energy over the run"),
-    "worst_overlap": ("1", "deepest overlap of two disks, in contact distances"),
-    "momentum_residual": ("1", "relative residual of the momentum balance of disks and walls"),
-    "kinetic_energy": ("energy", "total kinetic energy at t = 0, conserved; NaN if not representable in these units"),
-    "virial": ("energy*time", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
-    "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
-    "missed_collisions": ("1", "collisions missed because the pair met and separated within one time step"),
-    "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
-    "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
-    "failed": (
-        "1",
-        "1 if overlap, energy drift or momentum residual exceeds its bound, a number is not finite or the run could "
-        "not go on: exclude from averages",
-    ),
-    "stopped": ("1", "why the run could not go on; empty for a run that came to its end"),
-    "scene": ("1", "the scene as canonical JSON"),
-    "settings": ("1", "settings of the engine as JSON"),
-}
 
 
 class Trajectories(NamedTuple):
@@ -139,8 +90,8 @@ def write_trajectories(
     Raises StorageError if the file cannot be written, or if HDF5 decodes other values from its bytes.
     """
     source = source or source_digest(*modules_of("simulate", engine.name))
-    parameters = _parameters(scene, engine, ensemble, source)
-    nodes = _layout(scene, ensemble) | parameters
+    parameters = parameter_nodes(scene, engine, ensemble, source)
+    nodes = run_nodes(scene, ensemble) | parameters
     expected = digest(nodes)
     parameters["parameters"].attributes.update(contents_digest=expected, seal=BLANK_SEAL)
     image = seal(to_bytes(nodes))
@@ -223,143 +174,6 @@ def refuse_stopped(trajectories: Trajectories, path: str, seed: int | None) -> N
     """Raise RequestError for the seed of a run that could not go on: there are no trajectories of it."""
     if seed in trajectories.ensemble.stopped:
         raise RequestError(f"{path}: seed {seed}: its run could not go on: {trajectories.ensemble.stopped[seed]}")
-
-
-# -- layout ---------------------------------------------------------------------------------------------------------
-
-
-def _layout(scene: Scene, ensemble: Ensemble) -> Tree:
-    """Return all nodes of a trajectory file but its parameters."""
-    nodes = _header()
-    if ensemble.tracer is not None:
-        nodes |= _particles("particles/tracer", scene, ensemble.times, ensemble.tracer, "seed", ensemble.seeds)
-    for seed, track in ensemble.whole.items():
-        group = f"particles/seed_{seed:05d}"
-        nodes |= _particles(group, scene, ensemble.times, track, "disk", np.arange(scene.particles))
-        nodes[f"{group}/radius"] = _dataset("radius", scene.radius, ("id",))
-        nodes[f"{group}/mass"] = _dataset("mass", scene.mass, ("id",))
-    nodes |= _observables(scene, ensemble)
-    for seed, events in ensemble.events.items():
-        nodes |= _events(f"observables/events/seed_{seed:05d}", events)
-    return nodes
-
-
-def _header() -> Tree:
-    """Return what H5MD requires of every file."""
-    return {
-        "h5md": Node(None, {"version": np.array([1, 1])}),
-        "h5md/author": Node(None, {"name": "brownpipe"}),
-        "h5md/creator": Node(None, {"name": "brownpipe", "version": versions()["brownpipe_version"]}),
-        "particles": Node(None, {}),
-    }
-
-
-def _dataset(name: str, value: Any, dims: tuple[str, ...] = (), chunk_axes: tuple[int, ...] | None = None) -> Node:
-    """Return a dataset with the units and the meaning that belong to its name."""
-    units, long_name = MEANING.get(name, ("1", name.replace("_", " ")))
-    return Node(value, {"units": units, "long_name": long_name}, dims, chunk_axes)
-
-
-def _particles(group: str, scene: Scene, times: np.ndarray, track: Track, dim: str, ids: np.ndarray) -> Tree:
-    """Return a particles group of H5MD; `ids` are the values along `dim`, the dimension of the particles.
-
-    All elements (position, velocity, image) have the same steps and scales: those of the position, linked.
-    """
-    nodes = {group: Node(None, {})} | _box(f"{group}/box", scene.box)
-    nodes[f"{group}/id"] = _dataset(dim, ids, ("id",))
-    scales: Tree = {"time": _dataset("time", times, ("time",)), dim: _dataset(dim, ids, (dim,))}
-    scales |= {"component": Link(f"{group}/box/component"), "step": _dataset("step", np.arange(len(times)), ("time",))}
-    links = {name: Link(f"{group}/position/{name}") for name in scales}
-    chunk_axes = TIME_FIRST if dim == "seed" else None
-    for element, value in track._asdict().items():
-        if value is None:
-            continue
-        nodes[f"{group}/{element}"] = Node(None, {})
-        for name, node in (scales if element == "position" else links).items():
-            nodes[f"{group}/{element}/{name}"] = node
-        nodes[f"{group}/{element}/value"] = _dataset(element, value, ("time", dim, "component"), chunk_axes)
-    return nodes
-
-
-def _box(group: str, box: Box) -> Tree:
-    boundary = "periodic" if box.periodic else "none"
-    return {
-        group: Node(None, {"dimension": 2, "boundary": [boundary, boundary]}),
-        f"{group}/component": _components(),
-        f"{group}/edges": _dataset("edges", np.array([box.width, box.height]), ("component",)),
-        f"{group}/origin": _dataset("origin", np.array(box.origin), ("component",)),
-    }
-
-
-def _components() -> Node:
-    """Return the scale of the Cartesian components."""
-    return _dataset("component", np.array(["x", "y"], h5py.string_dtype()), ("component",))
-
-
-def _observables(scene: Scene, ensemble: Ensemble) -> Tree:
-    """Return one number per run, and arrays, of every observable."""
-    group = "observables/run"
-    nodes: Tree = {
-        "observables": Node(None, {}),
-        group: Node(None, {}),
-        f"{group}/seed": _dataset("seed", ensemble.seeds, ("seed",)),
-    }
-    for name, value in ensemble.observables.items():
-        if name not in ARRAYS:
-            nodes[f"{group}/{name}"] = _dataset(name, value, ("seed",))
-    if ensemble.stopped:
-        reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
-        nodes[f"{group}/stopped"] = _dataset("stopped", np.array(reasons, h5py.string_dtype()), ("seed",))
-    nodes |= arrays.layout(group, scene, ensemble)
-    if ensemble.events:
-        nodes["observables/events"] = Node(None, {})
-    return nodes
-
-
-def _events(group: str, events: Events) -> Tree:
-    """Return the collisions of one run."""
-    nodes: Tree = {group: Node(None, {}), f"{group}/component": _components()}
-    for name, value in events._asdict().items():
-        nodes[f"{group}/{name}"] = _dataset(name, value, ("time", "component")[: value.ndim])
-    return nodes
-
-
-def _parameters(scene: Scene, engine: Engine, ensemble: Ensemble, source: str) -> dict[str, Node]:
-    """Return the group /parameters: scene, engine, versions, and the commands that make the runs again."""
-    attributes = {
-        "format": FORMAT,
-        "scene_name": scene.name,
-        "particles": scene.particles,
-        "engine": engine.name,
-        "seeds": seed_text(ensemble.seeds),
-        "average": ensemble.average,
-        "rerun": _rerun(scene, engine, ensemble),
-        "source_digest": source,
-    }
-    return {
-        "parameters": Node(None, attributes | versions()),
-        "parameters/scene": _dataset("scene", scene.text),
-        "parameters/settings": _dataset("settings", json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False)),
-    }
-
-
-def _rerun(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
-    """Return the commands that make these runs again, and where the scene file comes from: no other file is needed."""
-    scene_file = f"{scene.name}.yaml is printed by `brownpipe inspect FILE --scene`"
-    compare = "`brownpipe inspect FILE --reproduce` runs and compares; FILE is this file"
-    return f"{_command(scene, engine, ensemble)}, where {scene_file}; {compare}"
-
-
-def _command(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
-    """Return the command that makes these runs again, in backquotes, by which `_remedy` finds it in a damaged file."""
-    particles = f" --particles {scene.particles}" if scene.species else ""
-    tracks = ["all"] * bool(ensemble.whole) + ["events"] * bool(ensemble.events)
-    if not tracks and ensemble.tracer is None and scene.particles > 0:
-        tracks = ["none"]
-    record = f" --record {','.join(tracks)}" if tracks else ""
-    seeds = f" --seeds {seed_text(ensemble.seeds)}"
-    observables = arrays.command_options(ensemble)
-    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.options}{record}{observables}`"
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
@@ -457,41 +271,4 @@ def _naming(path: str | Path) -> Iterator[None]:
     except WrongFileError as error:
         raise WrongFileError(f"{path}: {error}") from error
     except StorageError as error:
-        raise StorageError(f"{path}: {error}; {_remedy(path)}") from error
-
-
-def _remedy(path: str | Path) -> str:
-    """Return how to make a damaged file again: by the command found in its raw bytes, without the help of HDF5."""
-    try:
-        match = COMMAND.search(Path(path).read_bytes())
-    except OSError:
-        return "check that it is there and can be read"
-    try:
-        seeds, command = _valid_command(match)
-    except (RequestError, ValueError):
-        return "if brownpipe wrote it, delete it and run the study or brownpipe simulate again"
-    return f"seeds {seeds} are lost: delete it and run the study again, or {command} --output {shell_path(path)}"
-
-
-def _valid_command(match: re.Match[bytes] | None) -> tuple[str, str]:
-    """Return the seeds and the command that `_command` wrote, made anew from its values, as bytes may say anything.
-
-    Raises ValueError or RequestError unless there is a command and every part of it is valid.
-    """
-    if match is None:
-        raise ValueError("no command")
-    name, options = (text.decode("ascii") for text in match.groups())
-    words = options.split()
-    given = dict(zip(words[::2], words[1::2], strict=True))
-    known = DEFINITIONS[reading.choice(Entry(given.pop("--engine", ""), ""), tuple(DEFINITIONS))]
-    settings = {key: given.pop(option(key)) for key in known.settings if option(key) in given}
-    values = {key: float(text) if known.settings[key].is_positive else text for key, text in settings.items()}
-    seeds = seed_text(parse_seeds(given.pop("--seeds", "")))
-    particles = given.pop("--particles", None)
-    parts = [f"brownpipe simulate {name}.yaml"]
-    parts += [] if particles is None else [f"--particles {reading.integer(Entry(int(particles), ''), 0, MOST_DISKS)}"]
-    parts += [f"--seeds {seeds} --engine {requested(known.name, values).options}"]
-    for key, text in given.items():
-        names = [reading.choice(Entry(word, ""), WORDS_OF.get(key, ())) for word in text.split(",")]
-        parts.append(f"{key} {','.join(names)}")
-    return seeds, " ".join(parts)
+        raise StorageError(f"{path}: {error}; {remedy(path)}") from error

@@ -19,7 +19,8 @@ from brownpipe.engines.state import Ensemble, Events, Track, blank
 from brownpipe.errors import RequestError
 from brownpipe.observables import ARRAYS, AXES, axes
 from brownpipe.scene import parse_scene
-from brownpipe.storage.trajectories import MEANING, Trajectories
+from brownpipe.storage.layout import MEANING
+from brownpipe.storage.trajectories import Trajectories
 
 if TYPE_CHECKING:
     from xarray import Dataset, DataTree, Variable
