@@ -7,15 +7,12 @@ the installation that made it is copied, so that its bytes can be equal; differe
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
 
 from brownpipe import analysis, tradeoff
 from brownpipe.engines import forecast
@@ -24,6 +21,7 @@ from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.origin import RECORD, Record, dataset_attributes, read_record, record_in
 from brownpipe.figures.products import SUMMARY, write
 from brownpipe.formatting import in_time
+from brownpipe.inspection.comparison import differing_variables, first_difference
 from brownpipe.inspection.lines import DIGITS, is_version
 from brownpipe.inspection.runs import seeds_in_words
 from brownpipe.provenance import modules_of, source_digest
@@ -49,7 +47,6 @@ EVERYWHERE = "health"  # the figure that every dataset has
 DRAWING = 1.2  # CPU seconds to import matplotlib and draw a figure
 BATCH = 2400  # runs in memory at the same time
 MOST_BYTES = 2**28  # of a figure or table
-LONGEST_LINE = 60  # characters of a line that is shown
 TIMED = "CPU times are measured anew whenever a trade-off is made"
 
 
@@ -333,30 +330,8 @@ def _differing_datasets(product: Product, path: Path, made: Dataset, again: Path
         f"attribute {name}" for name in {**stored.attrs, **made.attrs} if stored.attrs.get(name) != made.attrs.get(name)
     ]
     for name in dict.fromkeys([*stored.variables, *made.variables]):
-        lines += _differing_variables(str(name), stored, made)
+        lines += differing_variables(str(name), stored, made)
     return lines or ["bytes of the file, though all numbers and attributes are the same: HDF5 or netCDF differ"]
-
-
-def _differing_variables(name: str, stored: Dataset, made: Dataset) -> list[str]:
-    """Return in a line where a variable differs first and how often; nothing if it is identical."""
-    if name not in stored.variables or name not in made.variables:
-        return [f"{name}: only in {'the file' if name in stored.variables else 'the dataset made again'}"]
-    one, other = stored[name], made[name]
-    if one.dims != other.dims or one.shape != other.shape or one.dtype != other.dtype:
-        return [f"{name}: of another shape or type"]
-    values = one.values, other.values
-    differing = values[0] != values[1]
-    if one.dtype.kind == "f":
-        differing &= ~(np.isnan(values[0]) & np.isnan(values[1]))
-    if not np.any(differing):
-        return [] if one.identical(other) else [f"{name}: attributes or coordinates"]
-    first = tuple(int(places[0]) for places in np.nonzero(differing))
-    where = ", ".join(
-        f"{dim} {stored[dim].values[k]}" if dim in stored.coords else f"{dim} {k}"
-        for dim, k in zip(one.dims, first, strict=True)
-    )
-    pair = f"{values[0][first]!s:.40} in the file, {values[1][first]!s:.40} made again"
-    return [f"{name}: {np.count_nonzero(differing)} of {differing.size} values; first at {where}: {pair}"]
 
 
 def _differing_figures(product: Product, record: Record, dataset: Dataset, folder: Path) -> list[str]:
@@ -372,7 +347,7 @@ def _differing_figures(product: Product, record: Record, dataset: Dataset, folde
         original = path.with_name(name) if path.name == RECORD else path
         if not original.is_file():
             lines.append(f"{original.name}: is missing")
-        elif difference := _first_difference(original.read_bytes(), made[name].read_bytes(), made[name].suffix):
+        elif difference := first_difference(original.read_bytes(), made[name].read_bytes(), made[name].suffix):
             lines.append(f"{original.name}: {difference}")
     return lines
 
@@ -380,35 +355,6 @@ def _differing_figures(product: Product, record: Record, dataset: Dataset, folde
 def _figures_for(stem: str) -> list[str] | None:
     """Return the figures to draw for a file of this name, one for a summary; None for all figures of the record."""
     return [stem] if stem in FIGURES else [EVERYWHERE] if stem == Path(SUMMARY).stem else None
-
-
-def _first_difference(one: bytes, other: bytes, suffix: str) -> str:
-    """Return where two files differ first, the original and the one made again; nothing if they are the same."""
-    if one == other:
-        return ""
-    if suffix == ".png":
-        return _differing_pictures(one, other)
-    lines = [contents.decode(errors="replace").splitlines() for contents in (one, other)]
-    number = next((k for k, pair in enumerate(zip(*lines, strict=False)) if pair[0] != pair[1]), min(map(len, lines)))
-    shown = [ascii(text[number])[1:-1][:LONGEST_LINE] if number < len(text) else "(its end)" for text in lines]
-    return f"line {number + 1}: {shown[0]} in the file, {shown[1]} made again"
-
-
-def _differing_pictures(one: bytes, other: bytes) -> str:
-    """Return how two PNG files differ: in size, in pixels or in metadata alone."""
-    from PIL import Image
-
-    try:
-        pictures = [np.asarray(Image.open(io.BytesIO(contents))) for contents in (one, other)]
-    except (OSError, ValueError, Image.DecompressionBombError):
-        return "the file is damaged"
-    if pictures[0].shape != pictures[1].shape:
-        return f"{pictures[0].shape[1]} x {pictures[0].shape[0]} pixels in the file, another size made again"
-    differing = np.any(pictures[0] != pictures[1], axis=-1)
-    if not differing.any():
-        return "metadata, or compression of the same pixels"
-    y, x = np.argwhere(differing)[0]
-    return f"{np.count_nonzero(differing):,} of {differing.size:,} pixels; first at x = {x}, y = {y}"
 
 
 def verdict(product: Product, found: list[str]) -> str:
