@@ -45,7 +45,12 @@ class Page:
 
 def promises(item: pytest.Item) -> list[tuple[str, str]]:
     """Return hazard and promise of a test's markers, in the order of the source."""
-    return [marker.args for marker in reversed(list(item.iter_markers("promise")))]
+    return [sentences(*marker.args) for marker in reversed(list(item.iter_markers("promise")))]
+
+
+def sentences(hazard: str, promise: str) -> tuple[str, str]:
+    """Return both with a capital, and the promise with a full stop."""
+    return hazard[:1].upper() + hazard[1:], promise[:1].upper() + promise[1:].removesuffix(".") + "."
 
 
 def _row(hazard: str, promise: str, results: list[tuple[str, str, int]]) -> str:

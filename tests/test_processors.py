@@ -80,7 +80,7 @@ def in_surroundings(surroundings, commands, folder):
 
 
 @pytest.mark.promise(
-    "another processor, linear algebra library, number of threads, language, time zone or folder",
+    "a processor without some instructions, other linear algebra, threads, language, time zone or folder",
     "Trajectories, datasets, tables and figures are the same, byte for byte.",
 )
 def test_results_have_the_same_bytes_in_all_surroundings(faults, tmp_path, monkeypatch):

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import yaml
 
+from reliability import HEAD, sentences
+
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
@@ -45,11 +47,12 @@ def promises_in(path):
     """Return hazard and promise of each marker `promise` in a file of tests."""
     calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
     markers = [call.args for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr == "promise"]
-    return {tuple(ast.literal_eval(argument) for argument in arguments) for arguments in markers}
+    return {sentences(*map(ast.literal_eval, arguments)) for arguments in markers}
 
 
 def test_the_page_of_reliability_has_every_promise_and_each_is_kept():
-    rows = [line.strip("|").split(" | ") for line in (ROOT / "docs/reliability.md").read_text().splitlines()[9:]]
+    lines = (ROOT / "docs/reliability.md").read_text().splitlines()[len(HEAD.splitlines()) :]
+    rows = [line.strip("|").split(" | ") for line in lines]
     on_the_page = {(hazard.strip(), promise) for hazard, promise, *_ in rows}
     assert on_the_page == set().union(*(promises_in(path) for path in (ROOT / "tests").glob("test_*.py")))
     assert not [row for row in rows if not re.fullmatch(r"\d+ passed(; [\d,]+ random faults)? ", row[3])]

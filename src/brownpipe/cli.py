@@ -112,6 +112,7 @@ def _complain(found: "sys.UnraisableHookArgs") -> None:
 
 
 def _stop_at_limit(*_: object) -> NoReturn:
+    sys.unraisablehook = lambda _: None  # of what is half made nobody need hear
     sys.exit(say(f"CPU time ran out{limits()}", 128 + signal.SIGXCPU))
 
 

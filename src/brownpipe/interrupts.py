@@ -1,10 +1,12 @@
 """Ctrl-C and SIGTERM end what is under way: their exceptions are not lost and do not wait for a compiler.
 
 Python executes the handler of a signal between two steps of the main thread; the handler raises KeyboardInterrupt or
-SystemExit there. This fails in three ways, each with its remedy:
+SystemExit there. This fails in four ways, each with its remedy:
 
-- In a finalizer, in a callback of a weak reference (the import of a module has some) or of LLVM, the exception cannot
-  go on: Python reports it to `sys.unraisablehook` and continues. `heeded` sends the signal again.
+- In a finalizer or in a callback of a weak reference (the import of a module has some) the exception cannot go on:
+  Python reports it to `sys.unraisablehook` and continues. `heeded` sends the signal again.
+- In llvmlite it would leave objects half made, which are freed twice later, or be lost in a callback of LLVM: `heeded`
+  sends the signal again until the main thread is outside.
 - A function catches whatever is raised, and continues. In a process of the command line, `ending_process` sends the
   signal again after PATIENCE / 2.
 - The main thread is inside a long call of C, such as LLVM's. `ending_process` ends the process after PATIENCE.
@@ -26,7 +28,7 @@ from typing import Any, NoReturn
 SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 PATIENCE = 1.5  # s from a signal to the end of a process of the command line, which then takes a moment, too
 RETRY = 0.02  # s until the signal of a lost exception is sent again
-CALLBACKS = ("_object_compiled_hook", "_object_getbuffer_hook")  # of Numba, which LLVM calls
+BINDING = "llvmlite.binding"  # the package that calls LLVM
 
 
 class Terminated(SystemExit):
@@ -46,8 +48,8 @@ class _Heeding:
         self.ends_process = False
 
     def handle(self, number: int, frame: FrameType | None) -> None:
-        """Call the usual handler, unless its exception would be lost."""
-        if _is_callback(frame):
+        """Call the usual handler, unless its exception would be lost or do harm."""
+        if _is_in_binding(frame):
             self.send_later(number)
         elif not (self.ends_process and self.raised):
             self.raised = number
@@ -61,7 +63,7 @@ class _Heeding:
         """Be told of a lost exception: send its signal again, or report it as usual."""
         if self.raised is not None and issubclass(lost.exc_type, KeyboardInterrupt | SystemExit):
             self.send_later(self.raised)
-        else:
+        elif not (self.ends_process and self.raised):  # else it is about something half made
             self.report(lost)
 
     def send_later(self, number: int) -> None:
@@ -180,10 +182,10 @@ def _remove_unfinished() -> None:
             os.unlink(file)
 
 
-def _is_callback(frame: FrameType | None) -> bool:
-    """Whether a frame is within one of Numba's callbacks from LLVM, which pass machine code to and from its cache."""
+def _is_in_binding(frame: FrameType | None) -> bool:
+    """Whether a frame is of the package that calls LLVM, or was called from there, as Numba's callbacks are."""
     while frame is not None:
-        if frame.f_code.co_name in CALLBACKS:
+        if str(frame.f_globals.get("__name__", "")).startswith(BINDING):
             return True
         frame = frame.f_back
     return False
