@@ -18,7 +18,7 @@ from brownpipe.figures.tradeoff import summary as tradeoff_summary
 from brownpipe.inspection import reproduction, results
 from brownpipe.provenance import STEPS, packages, versions
 from brownpipe.scene import read_scene
-from brownpipe.storage import trajectories
+from brownpipe.storage import layout, trajectories
 from ensembles import make_runs, make_scene, write
 
 pytestmark = pytest.mark.slow
@@ -279,7 +279,7 @@ def test_only_the_run_asked_for_is_compared(folder, capsys):
 
 def test_another_source_is_said_before_the_runs_begin(folder, capsys, monkeypatch):
     monkeypatch.setattr(trajectories, "source_digest", lambda *_: "f00d" * 16)
-    monkeypatch.setattr(trajectories, "versions", lambda: versions() | {"numba_version": "0.1"})
+    monkeypatch.setattr(layout, "versions", lambda: versions() | {"numba_version": "0.1"})
     path = changed(folder / "nothing.h5", lambda _: None)
 
     def simulate(*_, **__):

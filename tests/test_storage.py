@@ -16,7 +16,7 @@ from brownpipe.engines import Engine, configured
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import StorageError
 from brownpipe.scene import parse_scene
-from brownpipe.storage import files, hdf5, trajectories
+from brownpipe.storage import files, hdf5, layout
 
 COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
 ENSKOG = (("friction", "enskog"),)
@@ -198,7 +198,7 @@ def test_xarray_names_dimensions(engine, full):
 
 
 def test_chunks_span_all_times_of_the_tracers():
-    assert hdf5._chunks((101, 600, 2), 8, trajectories.TIME_FIRST) == (101, 162, 2)
+    assert hdf5._chunks((101, 600, 2), 8, layout.TIME_FIRST) == (101, 162, 2)
     assert hdf5._chunks((101, 100_000, 2), 8, (2, 1, 0)) == (1, 16384, 2)
 
 
@@ -359,9 +359,9 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
     assert "not a file of brownpipe" in refusal(storage.read_dataset, path)
     storage.write_dataset(path, make_dataset())
     assert "not a trajectory file" in refusal(storage.read_trajectories, path)
-    monkeypatch.setattr(trajectories, "FORMAT", 2)
+    monkeypatch.setattr(layout, "FORMAT", 2)
     storage.write_trajectories(path, make_scene(), Engine("exact"), make_ensemble(make_scene()))
-    monkeypatch.setattr(trajectories, "FORMAT", 1)
+    monkeypatch.setattr(layout, "FORMAT", 1)
     assert "upgrade" in refusal(storage.read_trajectories, path)
     assert "not a dataset" in refusal(storage.read_dataset, path)
 
