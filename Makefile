@@ -26,9 +26,10 @@ test: ready_dev
 test-quick: ready_dev
 	python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder -m "not slow"
 
-# Faults at random moments, in random bytes and inputs: 10 times as many as in the tests, from a new seed.
+# Faults at random moments, in random bytes and inputs: 10 times as many as in the tests, from a new seed. `tests` is named because
+# pytest otherwise looks for the options beside docs/reliability.md, and does not know them.
 soak: ready_dev
-	python -m pytest -n $(CORES) --dist loadfile -m promise --faults 10 --reliability docs/reliability.md
+	python -m pytest tests -n $(CORES) --dist loadfile -m promise --faults 10 --reliability docs/reliability.md
 
 bench: ready
 	for benchmark in benchmarks/bench_*.py; do python $$benchmark || exit 1; done
