@@ -15,6 +15,7 @@ from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_ru
 from brownpipe.analysis.outer_join import Axes, Part, joined
 from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_of, select
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
+from brownpipe.engines.failures import HEALTH
 from brownpipe.errors import AnalysisError
 from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.storage import made_by, origin_attributes
@@ -27,7 +28,6 @@ ESTIMATORS = tuple(
 )
 ALL_VARIABLES = VARIABLES | {name: one for estimator in ESTIMATORS for name, one in estimator.variables.items()}
 ALL_COORDINATES = COORDINATES | {name: text for estimator in ESTIMATORS for name, text in estimator.coordinates.items()}
-HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 WIDEST_RING = 1000.0  # ring, in units of the longer side of the box
 

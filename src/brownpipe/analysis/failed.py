@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.variables import EACH, FAILED, MISSING
+from brownpipe.engines.exact import EXACT
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.storage import WrongFileError
 from brownpipe.storage.datasets import read_values
-
-REFERENCE = "exact"  # the engine that is not named
 
 
 class FailedRuns(NamedTuple):
@@ -43,5 +42,5 @@ def _cases(values: dict[str, np.ndarray]) -> Iterator[str]:
         failed = seeds[status[place] == FAILED]
         if failed.size:
             scene, particles, engine = (values[name][k] for name, k in zip(EACH, place, strict=True))
-            name = f"{scene}, N = {particles}" + ("" if engine == REFERENCE else f", {engine}")
+            name = f"{scene}, N = {particles}" + ("" if engine == EXACT.name else f", {engine}")
             yield f"{name}: seeds {brief_seed_text(failed)}"

@@ -18,10 +18,11 @@ import json
 import re
 import struct
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from brownpipe.quoting import printable
 from brownpipe.storage import made_by, runs_record, write_file
 from brownpipe.storage.trajectories import whole_seed
 
@@ -90,14 +91,16 @@ def write_record(folder: str | Path, record: Record, names: Iterable[str]) -> Pa
 
 def closing_lines(record: Record) -> str:
     """Return the lines at the end of a text file: what made it, and where all the rest is said."""
-    made, commit = record["made_by"], record["made_by"].get("git_commit")
-    source = f"source {made['source_digest'][:12]}" + (f", commit {_brief(commit)}" if commit else "")
-    what = f"brownpipe {made['brownpipe_version']}, {source}, Python {made['python']}"
+    what = installation_in_words(record["made_by"])
     return f"Made by {what} from the dataset {record['dataset']['sha256'][:12]}.\nScenes, seeds, versions: {RECORD}\n"
 
 
-def _brief(commit: str) -> str:
-    return commit[:12] + commit[40:]
+def installation_in_words(made: Mapping[str, Any]) -> str:
+    """Return version, source, commit and Python of what made a product, in one line."""
+    words = [f"brownpipe {made.get('brownpipe_version')}", f"source {str(made.get('source_digest'))[:12]}"]
+    if commit := str(made.get("git_commit", "")):
+        words.append(f"commit {commit[:12]}{commit[40:]}")
+    return printable(", ".join([*words, f"Python {made.get('python')}"]))
 
 
 # -- pictures -------------------------------------------------------------------------------------------------------

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from brownpipe.quoting import printable
+
 if TYPE_CHECKING:
     from xarray import Dataset
 
@@ -43,7 +45,7 @@ def first_difference(one: bytes, other: bytes, suffix: str) -> str:
         return _differing_pictures(one, other)
     lines = [contents.decode(errors="replace").splitlines() for contents in (one, other)]
     number = next((k for k, pair in enumerate(zip(*lines, strict=False)) if pair[0] != pair[1]), min(map(len, lines)))
-    shown = [ascii(text[number])[1:-1][:LONGEST_LINE] if number < len(text) else "(its end)" for text in lines]
+    shown = [printable(text[number])[:LONGEST_LINE] if number < len(text) else "(its end)" for text in lines]
     return f"line {number + 1}: {shown[0]} in the file, {shown[1]} made again"
 
 

@@ -18,13 +18,14 @@ from brownpipe import analysis, tradeoff
 from brownpipe.engines import forecast
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.figures.origin import RECORD, Record, dataset_attributes, read_record, record_in
+from brownpipe.figures.origin import RECORD, Record, dataset_attributes, installation_in_words, read_record, record_in
 from brownpipe.figures.products import SUMMARY, write
 from brownpipe.formatting import in_time
 from brownpipe.inspection.comparison import differing_variables, first_difference
 from brownpipe.inspection.lines import DIGITS, is_version
 from brownpipe.inspection.runs import seeds_in_words
 from brownpipe.provenance import modules_of, source_digest
+from brownpipe.quoting import printable, shell_path
 from brownpipe.stages import tracked
 from brownpipe.storage import (
     Origin,
@@ -81,23 +82,12 @@ def describe(path: str | Path) -> str:
     """Return what a product of `brownpipe figures` was made from, as lines of text. Errors as of `read_product`."""
     product = read_product(path)
     assert product.record is not None
-    lines = [f"{path}  made by {_in_words(product.record['made_by'])}"]
+    lines = [f"{path}  made by {installation_in_words(product.record['made_by'])}"]
     dataset = "not beside it" if product.dataset is None else str(product.dataset)
     lines.append(f"dataset      {str(product.attributes['sha256'])[:DIGITS]}, {dataset}")
     for origin in product.origins:
         lines.append(f"runs         {_runs(origin)}")
-    return "\n".join([*lines, f"run again    brownpipe inspect {path} --reproduce"])
-
-
-def _in_words(made: Mapping[str, Any]) -> str:
-    """Return version, source, commit and Python of an installation; only what has the form of these."""
-    stated = {key: ascii(str(made.get(key, "unknown")))[1:-1] for key in ("brownpipe_version", "python", "git_commit")}
-    words = [
-        f"brownpipe {stated['brownpipe_version']}",
-        f"source {ascii(str(made.get('source_digest')))[1:-1][:DIGITS]}",
-    ]
-    words += [f"commit {stated['git_commit'][:DIGITS]}{stated['git_commit'][40:]}"] if "git_commit" in made else []
-    return ", ".join([*words, f"Python {stated['python']}"])
+    return "\n".join([*lines, f"run again    brownpipe inspect {shell_path(path)} --reproduce"])
 
 
 def _runs(origin: Origin) -> str:
@@ -218,7 +208,7 @@ def _changes(product: Product) -> Iterator[str]:
     for stored, step in made:
         here = made_by(step)
         for name in here:
-            before, now = (ascii(str(values.get(name, "unknown")))[1:-1] for values in (stored, here))
+            before, now = (printable(values.get(name, "unknown")) for values in (stored, here))
             if before != now and (name, before) not in seen and name != "git_commit":
                 seen.add((name, before))
                 word = f"source of {step}" if name == "source_digest" else name.removesuffix("_version")

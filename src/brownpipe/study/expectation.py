@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from brownpipe.storage import Expected
-from brownpipe.study.run_count import settle
+from brownpipe.study.run_count import PLAN, settle
 from brownpipe.study.study import Study
 from brownpipe.study.study_file import from_command_line, read_study
 
@@ -18,7 +18,7 @@ def read_settled(
     RequestError like `read_study`.
     """
     study = read_study(study_file, from_command_line(overrides or {}))
-    return settle(study, Path(results) / study.name / "plan.yaml", lambda _: None, dry_run=True)
+    return settle(study, Path(results) / study.name / PLAN, lambda _: None, dry_run=True)
 
 
 def expected_files(study: Study) -> list[Expected]:

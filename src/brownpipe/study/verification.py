@@ -16,7 +16,7 @@ from brownpipe.engines.request import Request
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.figures.cases import cases_of
 from brownpipe.provenance import made_with, modules_of, source_digest
-from brownpipe.quoting import shell_path
+from brownpipe.quoting import printable, shell_path
 from brownpipe.stages import tracked
 from brownpipe.storage import Outline, read_dataset, read_trajectories
 from brownpipe.storage.checksums import NAME as CHECKSUMS
@@ -336,5 +336,5 @@ def _cure(results: Results, problems: Mapping[str, str]) -> str:
 
 def _some(files: list[str]) -> str:
     """Return the first of some files, and how many more there are."""
-    shown = ", ".join(file if file.isprintable() else ascii(file) for file in files[:SHOWN])
+    shown = ", ".join(map(printable, files[:SHOWN]))
     return shown if len(files) <= SHOWN else f"{shown} and {len(files) - SHOWN} more"
