@@ -22,14 +22,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.elementary import cos, exp, log, sin
+from brownpipe.elementary import cos, exp, gauss_legendre, log, sin
 
 FEWEST_EXPECTED = 5.0  # bins with fewer expected counts are pooled before a chi-square
 LEVEL = 0.01  # significance level of the verdict on one model at one time
 FAMILY_LEVEL = 0.05  # family-wise error rate of all tests of a table
-INTEGRAL_END = (
-    60.0  # upper limit of the integral over half the sum of two squared normal numbers; the rest is below 1e-26
-)
+INTEGRAL_END = 60.0  # upper limit of the integral over half the squared radius of two normal numbers: e^-60 < 1e-26
+ANGLES, RADII = 48, 32  # nodes of the integral
 
 
 class ChiSquare(NamedTuple):
@@ -136,8 +135,9 @@ def _weights(expected: np.ndarray, source: Estimated | None, pools: list[int], r
 def upper_tail(x: float, ones: int, first: float, second: float) -> float:
     """Return P(chi2(ones) + first chi2(1) + second chi2(1) > x), for ones >= -1; -1 means first chi2(1) alone.
 
-    The two squares in polar coordinates: half the squared radius is exponential, the angle uniform. By Simpson's rule
-    over the former and equal steps of the latter; relative error 1e-4.
+    The two squares in polar coordinates: half the squared radius is exponential, the angle uniform. By Gauss-Legendre
+    quadrature over the former and equal steps of the latter. The relative error is below
+    1e-8 for weights up to 6 and p down to 1e-13, and below 1e-3 for weights up to 200.
     """
     from scipy.special import gammaincc
 
@@ -145,15 +145,16 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
         return float(gammaincc(ones / 2 + 1, x / 2))
     if ones < 0:
         return float(gammaincc(0.5, x / (2 * first))) if first > 0.0 else float(x <= 0.0)
-    angle = np.pi / 2 * (np.arange(48) + 0.5) / 48
+    angle = np.pi / 2 * (np.arange(ANGLES) + 0.5) / ANGLES
     weight = 2 * (first * cos(angle) ** 2 + second * sin(angle) ** 2)
-    end = np.minimum(np.divide(x, weight, out=np.full(48, INTEGRAL_END), where=weight > 0.0), INTEGRAL_END)
-    at = end[:, None] * np.linspace(0, 1, 401)
-    left = np.maximum(x - weight[:, None] * at, 0.0) / 2
-    inner = exp(-at) * (gammaincc(ones / 2, left) if ones else left <= 0.0)
-    simpson = np.where(np.arange(401) % 2, 4.0, 2.0)
-    simpson[[0, -1]] = 1.0
-    return float((exp(-end) + end / 1200 * (inner * simpson).sum(axis=1)).mean())
+    end = np.minimum(np.divide(x, weight, out=np.full(ANGLES, INTEGRAL_END), where=weight > 0.0), INTEGRAL_END)
+    beyond = exp(-end)  # the two squares alone exceed x
+    if ones == 0:
+        return float(beyond.mean())
+    nodes, weights = gauss_legendre(RADII)
+    at = end[:, None] * ((nodes + 1) / 2)
+    inner = exp(-at) * gammaincc(ones / 2, np.maximum(x - weight[:, None] * at, 0.0) / 2)
+    return float((beyond + end / 2 * (inner * weights).sum(axis=1)).mean())
 
 
 def _quantile(level: float, weights: tuple[int, float, float]) -> float:
