@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 
 from brownpipe.engines.state import Ensemble
-from brownpipe.observables import ARRAYS, AXES, axes, observables_making
+from brownpipe.observables import ARRAYS, AXES, axes
 from brownpipe.scene import Scene
 from brownpipe.storage.hdf5 import Node
 
@@ -26,10 +26,3 @@ def _scale(dim: str, values: np.ndarray | list[str], ensemble: Ensemble) -> Node
     values = np.array(values, h5py.string_dtype()) if isinstance(values, list) else values
     attributes = {"units": AXES[dim].units, "long_name": AXES[dim].long_name}
     return Node(ensemble.times if dim == "time" else values, attributes, (dim,))
-
-
-def command_options(ensemble: Ensemble) -> str:
-    """Return the options of `brownpipe simulate` that measure the same arrays, or "" if there are none."""
-    names = observables_making(ensemble.observables)
-    average = f" --average {ensemble.average}" if ensemble.average != "runs" else ""
-    return f" --observables {','.join(names)}{average}" if names else ""

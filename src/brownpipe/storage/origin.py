@@ -22,6 +22,7 @@ from brownpipe.observables import problem
 from brownpipe.provenance import NAME, PACKAGE
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import parse_seeds, seed_text
+from brownpipe.storage.rerun import simulate_command
 from brownpipe.storage.trajectories import Outline
 
 MOST_SCENE_TEXT = 100_000  # characters; a longer scene, of thousands of listed disks, is in the trajectory files only
@@ -63,14 +64,9 @@ def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str
     record: what `--record` must be given; by default `tracer`, or `none` if its track was not recorded.
     """
     scene, engine, record = outline.scene, outline.engine, record or ("tracer" if outline.tracer else "none")
-    measured = {"observables": ",".join(outline.observables or ()), "average": outline.average}
-    defaults = {"record": "tracer", "observables": "", "average": "runs"}
-    options = {"record": record} | measured
-    words = [f"--particles {scene.particles}"] if scene.species else []
-    words += [f"--seeds {seed_text(seeds)}", f"--engine {engine.options}"]
-    words += [f"--{key} {value}" for key, value in options.items() if value != defaults[key]]
+    options = {"record": record, "observables": ",".join(outline.observables or ()), "average": outline.average}
     return {
-        "command": f"brownpipe simulate {scene.name}.yaml {' '.join(words)}",
+        "command": simulate_command(scene, engine, seeds, options),
         "scene_name": scene.name,
         "scene_digest": scene.digest,
         "scene": json.loads(scene.text) if len(scene.text) <= MOST_SCENE_TEXT else None,

@@ -1,22 +1,25 @@
 """The command that makes the runs of a trajectory file again: written into the file, and found in a damaged one."""
 
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from brownpipe.engines import DEFINITIONS, RECORDS, Engine, option, requested
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import RequestError
-from brownpipe.observables import AVERAGES, OBSERVABLES, RENAMED
+from brownpipe.observables import AVERAGES, OBSERVABLES, RENAMED, observables_making
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene, reading
 from brownpipe.scene.reading import Entry
 from brownpipe.scene.scene_file import MOST_DISKS
 from brownpipe.scene.seeds import parse_seeds, seed_text
-from brownpipe.storage import arrays
 
 COMMAND = re.compile(  # as `_command` writes it; none of its characters means anything to a shell
     rb"`brownpipe simulate ([A-Za-z0-9][A-Za-z0-9._-]{0,63})\.yaml((?: --[a-z-]+ [A-Za-z0-9.,_+-]+)+)`"
 )
+DEFAULTS = {"record": "tracer", "observables": "", "average": "runs"}  # of options of `brownpipe simulate`
 WORDS_OF = {"--record": RECORDS, "--observables": (*OBSERVABLES, *RENAMED), "--average": AVERAGES}  # in the command
 
 
@@ -29,14 +32,22 @@ def rerun(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
 
 def _command(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
     """Return the command that makes these runs again, in backquotes, by which `remedy` finds it in a damaged file."""
-    particles = f" --particles {scene.particles}" if scene.species else ""
     tracks = ["all"] * bool(ensemble.whole) + ["events"] * bool(ensemble.events)
     if not tracks and ensemble.tracer is None and scene.particles > 0:
         tracks = ["none"]
-    record = f" --record {','.join(tracks)}" if tracks else ""
-    seeds = f" --seeds {seed_text(ensemble.seeds)}"
-    observables = arrays.command_options(ensemble)
-    return f"`brownpipe simulate {scene.name}.yaml{particles}{seeds} --engine {engine.options}{record}{observables}`"
+    names = observables_making(ensemble.observables)
+    options = {"record": ",".join(tracks), "observables": ",".join(names), "average": ensemble.average if names else ""}
+    return f"`{simulate_command(scene, engine, ensemble.seeds, options)}`"
+
+
+def simulate_command(
+    scene: Scene, engine: Engine, seeds: Sequence[int] | np.ndarray, options: Mapping[str, str]
+) -> str:
+    """Return the command that makes runs of these seeds; `options` that are empty or the default are left out."""
+    words = [f"--particles {scene.particles}"] if scene.species else []
+    words += [f"--seeds {seed_text(seeds)}", f"--engine {engine.options}"]
+    words += [f"--{key} {value}" for key, value in options.items() if value not in ("", DEFAULTS[key])]
+    return f"brownpipe simulate {scene.name}.yaml {' '.join(words)}"
 
 
 def remedy(path: str | Path) -> str:

@@ -9,9 +9,8 @@ from brownpipe.engines import Engine, forecast
 from brownpipe.scene.seeds import MOST_SEEDS
 from brownpipe.study.performance import CasePerformance, EnginePerformance
 from brownpipe.study.study_file import MOST_JOBS
-from brownpipe.tradeoff import runs_for
+from brownpipe.tradeoff import FEWEST_RUNS, runs_for
 
-FEWEST_RUNS = 10
 SECONDS_PER_BYTE = 4e-8  # CPU seconds to compress, verify and write trajectories
 SHORTEST_JOB = 20 * forecast.START_UP  # CPU seconds, so that starting a job takes at most 5 % of its time
 LONGEST_JOB = 60.0  # CPU seconds that an interrupted job loses at most
