@@ -1,19 +1,16 @@
-"""Exported runs, as gsd, MDAnalysis, freud, ASE and the csv module read them: the numbers of the trajectory file."""
+"""Exported runs, as gsd, MDAnalysis, freud, ASE and the csv module read them: the numbers of the trajectory file.
+
+The tests import these programs themselves: every process that runs tests imports this file to list them.
+"""
 
 import csv
 import itertools
 import sys
 import tracemalloc
 
-import ase.io
-import freud
 import gsd.hoomd
-import MDAnalysis
 import numpy as np
 import pytest
-from MDAnalysis.analysis.msd import EinsteinMSD
-from MDAnalysis.analysis.rdf import InterRDF
-from MDAnalysis.transformations import set_dimensions
 
 from brownpipe.analysis.dataset import aggregate
 from brownpipe.cli import main
@@ -134,6 +131,8 @@ def test_gsd_has_the_run_in_single_precision(fluid):
 
 
 def test_mdanalysis_reads_the_gsd(fluid):
+    import MDAnalysis
+
     position, _, box = frames_of(fluid.with_suffix(".gsd"))
     universe = MDAnalysis.Universe(fluid.with_suffix(".gsd"))
     np.testing.assert_array_equal([frame.positions.copy() for frame in universe.trajectory], position)
@@ -145,6 +144,8 @@ def test_mdanalysis_reads_the_gsd(fluid):
 
 @pytest.mark.parametrize(("name", "seed", "periodic"), [("fluid", 5, True), ("walled", 8, False)])
 def test_ase_reads_every_digit_of_the_xyz(name, seed, periodic, request):
+    import ase.io
+
     path = request.getfixturevalue(name)
     scene, times, track = run_in(path, seed)
     frames = ase.io.read(exported(path, "xyz", "--seed", str(seed)), ":")
@@ -203,6 +204,11 @@ def test_a_table_of_a_file_without_whole_runs_has_all_tracers(tmp_path, capsys):
 
 def test_walls_in_gsd(walled, capsys):
     """freud and MDAnalysis find the pairs between walls once the box is larger by their longest distance."""
+    import freud
+    import MDAnalysis
+    from MDAnalysis.analysis.rdf import InterRDF
+    from MDAnalysis.transformations import set_dimensions
+
     scene, _, track = run_in(walled, 3)
     target = exported(walled, "gsd")
     assert "walled.gsd: GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err
@@ -232,6 +238,10 @@ def test_pair_distribution_by_freud_and_mdanalysis(fluid):
 
     freud divides by N/A, we divide by (N - 1)/A; both count every pair of disks, freud and MDAnalysis twice.
     """
+    import freud
+    import MDAnalysis
+    from MDAnalysis.analysis.rdf import InterRDF
+
     scene, _, track = run_in(fluid, 5)
     number, width = bins(scene)
     reach = number * width
@@ -265,6 +275,10 @@ def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks
     Rounding to single precision changes a squared displacement by a few SINGLE * r^2. freud's `window` is a difference
     of sums of r^2 over all T samples, in single precision, divided by the number of time origins.
     """
+    import freud
+    import MDAnalysis
+    from MDAnalysis.analysis.msd import EinsteinMSD
+
     scene, _, track = run_in(fluid, 5)
     run = RunResult(Track(*(values[:, :1] for values in track)), track, None, {})
     ours = observe(scene, run, ["square_displacement"], average)["square_displacement"]
@@ -315,6 +329,8 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize("length", [1e-40, 1e40])
 def test_gsd_refuses_what_it_would_round_to_nothing(length, tmp_path, capsys, monkeypatch):
+    import ase.io
+
     monkeypatch.chdir(tmp_path)
     side = [0.0, 10 * length]
     mapping = {
