@@ -266,6 +266,12 @@ def test_a_new_module_that_the_engine_imports_changes_its_digest(tmp_path):
     assert changed != before
     (tmp_path / "engines/two.py").write_bytes(b"A = 1\nimport brownpipe.six\n")
     assert digest() not in (before, changed)
+    changed = digest()
+    (tmp_path / "engines/three.js").write_bytes(b"draw();\n")
+    (tmp_path / "engines/other.js").write_bytes(b"draw();\n")
+    drawn = digest()
+    (tmp_path / "engines/other.js").unlink()
+    assert digest() == drawn != changed, "the script of a module's web page, but no other"
     with pytest.raises(FileNotFoundError, match="seven"):
         provenance.source_digest("seven", folder=tmp_path)
     provenance.sources.cache_clear()

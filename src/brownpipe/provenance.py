@@ -1,7 +1,8 @@
 """Which source files and package versions determine a result. Imports nothing heavy.
 
 Both are found by imports, at the head of a file or inside a function. The source files of a result are a module and
-every module of brownpipe that it imports, directly or not. The packages are those that these files import, and all
+every module of brownpipe that it imports, directly or not, and what stands beside a module under the same name: the
+script and the style of its web page. The packages are those that these files import, and all
 that these packages require. The version of Python is not among them: with the same packages it changes no number and no
 byte of a file, as all numbers are computed by packages or by arithmetic that IEEE 754 defines.
 """
@@ -18,6 +19,7 @@ NAME = PACKAGE.name
 CATALOGUE = f"{NAME}.engines"  # imports all engines, but only the one that runs determines the results
 IMPORT = re.compile(r"^[ \t]*(?:from (\w[\w.]*) import (\([^)]*\)|[^\n#]*)|import (\w[\w.]*))", re.MULTILINE)
 REQUIREMENT = re.compile(r"([\w.-]+)(?!.*\bextra\b)")  # of a package; one with `extra` is optional
+OF_PAGES = (".css", ".js")  # suffixes of what a module writes into web pages, in files of its own name
 DISTRIBUTIONS = {"PIL": "pillow", "yaml": "pyyaml"}  # of packages that are imported under another name
 
 # Modules of brownpipe that determine the output of a step, besides its input and options, with all that they import.
@@ -65,7 +67,9 @@ def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
 
 @cache
 def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
-    """Return the files of modules and of all that they import, sorted; imports of the list of engines are not followed.
+    """Return the files of modules and of all that they import, and their scripts and styles of web pages, sorted.
+
+    Imports of the list of engines are not followed.
 
     The list itself is among them if a file imports names from it.
 
@@ -82,7 +86,8 @@ def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
             raise FileNotFoundError(f"{folder}: has no module {module}")
         files[module] = file
         waiting += _imported(folder, file) if module != CATALOGUE else []
-    return tuple(sorted(files.values()))
+    pages = (file.with_suffix(suffix) for file in files.values() for suffix in OF_PAGES)
+    return tuple(sorted([*files.values(), *filter(Path.is_file, pages)]))
 
 
 def _members(folder: Path, name: str) -> list[str]:
