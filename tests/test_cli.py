@@ -364,8 +364,8 @@ def test_inputs_and_devices_are_not_replaced(runs, capsys):
         (["simulate", SCENE, "--output", "new/x.csv"], "new/x.csv: the output must end in .h5 or .hdf5, not '.csv'"),
         (["aggregate", "RUNS", "--output", "x.h5"], "x.h5: the output must end in .nc, not '.h5'"),
         (["tradeoff", STUDY, "--files", "RUNS", "--output", "x.csv"], "x.csv: the output must end in .nc, not '.csv'"),
-        (["movie", "RUNS", "--output", "x.jpg"], "x.jpg: the output must end in .gif, .mp4 or .png, not '.jpg'"),
-        (["movie", "RUNS", "--output", "x"], "x: the output must end in .gif, .mp4 or .png, not ''"),
+        (["movie", "RUNS", "--output", "x.jpg"], "x.jpg: the output must end in .gif, .mp4, .png or .html, not '.jpg'"),
+        (["movie", "RUNS", "--output", "x"], "x: the output must end in .gif, .mp4, .png or .html, not ''"),
         (
             ["plan", STUDY, "--tolerance", "2%", "--write", "x.txt"],
             "x.txt: the output must end in .yaml or .yml, not '.txt'",

@@ -7,6 +7,7 @@ itself: runs, seeds, options, source and versions. It is deterministic: no date,
     SVG    Dublin Core elements `description` and `source`
     GIF    a comment block
     MP4    the comment
+    HTML   a script element of class `brownpipe-record`, which is no program but JSON
     CSV    nothing, so that every program reads it: the record is in `provenance.json`
     txt    the last two lines name version, source, commit and dataset
 """
@@ -38,6 +39,7 @@ PNG, GIF = b"\x89PNG\r\n\x1a\n", (b"GIF87a", b"GIF89a")
 HEAD = 33  # bytes of a PNG before its second chunk
 END_OF_GIF = b"\x3b"
 IN_SVG = "<dc:format>image/svg+xml</dc:format>"
+HTML, IN_HTML = b"<!DOCTYPE html>", '<script type="application/json" class="brownpipe-record">'
 Record = dict[str, Any]
 
 
@@ -57,16 +59,24 @@ def record_of(
     }
 
 
-def movie_record(trajectories: Trajectories, path: str, seed: int | None, frames: int | None, fps: float) -> Record:
+def movie_record(
+    trajectories: Trajectories,
+    path: str,
+    seed: int | None,
+    frames: int | None = None,
+    fps: float | None = None,
+    recorded: str = "all",
+) -> Record:
     """Return the record of a picture or movie of one run; the options are those of `brownpipe movie`.
 
-    `path` is the file of the trajectories, for messages. Raises RequestError for a file without this run.
+    `path` is the file of the trajectories, for messages; `recorded` is what the picture needs, as `--record` takes it.
+    Raises RequestError for a file without this run.
     """
     shown = whole_seed(trajectories, path, seed)
     return {
         "movie": {"seed": shown, "frames": frames, "fps": fps},
         "made_by": made_by("figures"),
-        "made_from": [runs_record(trajectories.outline, [shown], "all")],
+        "made_from": [runs_record(trajectories.outline, [shown], recorded)],
     }
 
 
@@ -107,7 +117,7 @@ def installation_in_words(made: Mapping[str, Any]) -> str:
 
 
 def stamped(image: bytes, name: str, record: Record | None) -> bytes:
-    """Return the picture of a file (png, svg or gif) with its record, if there is one, in its metadata."""
+    """Return the picture of a file (png, svg, gif or html) with its record, if there is one, in its metadata."""
     if record is None:
         return image
     text, kind = json.dumps({"file": name} | record, sort_keys=True), name.rpartition(".")[2]
@@ -121,7 +131,14 @@ def stamped(image: bytes, name: str, record: Record | None) -> bytes:
         return image.replace(IN_SVG.encode(), "\n    ".join([IN_SVG, says, stated]).encode(), 1)
     if kind == "gif":
         return image.removesuffix(END_OF_GIF) + _gif_comment(text.encode()) + END_OF_GIF
+    if kind == "html":
+        return image.replace(b"</head>", f"{IN_HTML}{in_script(text)}</script>\n</head>".encode(), 1)
     return image  # a video, whose comment ffmpeg writes
+
+
+def in_script(text: str) -> str:
+    """Return JSON as it may stand in a script element of a page, which nothing in it can end."""
+    return text.replace("<", "\\u003c")
 
 
 def _png_text(keyword: str, text: str) -> bytes:
@@ -154,6 +171,8 @@ def _texts(image: bytes) -> Iterator[bytes]:
         while 2 <= at < len(image) and image[at]:
             text, at = text + image[at + 1 : at + 1 + image[at]], at + 1 + image[at]
         yield text
+    elif image.startswith(HTML):
+        yield image.partition(IN_HTML.encode())[2].partition(b"</script>")[0]
     else:
         found = re.search(rb"<dc:source>([^<]*)</dc:source>", image)
         yield html.unescape(found[1].decode(errors="replace")).encode() if found else b""

@@ -69,7 +69,7 @@ def snapshot(run: WholeRun) -> bytes:
 
 def scenery_of(run: WholeRun) -> Scenery:
     """Return the figure of a run with box, disks and path, to be set to a sample within the context `style.drawing`."""
-    shades = _shades(run.scene)
+    shades = shades_of(run.scene)
     figure, axes = _box(run.scene, f"{run.scene.name}, N = {run.scene.particles}, seed {run.seed}", shades)
     disks = _disks(axes)
     (path,) = axes.plot([], [], color=DATA, linewidth=1.2)
@@ -95,7 +95,7 @@ def scenery_of(run: WholeRun) -> Scenery:
 # --- the background
 
 
-def _shades(scene: Scene) -> np.ndarray:
+def shades_of(scene: Scene) -> np.ndarray:
     """Index (N,) of each disk's colour in FACES: 0 for disk 0, then one per radius and mass, by first appearance."""
     properties = np.stack([scene.radius, scene.mass])[:, 1:]
     _, first, species = np.unique(properties, axis=1, return_index=True, return_inverse=True)
@@ -110,7 +110,7 @@ def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
     scale = LONGER_SIDE / max(scene.box.width, scene.box.height)
     width = scene.box.width * scale
     height = scene.box.height * scale
-    entries = _legend_entries(scene, shades)
+    entries = legend_entries(scene, shades)
     size = np.array([max(width, LEAST_WIDTH) + 2 * SIDE, height + BELOW + ABOVE + LINE * len(entries)])
     size = np.ceil(50 * size) / 50  # an even number of pixels at 100 per inch, as videos need
     figure = Figure(size)
@@ -126,13 +126,14 @@ def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _legend_entries(scene: Scene, shades: np.ndarray) -> list[tuple[int, str]]:
+def legend_entries(scene: Scene, shades: np.ndarray) -> list[tuple[int, str]]:
     """Shade and text of each entry of the legend."""
     entries = []
     for shade in np.unique(shades):
         members = shades == shade
         radius, mass = (_range(values[members]) for values in (scene.radius, scene.mass))
-        name = "tracer and its path" if shade == 0 else f"{np.count_nonzero(members):,} other disks"
+        count = np.count_nonzero(members)
+        name = "tracer and its path" if shade == 0 else f"{count:,} other disk{'' if count == 1 else 's'}"
         entries.append((shade, f"{name}: radius {radius}, mass {mass}"))
     return entries
 

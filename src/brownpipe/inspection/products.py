@@ -43,7 +43,7 @@ from brownpipe.tradeoff.variables import MEASURED
 if TYPE_CHECKING:
     from xarray import Dataset
 
-SUFFIXES = (".png", ".svg", ".csv", ".txt", ".json")  # of products of `brownpipe figures`
+SUFFIXES = (".png", ".svg", ".csv", ".txt", ".json", ".gif", ".html")  # of products of `brownpipe figures` and `movie`
 EVERYWHERE = "health"  # the figure that every dataset has
 DRAWING = 1.2  # CPU seconds to import matplotlib and draw a figure
 BATCH = 2400  # runs in memory at the same time
@@ -74,7 +74,7 @@ class Product(NamedTuple):
 
 
 def is_product(path: str | Path) -> bool:
-    """Return whether a file is, by its suffix, one of those that `brownpipe figures` writes."""
+    """Return whether a file is, by its suffix, one of those that `brownpipe figures` and `movie` write."""
     return Path(path).suffix.lower() in SUFFIXES
 
 

@@ -1,30 +1,34 @@
-"""`brownpipe movie`: one run as a picture, an animation or a video."""
+"""`brownpipe movie`: one run as a picture, an animation, a video or a page that replays it."""
 
 import json
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 
-from brownpipe.errors import DONE
+from brownpipe.errors import DONE, RequestError
 from brownpipe.verbs.output import number, show, suffix, writable
 from brownpipe.verbs.values import frames, integer, positive
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
+KINDS = ("gif", "mp4", "png", "html")
+FPS = 25.0  # frames a second
 
 
 def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
     add("--seed", type=integer, metavar="SEED", help="the run to show (default: the first in the file)")
-    add("--output", metavar="FILE", help="*.gif, *.mp4 or *.png (default: name of the file, .gif)")
+    add("--to", choices=KINDS, metavar="KIND", help="gif, mp4, png or html (default: that of the output, or gif)")
+    add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: name of the file, in this folder)")
     add("--frames", type=frames, metavar="COUNT", help="samples to show (default: all)")
-    add("--fps", type=positive, default=25.0, help="frames a second (default: 25)")
+    add("--fps", type=positive, help="frames a second (default: 25)")
 
 
 def movie(arguments: Namespace) -> int:
-    """Show one whole run of a trajectory file: a picture, an animation (GIF), or a video (MP4, by ffmpeg).
+    """Show one whole run of a trajectory file: a picture, an animation (GIF), a video (MP4, by ffmpeg), or a web page.
 
-    The file must have been recorded with `--record all`. The picture shows the end of the run.
+    The file must have been recorded with `--record all`, for a page with `--record all,events`. The picture shows the
+    end of the run. The page (HTML) replays the run from collision to collision, and needs no other file.
     """
     from brownpipe import progress
     from brownpipe.figures.movie import SUFFIXES, samples_shown
@@ -33,13 +37,39 @@ def movie(arguments: Namespace) -> int:
     from brownpipe.formatting import in_bytes
     from brownpipe.storage import read_trajectories, write_file
 
-    output = writable(arguments.output or f"{Path(arguments.file).stem}.gif", arguments.file, kinds=SUFFIXES)
-    trajectories, kind = read_trajectories(arguments.file), suffix(output)
+    kinds = (*SUFFIXES, ".html") if arguments.to is None else (f".{arguments.to}",)
+    name = f"{Path(arguments.file).stem}.{arguments.to or 'gif'}"
+    output = writable(arguments.output or name, arguments.file, kinds=kinds)
+    kind = suffix(output)
+    if kind == ".html":
+        return _replay(arguments, output)
+    trajectories, fps = read_trajectories(arguments.file), arguments.fps or FPS
     with progress.shown("movie"):
-        record = movie_record(trajectories, arguments.file, arguments.seed, arguments.frames, arguments.fps)
-        options = (arguments.seed, arguments.frames, arguments.fps, json.dumps(record))
+        record = movie_record(trajectories, arguments.file, arguments.seed, arguments.frames, fps)
+        options = (arguments.seed, arguments.frames, fps, json.dumps(record))
         contents = stamped(moving(trajectories, arguments.file, kind, *options), f"movie{kind}", record)
     write_file(output, contents)
     count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
     show(f"{output}: {number(count, 'frame')}, {in_bytes(len(contents))}")
+    return DONE
+
+
+def _replay(arguments: Namespace, output: str) -> int:
+    """Write the page that replays a run."""
+    from brownpipe.figures.origin import movie_record, stamped
+    from brownpipe.figures.replay import RECORD, is_whole, replay_of, replay_page
+    from brownpipe.formatting import in_bytes
+    from brownpipe.storage import read_trajectories, write_file
+
+    for option in ("frames", "fps"):
+        if getattr(arguments, option) is not None:
+            raise RequestError(f"--{option}: must not be given for a page, which has every collision instead of frames")
+    trajectories = read_trajectories(arguments.file)
+    replay = replay_of(trajectories, arguments.file, arguments.seed)
+    record = movie_record(trajectories, arguments.file, replay.seed, recorded=RECORD)
+    contents = stamped(replay_page(replay), "movie.html", record)
+    write_file(output, contents)
+    shown = number(len(replay.flight.time), "collision")
+    part = "" if is_whole(replay) else f" of {replay.collisions:,}, up to time {replay.end:.3g}"
+    show(f"{output}: {shown}{part}, {in_bytes(len(contents))}")
     return DONE

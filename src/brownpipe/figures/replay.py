@@ -1,0 +1,268 @@
+"""The replay of one run as part of a web page: every collision, and straight flight between them, at any speed.
+
+Disks move straight from one collision to the next, so that the state at t = 0 and the log of collisions determine every
+position at every time. The page gets these numbers, and `replay.js` computes the positions as `flown` does here.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from brownpipe.errors import RequestError
+from brownpipe.figures.origin import in_script
+from brownpipe.figures.snapshot import legend_entries, shades_of
+from brownpipe.storage import runs_record
+from brownpipe.storage.trajectories import refuse_stopped, whole_seed
+
+if TYPE_CHECKING:
+    from brownpipe.scene import Scene
+    from brownpipe.storage import Trajectories
+
+MOST_BYTES = 75_000  # of the numbers of a replay: 100 kB as base64
+MOST_DISKS = 1000
+WORST = 1e-3  # departure from the recorded samples that single precision may cause [smallest radius]
+RECORD = "all,events"  # what `--record` must be given
+BESIDE = Path(__file__)  # the style and the script have the same name
+
+
+class Flight(NamedTuple):
+    """The state of N disks at t = 0 and the first E collisions of a run. Arrays have the precision of the replay."""
+
+    position: np.ndarray  # (N, 2) [length]
+    velocity: np.ndarray  # (N, 2) [length/time]
+    time: np.ndarray  # (E,) [time]
+    pair: np.ndarray  # (E, 2) int16: a disk and its partner, or a wall: -1 left, -2 right, -3 bottom, -4 top
+    impulse: np.ndarray  # (E, 2) given to the first disk [mass length/time]
+
+
+class Replay(NamedTuple):
+    """What a page needs to replay one run."""
+
+    scene: Scene
+    seed: int
+    flight: Flight
+    end: float  # time up to which the collisions are there [time]
+    collisions: int  # of the whole run
+    departure: float  # largest distance of a flown disk from its recorded samples [smallest radius]
+
+
+def replay_fragment(trajectories: Trajectories, path: str, seed: int | None = None) -> str:
+    """Return the replay of a run as an HTML section, which stands in a page beside any others.
+
+    `path` is the file of the trajectories, for messages. The run of `seed`, by default of the smallest, is replayed up
+    to the time until which its collisions fit into MOST_BYTES.
+
+    Raises RequestError for a file without this run, its tracks or its collisions, for more than MOST_DISKS disks, and
+    for collisions that do not lead to the recorded positions.
+    """
+    return _section(replay_of(trajectories, path, seed))
+
+
+def replay_page(replay: Replay) -> bytes:
+    """Return a web page with the replay of a run, which needs no other file. The same run gives the same bytes."""
+    title = html.escape(f"{replay.scene.name}, N = {replay.scene.particles}, seed {replay.seed}")
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>
+:root {{ color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }}
+body {{ max-width: 60rem; margin: 0 auto; padding: 1rem; }}
+@media (prefers-color-scheme: dark) {{ body {{ background: #16191d; color: #e4e6e8; }} }}
+h1 {{ font-size: 1.3rem; line-height: 1.25; margin: 0 0 .5rem; }}
+</style>
+</head>
+<body>
+<main>
+<h1>{title.replace(" = ", "&nbsp;=&nbsp;").replace("seed ", "seed&nbsp;")}</h1>
+{_section(replay)}</main>
+</body>
+</html>
+""".encode()
+
+
+# --- the numbers
+
+
+def replay_of(trajectories: Trajectories, path: str, seed: int | None = None) -> Replay:
+    """Return the replay of a run; arguments and errors as of `replay_fragment`.
+
+    It has single precision if this displaces no disk by more than WORST from its samples, otherwise double precision.
+    """
+    seed = replayed_seed(trajectories, path, seed)
+    scene, ensemble = trajectories.scene, trajectories.ensemble
+    track, events = ensemble.whole[seed], ensemble.events[seed]
+    numbers = (track.position, track.velocity, events.time, events.impulse)
+    if track.velocity is None or not all(np.isfinite(values).all() for values in numbers):
+        raise RequestError(f"{path}: seed {seed}: its run failed: positions or velocities are not numbers")
+    for kind in (np.float32, np.float64):
+        with np.errstate(all="ignore"):  # what single precision cannot represent departs too far
+            flight = _first(track.position[0], track.velocity[0], events, kind)
+            shown = len(flight.time)
+            end = float(events.time[shown]) if shown < len(events.time) else scene.duration
+            departure = _departure(scene, flight, ensemble.times[ensemble.times <= end], track.position)
+        if departure <= WORST:
+            return Replay(scene, seed, flight, end, len(events.time), departure)
+    raise RequestError(f"{path}: seed {seed}: its collisions do not lead to its recorded positions")
+
+
+def replayed_seed(trajectories: Trajectories, path: str, seed: int | None = None) -> int:
+    """Return the seed of the run to replay; arguments and errors as of `replay_fragment`."""
+    ensemble, scene = trajectories.ensemble, trajectories.scene
+    refuse_stopped(trajectories, path, seed)
+    if not (ensemble.whole and ensemble.whole.keys() == ensemble.events.keys()):
+        trajectories.engine.refuse_unfit(scene, RECORD.split(","))
+        runs = [int(ensemble.seeds[0]) if seed is None else seed]
+        command = runs_record(trajectories.outline, runs, RECORD)["command"]
+        raise RequestError(f"{path}: holds no collisions of all disks; record them: {command}")
+    seed = whole_seed(trajectories, path, seed)
+    if scene.particles > MOST_DISKS:
+        raise RequestError(f"{path}: a replay must have at most {MOST_DISKS:,} disks, not {scene.particles:,}")
+    return seed
+
+
+def _first(position: np.ndarray, velocity: np.ndarray, events: Any, kind: type) -> Flight:
+    """Return the flight of the first collisions that fit into MOST_BYTES, in the precision of `kind`."""
+    size = np.dtype(kind).itemsize
+    fit = (MOST_BYTES - position.size * 2 * size) // (3 * size + 4)
+    pair = np.stack([events.a, events.b], axis=1)[:fit].astype(np.int16)
+    return Flight(
+        position.astype(kind),
+        velocity.astype(kind),
+        events.time[:fit].astype(kind),
+        pair,
+        events.impulse[:fit].astype(kind),
+    )
+
+
+def flown(flight: Flight, mass: np.ndarray, times: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield the unwrapped positions (N, 2) float64 of disks of masses (N,) at each of the ascending times (T,)."""
+    position, velocity, event_times = (values.astype(float) for values in flight[:3])
+    impulses, since, done = flight.impulse.astype(float), np.zeros(len(position)), 0
+    for time in times:
+        while done < len(event_times) and event_times[done] <= time:
+            now = event_times[done]
+            for disk, impulse in zip(flight.pair[done].tolist(), (impulses[done], -impulses[done]), strict=True):
+                if disk >= 0:
+                    position[disk] += velocity[disk] * (now - since[disk])
+                    velocity[disk] += impulse / mass[disk]
+                    since[disk] = now
+            done += 1
+        yield position + velocity * (time - since)[:, None]
+
+
+def _departure(scene: Scene, flight: Flight, times: np.ndarray, recorded: np.ndarray) -> float:
+    """Return the largest distance of a flown disk from its recorded positions (T, N, 2) [smallest radius], or NaN."""
+    edges, worst = np.array([scene.box.width, scene.box.height]), np.float64(0.0)
+    for position, expected in zip(flown(flight, scene.mass, times), recorded, strict=False):
+        gap = position - expected
+        if scene.box.periodic:
+            gap -= edges * np.round(gap / edges)
+        worst = np.maximum(worst, np.hypot(*gap.T).max())
+    return float(worst / scene.radius.min())
+
+
+# --- the page
+
+
+def _section(replay: Replay) -> str:
+    """Return the HTML section: style, canvas, controls, numbers and curves, the data, and the script that moves it."""
+    style, script = (BESIDE.with_suffix(suffix).read_text(encoding="utf-8") for suffix in (".css", ".js"))
+    data = json.dumps(_data(replay), sort_keys=True, allow_nan=False)
+    name = html.escape(f"Replay of {replay.scene.name}, N = {replay.scene.particles}, seed {replay.seed}")
+    mean = "; dashed: mean of the other disks" if replay.scene.particles > 1 else ""
+    legend = "".join(
+        f'<li><span class="brownpipe-replay-face" data-shade="{shade}"></span>{html.escape(text)}</li>\n'
+        for shade, text in legend_entries(replay.scene, shades_of(replay.scene))
+    )
+    return f"""<section class="brownpipe-replay" aria-label="{name}">
+<style>
+{style}</style>
+<p class="brownpipe-replay-note">{html.escape(_says(replay))}</p>
+<noscript><p>The replay needs JavaScript, which is switched off.</p></noscript>
+<div class="brownpipe-replay-panes">
+<div class="brownpipe-replay-stage">
+<canvas class="brownpipe-replay-box" role="img" tabindex="0" aria-label="{name}"></canvas>
+<div class="brownpipe-replay-controls">
+<button type="button" class="brownpipe-replay-play">Play</button>
+<button type="button" class="brownpipe-replay-restart">Restart</button>
+<label>Speed <input type="range" class="brownpipe-replay-speed" min="-6" max="4" step="1" value="0"></label>
+<output class="brownpipe-replay-rate"></output>
+<label class="brownpipe-replay-long">Time
+<input type="range" class="brownpipe-replay-time" min="0" max="1000" step="1" value="0"></label>
+</div>
+<ul class="brownpipe-replay-legend">
+{legend}<li><span class="brownpipe-replay-face" data-shade="flash"></span>disks that have just collided</li>
+</ul>
+<p class="brownpipe-replay-note">Keys: space plays and pauses; arrows, Home and End move in time.</p>
+</div>
+<div class="brownpipe-replay-numbers">
+<table>
+<tr><th scope="row">Time</th><td data-number="time"></td></tr>
+<tr><th scope="row">Collisions</th><td data-number="collisions"></td></tr>
+<tr><th scope="row" class="brownpipe-replay-part">of the tracer</th><td data-number="hits"></td></tr>
+<tr><th scope="row">Kinetic energy</th><td data-number="energy"></td></tr>
+<tr><th scope="row" class="brownpipe-replay-part">of the tracer</th><td data-number="tracer"></td></tr>
+<tr><th scope="row" class="brownpipe-replay-part">of the bath</th><td data-number="bath"></td></tr>
+<tr><th scope="row">Square displacement</th><td data-number="square"></td></tr>
+</table>
+<p>Square displacement of the tracer</p>
+<canvas class="brownpipe-replay-curve" data-curve="square" role="img" aria-label="its curve over time"></canvas>
+<p>Kinetic energy of the tracer{mean}</p>
+<canvas class="brownpipe-replay-curve" data-curve="energy" role="img" aria-label="its curve over time"></canvas>
+</div>
+</div>
+<script type="application/json" class="brownpipe-replay-data">{in_script(data)}</script>
+<script>
+{script}</script>
+</section>
+"""
+
+
+def _says(replay: Replay) -> str:
+    """Return what the replay is, how exact it is, and whether it ends before the run."""
+    exact = f"positions are exact to {max(replay.departure, 1e-15):.0e} of the smallest radius"
+    what = f"Disks move straight from one collision to the next, so this is the run itself at any speed: {exact}."
+    if is_whole(replay):
+        return f"{what} All numbers are in the scene's reduced units."
+    count = f"{len(replay.flight.time):,} of {replay.collisions:,} collisions"
+    part = f"The replay has the first {count} and ends at {replay.end:.3g}; the run ends at {replay.scene.duration:g}."
+    return f"{what} {part} All numbers are in the scene's reduced units."
+
+
+def is_whole(replay: Replay) -> bool:
+    """Whether a replay has all collisions of the run."""
+    return len(replay.flight.time) == replay.collisions
+
+
+def _data(replay: Replay) -> dict[str, Any]:
+    """Return the data of the page: numbers of the box and of the species, arrays as base64 of little-endian numbers."""
+    scene, flight = replay.scene, replay.flight
+    box, shades, first = scene.box, shades_of(scene).tolist(), 0
+    species = []
+    for members in scene.disks or scene.species:
+        count = getattr(members, "count", 1)
+        if count:
+            species.append([count, members.radius, members.mass, shades[first]])
+        first += count
+    return {
+        "box": [*box.origin, box.width, box.height],
+        "periodic": box.periodic,
+        "species": species,
+        "end": replay.end,
+        "bits": 8 * flight.time.itemsize,
+        **{name: _base64(values) for name, values in flight._asdict().items()},
+    }
+
+
+def _base64(values: np.ndarray) -> str:
+    return base64.b64encode(values.astype(values.dtype.newbyteorder("<")).tobytes()).decode()
