@@ -3,6 +3,7 @@
 #     snakemake -j2 --configfile config/small.yaml               another study
 #     snakemake -j2 --config seeds=100                           the default study with another value of a key
 #     snakemake tradeoff_figures -j2 --configfile config/tradeoff.yaml     cost and accuracy of its engines
+#     snakemake replays -j1                                      one run with all disks and collisions, to be replayed
 #     snakemake --report report.html                             all results of the study on one page
 import json
 import os
@@ -13,6 +14,7 @@ from brownpipe.errors import RequestError
 from brownpipe.provenance import made_with
 from brownpipe.quoting import printable, shell_path
 from brownpipe.study import from_command_line, read_study
+from brownpipe.study.replay import replay_jobs
 
 try:
     study_file = relpath([f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1])
@@ -44,6 +46,7 @@ include: "workflow/rules/simulate.smk"
 include: "workflow/rules/aggregate.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/tradeoff.smk"
+include: "workflow/rules/replay.smk"
 
 
 # All files of a study are inputs here, so that what a failed job left missing, or somebody deleted, is made again:

@@ -3,9 +3,11 @@
 import base64
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import browser
 from brownpipe.cli import main
@@ -16,6 +18,8 @@ from brownpipe.figures.origin import record_in
 from brownpipe.provenance import sources
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.storage import Trajectories, write_trajectories
+from brownpipe.study import read_study
+from brownpipe.study.replay import MOST_COLLISIONS, MOST_DISKS, replay_jobs
 from ensembles import make_scene
 
 NOTE = "config/scenes/harrison2020.yaml"
@@ -186,6 +190,45 @@ def test_runs_that_cannot_be_replayed(runs, monkeypatch):
 
 def test_script_and_style_are_part_of_the_source():
     assert {"replay.py", "replay.css", "replay.js"} <= {path.name for path in sources("figures.*")}
+
+
+# --- of a study
+
+
+def study_of(tmp_path, **keys):
+    """A study of the note's scene with two numbers of disks."""
+    mapping = {"scenes": [str(Path(NOTE).absolute())], "particles": [30, 40], "seeds": "7-9"} | keys
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump({key: value for key, value in mapping.items() if value}))
+    return read_study(tmp_path / "study.yaml")
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({}, [("harrison2020", 30, "exact", 7, 7)]),
+        ({"engines": [{"name": "exact", "seeds": "3-4"}]}, [("harrison2020", 30, "exact", 3, 3)]),
+        ({"engines": [{"name": "timestep", "time_step": 0.001}]}, []),
+        ({"seeds": None, "tolerance": "2%", "target": "msd"}, []),  # its seeds are not known yet
+    ],
+)
+def test_the_run_of_a_study_that_can_be_replayed(keys, expected, tmp_path):
+    assert [tuple(job) for job in replay_jobs(study_of(tmp_path, **keys))] == expected
+
+
+def test_a_study_of_many_disks_or_collisions_has_no_replay(tmp_path, monkeypatch):
+    study = study_of(tmp_path)
+    collisions = sum(EXACT.forecast(study.cases[0])[:2])
+    for name, size in (("MOST_DISKS", 30), ("MOST_COLLISIONS", collisions)):
+        for most, count in ((size, 1), (size - 1, 0)):
+            with monkeypatch.context() as patch:
+                patch.setattr(f"brownpipe.study.replay.{name}", most)
+                assert len(replay_jobs(study)) == count
+
+
+def test_the_largest_run_of_a_study_fits_into_a_page():
+    """With three standard deviations more collisions than expected, if they were independent."""
+    collisions = MOST_COLLISIONS + 3 * MOST_COLLISIONS**0.5
+    assert MOST_DISKS * 16 + collisions * 16 < replay.MOST_BYTES
 
 
 # --- in a browser

@@ -19,6 +19,7 @@ import yaml
 import forked
 from brownpipe.cli import main
 from brownpipe.errors import DONE
+from brownpipe.storage import read_trajectories
 from brownpipe.study import read_study
 
 ROOT = Path(__file__).parent.parent
@@ -492,6 +493,17 @@ def test_report_is_one_page_that_begins_with_the_answer(finished, tmp_path):
         "Health of every",
     ):
         assert caption in page
+
+
+def test_the_run_for_the_replay_is_bit_identical_to_that_of_the_study(study):
+    snakemake(study, "--cores", "1", "replays")
+    results = study / "results" / "study"
+    (file,) = (results / "replay").rglob("*.h5")
+    assert file == results / "replay" / "hot" / "N8" / "exact" / "0-0.h5"
+    again, runs = read_trajectories(file).ensemble, read_trajectories(results / "simulate/hot/N8/exact/0-9.h5").ensemble
+    np.testing.assert_array_equal(again.whole[0].position[:, 0], runs.tracer.position[:, 0])
+    assert again.observables["pair_collisions"][0] == runs.observables["pair_collisions"][0] > 0
+    assert main(["movie", str(file), "--to", "html", "--output", str(study / "replay.html")]) == DONE
 
 
 def test_every_lint_left_has_a_reason():
