@@ -11,7 +11,7 @@ import sys
 from os.path import relpath
 
 from brownpipe.errors import RequestError
-from brownpipe.provenance import made_with
+from brownpipe.provenance import PACKAGE, made_with
 from brownpipe.quoting import printable, shell_path
 from brownpipe.study import from_command_line, read_study
 from brownpipe.study.replay import replay_jobs
@@ -32,6 +32,7 @@ except KeyboardInterrupt:
 seen = {key: value for key, value in overrides.items() if key not in ("figures", "allow_failed")}  # by the analysis
 settings = ["--config", *(f"{key}={json.dumps(value)}" for key, value in seen.items())] if seen else []
 results = f"results/{study.name}"
+captions = PACKAGE / "figures"
 cases = study.case_table
 engines = {
     engine.label: {"options": engine.options, "made_with": made_with("simulate", engine.name)}

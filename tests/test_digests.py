@@ -70,8 +70,7 @@ def imports_of(file):
 @pytest.mark.parametrize(("step", "engine"), [*CASES, ("tradeoff_figures", None), ("figures", None)])
 def test_all_packages_that_are_imported_are_in_the_digest(step, engine):
     """By Python's own parser, and by what the installed packages say of their modules."""
-    modules = [file for file in provenance.sources(*provenance.modules_of(step, engine)) if file.suffix == ".py"]
-    imported = set().union(*map(imports_of, modules))
+    imported = set().union(*map(imports_of, provenance.sources(*provenance.modules_of(step, engine))))
     wanted = {owners()[name][0].lower() for name in imported - sys.stdlib_module_names - {"brownpipe"}}
     assert wanted, step
     assert wanted <= provenance.made_with(step, engine).keys()
@@ -103,6 +102,22 @@ def test_a_package_that_a_module_begins_to_import_is_found(tmp_path):
     provenance.sources.cache_clear()
     with_numba = ("llvmlite", "numba", "numpy")
     assert found == [(), ("numpy",), with_numba, (*with_numba, "pyyaml"), (*with_numba, "pyyaml")]
+
+
+def test_a_text_beside_a_module_is_in_its_digest(tmp_path):
+    (tmp_path / "one.py").write_text("from brownpipe import two\n")
+    digests = []
+    for name in ("two.py", "two.css", "two.js", "two.rst", "three.css"):
+        (tmp_path / name).write_text("")
+        provenance.sources.cache_clear()
+        digests.append(provenance.source_digest("one", folder=tmp_path))
+    provenance.sources.cache_clear()
+    assert len({*digests}) == 4 and digests[3] == digests[4], "three.css belongs to no module"
+
+
+def test_every_text_of_the_package_lies_beside_a_module():
+    texts = [file for file in provenance.PACKAGE.rglob("*") if file.suffix in provenance.BESIDE]
+    assert texts and [file for file in texts if not file.with_suffix(".py").is_file()] == []
 
 
 def test_the_list_of_engines_decides_but_not_the_engines_on_it():

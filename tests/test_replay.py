@@ -15,7 +15,6 @@ from brownpipe.engines import Engine, requested
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.figures import replay
 from brownpipe.figures.origin import record_in
-from brownpipe.provenance import sources
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.storage import Trajectories, write_trajectories
 from brownpipe.study import read_study
@@ -186,10 +185,6 @@ def test_runs_that_cannot_be_replayed(runs, monkeypatch):
     monkeypatch.setattr(replay, "MOST_DISKS", 39)
     with pytest.raises(RequestError, match=r"runs.h5: a replay must have at most 39 disks, not 40"):
         replay.replay_of(runs["walls"], "runs.h5")
-
-
-def test_script_and_style_are_part_of_the_source():
-    assert {"replay.py", "replay.css", "replay.js"} <= {path.name for path in sources("figures.*")}
 
 
 # --- of a study

@@ -1,8 +1,8 @@
 """Which source files and package versions determine a result. Imports nothing heavy.
 
 Both are found by imports, at the head of a file or inside a function. The source files of a result are a module and
-every module of brownpipe that it imports, directly or not, and what stands beside a module under the same name: the
-script and the style of its web page. The packages are those that these files import, and all
+every module of brownpipe that it imports, directly or not, and what lies beside one of these modules under its name: a
+caption, a style sheet or a script. The packages are those that these files import, and all
 that these packages require. The version of Python is not among them: with the same packages it changes no number and no
 byte of a file, as all numbers are computed by packages or by arithmetic that IEEE 754 defines.
 """
@@ -11,6 +11,7 @@ import hashlib
 import re
 import sys
 from functools import cache
+from itertools import chain
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
@@ -18,8 +19,8 @@ UNKNOWN = "unknown"  # version of a package that is not installed
 NAME = PACKAGE.name
 CATALOGUE = f"{NAME}.engines"  # imports all engines, but only the one that runs determines the results
 IMPORT = re.compile(r"^[ \t]*(?:from (\w[\w.]*) import (\([^)]*\)|[^\n#]*)|import (\w[\w.]*))", re.MULTILINE)
+BESIDE = (".css", ".js", ".rst")  # suffixes of files that belong to the module of the same name
 REQUIREMENT = re.compile(r"([\w.-]+)(?!.*\bextra\b)")  # of a package; one with `extra` is optional
-OF_PAGES = (".css", ".js")  # suffixes of what a module writes into web pages, in files of its own name
 DISTRIBUTIONS = {"PIL": "pillow", "yaml": "pyyaml"}  # of packages that are imported under another name
 
 # Modules of brownpipe that determine the output of a step, besides its input and options, with all that they import.
@@ -55,21 +56,24 @@ def simulation_of(engine: str) -> str:
 def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
     """Return the SHA-256 over the source text of modules and of all that they import, whatever the line ends.
 
-    Raises FileNotFoundError for a missing module.
+    The texts that lie beside these modules are part of it. Raises FileNotFoundError for a missing module.
     """
     total = hashlib.sha256()
-    for file in sources(*modules, folder=folder):
+    for file in sorted(chain.from_iterable(map(_with_texts, sources(*modules, folder=folder)))):
         text = file.read_text(encoding="utf-8").encode()
         total.update(f"{file.relative_to(folder).as_posix()} {len(text)}\n".encode())
         total.update(text)
     return total.hexdigest()
 
 
+def _with_texts(module: Path) -> list[Path]:
+    """Return the file of a module, and those beside it that belong to it."""
+    return [module, *(file for suffix in BESIDE if (file := module.with_suffix(suffix)).is_file())]
+
+
 @cache
 def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
-    """Return the files of modules and of all that they import, and their scripts and styles of web pages, sorted.
-
-    Imports of the list of engines are not followed.
+    """Return the files of modules and of all that they import, sorted; imports of the list of engines are not followed.
 
     The list itself is among them if a file imports names from it.
 
@@ -86,8 +90,7 @@ def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
             raise FileNotFoundError(f"{folder}: has no module {module}")
         files[module] = file
         waiting += _imported(folder, file) if module != CATALOGUE else []
-    pages = (file.with_suffix(suffix) for file in files.values() for suffix in OF_PAGES)
-    return tuple(sorted([*files.values(), *filter(Path.is_file, pages)]))
+    return tuple(sorted(files.values()))
 
 
 def _members(folder: Path, name: str) -> list[str]:

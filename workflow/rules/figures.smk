@@ -6,7 +6,7 @@ rule figures:
         numbers=f"{results}/figures/summary.csv",
         provenance=f"{results}/figures/provenance.json",
         figures=[
-            report(f"{results}/figures/{name}.svg", caption=f"../report/{name}.rst", category="Figures")
+            report(f"{results}/figures/{name}.svg", caption=f"{captions}/{name}.rst", category="Figures")
             for name in study.figures
         ],
         others=expand("{results}/figures/{name}.{kind}", results=results, name=study.figures, kind=["png", "csv"]),

@@ -22,11 +22,11 @@ rule tradeoff_drawings:
     input:
         f"{results}/tradeoff/{study.name}.nc",
     output:
-        table=report(f"{results}/tradeoff/tradeoff.txt", caption="../report/tradeoff.rst", category="Trade-off"),
+        table=report(f"{results}/tradeoff/tradeoff.txt", caption=f"{captions}/tradeoff.rst", category="Trade-off"),
         numbers=f"{results}/tradeoff/tradeoff.csv",
         provenance=f"{results}/tradeoff/provenance.json",
         figures=[
-            report(f"{results}/tradeoff/tradeoff_{name}.svg", caption="../report/tradeoff.rst", category="Trade-off")
+            report(f"{results}/tradeoff/tradeoff_{name}.svg", caption=f"{captions}/tradeoff.rst", category="Trade-off")
             for name in study.tradeoff_cases
         ],
         others=expand("{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.tradeoff_cases),
