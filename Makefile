@@ -7,7 +7,6 @@ PYTHON ?= python3
 STUDY ?= config/harrison2020.yaml
 CORES ?= $(shell nproc)
 REPORT ?= report.html
-export REPORT_COMMAND := make report$(if $(filter file,$(origin STUDY)),, STUDY=$(STUDY))
 export UNLOCK_COMMAND := .venv/bin/snakemake --unlock --configfile $(STUDY)
 
 study: ready

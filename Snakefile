@@ -4,15 +4,14 @@
 #     snakemake -j2 --config seeds=100                           the default study with another value of a key
 #     snakemake tradeoff_figures -j2 --configfile config/tradeoff.yaml     cost and accuracy of its engines
 #     snakemake replays -j1                                      one run with all disks and collisions, to be replayed
-#     snakemake --report report.html                             all results of the study on one page
+#     snakemake --report report.html                             Snakemake's own report: results, commands, times
 import json
-import os
 import sys
 from os.path import relpath
 
 from brownpipe.errors import RequestError
 from brownpipe.provenance import PACKAGE, made_with
-from brownpipe.quoting import printable, shell_path
+from brownpipe.quoting import shell_path
 from brownpipe.study import from_command_line, read_study
 from brownpipe.study.replay import replay_jobs
 
@@ -61,12 +60,12 @@ rule all:
         rules.aggregate.input,
         summary=rules.figures.output.summary,
         dataset=rules.aggregate.output[0],
+        page=rules.figures.output.page,
     params:
         allow_failed=study.allow_failed,
-        report=(printable(os.environ.get("REPORT_COMMAND", "the same command with --report report.html")),),
     shell:
         'cat {input.summary:q} && echo figures and tables: "$(dirname {input.summary:q})"'
-        " && echo all on one page: {params.report:q}"
+        " && echo all on one page: {input.page:q}"
         " && brownpipe inspect {input.dataset:q} --allow-failed {params.allow_failed}"
 
 

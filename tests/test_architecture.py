@@ -37,6 +37,7 @@ ROOMS = (  # each may import those before it
     "analysis",
     "tradeoff",
     "figures",
+    "report",
     "inspection",
     "study",
     "interface",

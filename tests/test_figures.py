@@ -64,7 +64,7 @@ def lay_out(figure):
 @pytest.fixture
 def no_pictures(monkeypatch):
     """The files of figures are empty: for tests of names and tables."""
-    monkeypatch.setattr("brownpipe.figures.render.image_bytes", lambda figure, kind: b"")
+    monkeypatch.setattr("brownpipe.figures.drawing.image_bytes", lambda figure, kind: b"")
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def laid_out(monkeypatch):
             lay_out(figure)
         return b""
 
-    monkeypatch.setattr("brownpipe.figures.render.image_bytes", empty)
+    monkeypatch.setattr("brownpipe.figures.drawing.image_bytes", empty)
 
 
 def rows(path):
@@ -142,7 +142,7 @@ def test_the_catalogue_lists_every_figure_there_is():
     folder = provenance.PACKAGE / "figures"
     drawing = {file.stem for file in folder.glob("*.py") if "\ndef draw(cases" in file.read_text()}
     assert drawing == set(NAMES)
-    captions = {path.stem for path in (provenance.PACKAGE.parents[1] / "workflow" / "report").glob("*.rst")}
+    captions = {path.stem for path in folder.glob("*.rst")}
     for name in NAMES:
         assert {"draw", "table", "VARIABLES", "LACKING"} <= set(dir(module_of(name)))
         assert name in captions

@@ -116,7 +116,7 @@ def test_a_lack_of_memory_is_one_line_whatever_reports_it(error, expected, capsy
     def fail(*_, **__):
         raise ValueError("while drawing") from error
 
-    monkeypatch.setattr("brownpipe.figures.products.read_dataset", fail)
+    monkeypatch.setattr("brownpipe.report.products.read_dataset", fail)
     monkeypatch.setattr(errors, "limits", lambda: "")
     assert main(["figures", f"{expected}/a.nc", "--output", "figures"]) == FAILED
     assert capsys.readouterr() == ("", "brownpipe: out of memory\n")
@@ -136,7 +136,7 @@ def test_kernels_are_neither_compiled_nor_loaded_in_too_little_memory(monkeypatc
 @pytest.fixture
 def no_work(monkeypatch):
     """Nothing may be calculated."""
-    for work in ("engines.exact.simulation.simulate", "analysis.aggregate", "figures.render.render"):
+    for work in ("engines.exact.simulation.simulate", "analysis.aggregate", "report.products.write"):
         monkeypatch.setattr(f"brownpipe.{work}", lambda *_, **__: pytest.fail("begins the work"))
 
 

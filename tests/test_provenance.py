@@ -31,7 +31,8 @@ pytestmark = pytest.mark.slow
 SCENE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
 CASE = "results/s/simulate/harrison2020/N10/exact"
 NAMES = ("msd.png", "msd.svg", "msd.csv", "summary.csv", "summary.txt", "provenance.json")
-PRODUCTS = ("results/s/aggregate/s.nc", *(f"results/s/figures/{name}" for name in NAMES))
+PAGE = "results/s/report.html"
+PRODUCTS = ("results/s/aggregate/s.nc", *(f"results/s/figures/{name}" for name in NAMES), PAGE)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,8 @@ def finished(tmp_path_factory):
             assert main([*simulate, "--output", f"{CASE}/{seeds}.h5"]) == DONE
         files = map(str, Path(CASE).iterdir())
         assert main(["aggregate", *files, "--output", PRODUCTS[0], "--fit-windows", "0.1:1"]) == DONE
-        assert main(["figures", PRODUCTS[0], "--output", "results/s/figures", "--figures", "msd"]) == DONE
+        words = ["--output", "results/s/figures", "--figures", "msd", "--report", PAGE]
+        assert main(["figures", PRODUCTS[0], *words]) == DONE
     return folder
 
 
@@ -178,7 +180,7 @@ def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypa
 
 
 @pytest.mark.promise("result that cannot be repeated", "Every product is made again from what it says, byte for byte.")
-@pytest.mark.parametrize("product", [PRODUCTS[0], "results/s/figures/provenance.json"])
+@pytest.mark.parametrize("product", [PRODUCTS[0], "results/s/figures/provenance.json", PAGE])
 def test_products_come_out_again_byte_for_byte(product, study, capsys):
     before = {path: path.stat().st_mtime_ns for path in study.rglob("*")}
     status, lines, err = reproduced(capsys, product)

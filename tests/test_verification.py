@@ -29,7 +29,7 @@ sample_interval: 0.1
 """
 RESULTS = Path("results/mine")
 SHOWN = {f"figures/health.{kind}" for kind in ("csv", "png", "svg")}
-SHOWN |= {f"figures/{name}" for name in ("summary.csv", "summary.txt", "provenance.json")}
+SHOWN |= {f"figures/{name}" for name in ("summary.csv", "summary.txt", "provenance.json")} | {"report.html"}
 FILES = {f"simulate/hot/N6/exact/{name}.h5" for name in ("0-1", "2-3")} | SHOWN
 FILES |= {"aggregate/mine.nc", "figures/SHA256SUMS", "run.yaml"}
 
@@ -41,7 +41,8 @@ def make_results():
         assert main(["simulate", "hot.yaml", "--particles", "6", "--seeds", seeds, "--output", path]) == DONE
     dataset = f"{RESULTS}/aggregate/mine.nc"
     assert main(["aggregate", "--study", "mine.yaml", "--output", dataset]) == DONE
-    assert main(["figures", dataset, "--output", f"{RESULTS}/figures", "--figures", "health"]) == DONE
+    words = ["--figures", "health", "--report", f"{RESULTS}/report.html"]
+    assert main(["figures", dataset, "--output", f"{RESULTS}/figures", *words]) == DONE
     write_run_record(RESULTS, RunRecord("mine.yaml"))
 
 
@@ -157,7 +158,7 @@ def test_what_is_wrong_is_said_with_its_cure(study, capsys):
     assert capsys.readouterr().out.splitlines() == [
         "results/mine/figures/health.png: is missing",
         "results/mine/simulate/hot/N6/exact/0-1.h5: was damaged or edited after it was written",
-        "results/mine: 9 files intact, 2 not; to make these again:",
+        "results/mine: 10 files intact, 2 not; to make these again:",
         "rm -rf -- results/mine/simulate/hot/N6/exact/0-1.h5 && brownpipe run mine.yaml",
     ]
 

@@ -44,7 +44,7 @@ seeds: 10
 batch: 10
 """
 PHYSICS = ("*.h5", "*.nc")
-PICTURES = ("*.png", "*.svg", "*.csv", "*.txt")
+PICTURES = ("*.png", "*.svg", "*.csv", "*.txt", "*.html")
 pytestmark = pytest.mark.slow
 
 
@@ -62,8 +62,8 @@ def command(folder, *arguments):
 
 
 def environment(**more):
-    """As in a shell: not as below `make test`, which says how to make a report and remove a lock."""
-    of_make = ("REPORT_COMMAND", "UNLOCK_COMMAND", "MAKEFLAGS")
+    """As in a shell: not as below `make test`, which says how to remove a lock."""
+    of_make = ("UNLOCK_COMMAND", "MAKEFLAGS")
     usual = {name: value for name, value in os.environ.items() if name not in of_make}
     return usual | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"} | more
 
@@ -139,8 +139,8 @@ def test_everything_declared_is_there_and_printed(finished):
     expected = {f"{name}.{kind}" for name in study.figures for kind in ("png", "svg", "csv")}
     assert names == expected | {"summary.txt", "summary.csv", "provenance.json", "SHA256SUMS"}
     answer = (folder / "results/study/figures/summary.txt").read_text()
-    last = "figures and tables: results/study/figures\nall on one page: the same command with --report report.html\n"
-    assert printed.endswith(answer + last)
+    last = "figures and tables: results/study/figures\nall on one page: results/study/report.html\n"
+    assert printed.endswith(answer + last) and (folder / "results/study/report.html").is_file()
     logs = list((folder / "results/study/logs").rglob("*.log"))
     tables = list((folder / "results/study/benchmarks").rglob("*.tsv"))
     assert (len(logs), len(tables)) == (6, 6)
@@ -169,25 +169,23 @@ def test_the_screen_shows_how_far_the_study_is_and_little_else(finished):
 
 
 def test_the_answer_is_shown_again_though_nothing_is_to_be_done(finished):
-    printed = snakemake(finished[0], "--cores", "1", REPORT_COMMAND="make report STUDY='my study.yaml'")
+    printed = snakemake(finished[0], "--cores", "1")
     answer = (finished[0] / "results/study/figures/summary.txt").read_text()
-    last = "figures and tables: results/study/figures\nall on one page: make report STUDY='my study.yaml'\n"
+    last = "figures and tables: results/study/figures\nall on one page: results/study/report.html\n"
     assert printed.partition("\n")[2] == answer + last
 
 
 @pytest.mark.parametrize("given", [(), ("STUDY=config/small.yaml",)], ids=["default", "another"])
-def test_make_names_the_commands_that_make_the_report_and_remove_a_lock(given):
+def test_make_report_calls_snakemake_and_make_names_the_command_that_removes_a_lock(given):
     """Make is only asked what it would do: the Snakemake command is the one that a test below runs."""
     surroundings = environment()
-    shown = ["make", "--silent", "--eval", "shown: ; @echo $(REPORT_COMMAND); echo $(UNLOCK_COMMAND)", "shown", *given]
-    printed = subprocess.run(shown, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True).stdout
-    asked, unlock = printed.splitlines()
-    assert asked == " ".join(["make report", *given])
-    command = [*asked.split(), "--dry-run"]
+    shown = ["make", "--silent", "--eval", "shown: ; @echo $(UNLOCK_COMMAND)", "shown", *given]
+    unlock = subprocess.run(shown, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True).stdout
+    command = ["make", "report", *given, "--dry-run"]
     done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True).stdout
     study = given[0].partition("=")[2] if given else "config/harrison2020.yaml"
     assert f" --configfile {study} --report report.html" in done
-    assert unlock == f".venv/bin/snakemake --unlock --configfile {study}"
+    assert unlock == f".venv/bin/snakemake --unlock --configfile {study}\n"
 
 
 def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_language(finished, tmp_path):
@@ -220,7 +218,7 @@ def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_langua
     assert one.keys() == two.keys()
     assert [path for path in one if one[path] != two[path]] == []
     figures = read_study(folder / "study.yaml").figures
-    assert len(one) == 4 + 1 + 2 + 3 * len(figures)  # runs, dataset, summary, figures in three forms
+    assert len(one) == 4 + 1 + 2 + 3 * len(figures) + 1  # runs, dataset, summary, figures in three forms, page
 
 
 def wait_for(condition, seconds=120):
@@ -294,6 +292,7 @@ def test_a_change_runs_what_depends_on_it_and_nothing_else(study, file, old, new
         ("aggregate/study.nc", ANALYSIS),
         ("figures/health.svg", FIGURES),
         ("figures/summary.csv", FIGURES),
+        ("report.html", FIGURES),
     ],
 )
 def test_what_was_deleted_is_made_again(study, deleted, jobs):

@@ -29,8 +29,8 @@ STEPS = {
     "simulate": ("engines", "scene.seeds", "storage.trajectories", "storage.checkpoints"),
     "aggregate": ("storage", "analysis"),
     "tradeoff": ("storage", "tradeoff"),
-    "tradeoff_figures": ("storage", "figures.tradeoff"),
-    "figures": ("storage", "figures.*"),
+    "tradeoff_figures": ("storage", "figures.tradeoff", "report.tradeoff"),
+    "figures": ("storage", "figures.*", "report.*"),
 }
 
 

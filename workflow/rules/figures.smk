@@ -11,6 +11,7 @@ rule figures:
         ],
         others=expand("{results}/figures/{name}.{kind}", results=results, name=study.figures, kind=["png", "csv"]),
         checksums=f"{results}/figures/SHA256SUMS",
+        page=f"{results}/report.html",
     log:
         f"{results}/logs/figures/{study.name}.log",
     benchmark:
@@ -19,4 +20,5 @@ rule figures:
         names=study.figures,
         made_with=made_with("figures"),
     shell:
-        'brownpipe figures {input:q} --output "$(dirname {output.summary:q})" --figures {params.names:q} 2> {log:q}'
+        'brownpipe figures {input:q} --output "$(dirname {output.summary:q})" --report {output.page:q}'
+        " --figures {params.names:q} 2> {log:q}"

@@ -31,6 +31,7 @@ rule tradeoff_drawings:
         ],
         others=expand("{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.tradeoff_cases),
         checksums=f"{results}/tradeoff/SHA256SUMS",
+        page=f"{results}/tradeoff/report.html",
     log:
         f"{results}/logs/tradeoff_drawings/{study.name}.log",
     benchmark:
@@ -38,7 +39,7 @@ rule tradeoff_drawings:
     params:
         made_with=made_with("tradeoff_figures"),
     shell:
-        'brownpipe figures {input:q} --output "$(dirname {output.table:q})" 2> {log:q}'
+        'brownpipe figures {input:q} --output "$(dirname {output.table:q})" --report {output.page:q} 2> {log:q}'
 
 
 # As rule all does for the study, this asks for every file of the trade-off, and shows its answer at each run.
@@ -48,5 +49,6 @@ rule tradeoff_figures:
         rules.tradeoff.output,
         rules.tradeoff.input,
         table=rules.tradeoff_drawings.output.table,
+        page=rules.tradeoff_drawings.output.page,
     shell:
-        "cat {input.table:q}"
+        "cat {input.table:q} && echo all on one page: {input.page:q}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -56,9 +56,10 @@ def _range(axes: Axes, row: int, sizes: np.ndarray) -> None:
         return
     sizes = np.maximum(sizes, LEFT_END)
     low, middle, high = np.quantile(sizes, QUANTILES)
-    axes.plot([sizes.min(), sizes.max()], [row, row], color=DATA, linewidth=1.2)
-    axes.plot([low, high], [row, row], color=DATA, linewidth=6, alpha=0.45, solid_capstyle="butt")
-    axes.plot([middle], [row], "o", color=DATA, markersize=5)
+    axes.plot([sizes.min(), sizes.max()], [row, row], color=DATA, linewidth=1.2, label="all runs")
+    thick: dict[str, Any] = {"linewidth": 6, "alpha": 0.45, "solid_capstyle": "butt"}
+    axes.plot([low, high], [row, row], color=DATA, label="central 90 % of the runs", **thick)
+    axes.plot([middle], [row], "o", color=DATA, markersize=5, label="median")
 
 
 def _name_rows(axes: Axes, cases: list[Dataset]) -> None:

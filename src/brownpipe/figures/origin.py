@@ -152,12 +152,12 @@ def _gif_comment(text: bytes) -> bytes:
 
 
 def record_in(image: bytes) -> Record | None:
-    """Return the record in a picture or video; None if there is none."""
+    """Return the record in a picture, video or page; None if there is none."""
     return next((record for record in map(_record, _texts(image)) if record is not None), None)
 
 
 def _texts(image: bytes) -> Iterator[bytes]:
-    """Yield the texts in a picture that may be its record."""
+    """Yield the texts in a picture or page that may be its record."""
     if image.startswith(PNG):
         at = len(PNG)
         while at + 8 <= len(image):

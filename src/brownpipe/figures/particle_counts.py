@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.figures.cases import by_series, fits_of, over_time
-from brownpipe.figures.style import GREY, SERIES, apart, band, bars, grid, heads, shades
+from brownpipe.figures.style import GREY, SERIES, apart, band, bars, error_bars, grid, heads, shades
 from brownpipe.figures.tables import Table
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def _curves(axes: Axes, cases: list[Dataset], top: float) -> None:
     """Draw MSD(t) with its band for each count, from dark (fewest disks) to light, labelled at its end."""
     ends = apart([float(case.msd[-1]) for case in cases], APART * top, 0, top)
     for case, colour, end in zip(cases, shades(len(cases)), ends, strict=True):
-        band(axes, case.time.values, case, "msd", colour)
+        band(axes, case.time.values, case, "msd", colour, label=f"_N = {case.particles.item()}")  # not in a legend
         outside = {"textcoords": "offset points", "annotation_clip": False, "va": "center", "color": colour}
         axes.annotate(f"N = {case.particles.item()}", (case.time.values[-1], end), (5, 0), **outside)
 
@@ -63,12 +63,12 @@ def _diffusion(axes: Axes, cases: list[Dataset]) -> None:
     step = min(SIDE * (counts[-1] - counts[0]), 0.6 * nearest / len(windows))
     for k, (window, (colour, _, marker)) in enumerate(zip(windows, cycle(SERIES), strict=False)):
         fits = [fit for case in cases for fit in fits_of(case) if fit.window == window]
-        n = [fit.particles.item() + (k - (len(windows) - 1) / 2) * step for fit in fits]
+        counted = [fit.particles.item() for fit in fits]
+        n = [count + (k - (len(windows) - 1) / 2) * step for count in counted]
         d = [float(fit.diffusion_coefficient) for fit in fits]
         reach, label = bars(fits, "diffusion_coefficient"), f"window {window}"
-        axes.errorbar(
-            n, d, reach, fmt=marker, color=colour, markersize=5, markerfacecolor="white", elinewidth=1.3, label=label
-        )
+        looks = {"color": colour, "markersize": 5, "markerfacecolor": "white", "elinewidth": 1.3}
+        error_bars(axes, counted, d, reach, n, fmt=marker, label=label, **looks)
 
 
 def _extent(cases: list[Dataset]) -> tuple[float, float]:

@@ -10,8 +10,9 @@ from brownpipe.errors import FigureError
 from brownpipe.figures.cases import cases_of, check_count, check_names, has, one_count
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.catalogue import Figure as Entry
+from brownpipe.figures.drawing import Drawing, drawing_of
 from brownpipe.figures.origin import Record, stamped
-from brownpipe.figures.style import drawing, image_bytes
+from brownpipe.figures.style import drawing
 from brownpipe.figures.summary import summary_table
 from brownpipe.figures.tables import to_csv
 from brownpipe.stages import tracked
@@ -34,26 +35,45 @@ def render(
     particles: int | None = None,
     record: Record | None = None,
 ) -> list[Path]:
-    """Write figures of a dataset and `summary.csv` into a folder; return the paths.
+    """Write figures of a dataset and `summary.csv` into a folder; return the paths. Arguments and errors: see `drawn`.
+
+    With a `record` of what they were made from, the pictures state it.
+    """
+    return write_drawings(drawn(dataset, names, particles), dataset, folder, record)
+
+
+def drawn(dataset: Dataset, names: Sequence[str] | None = None, particles: int | None = None) -> list[Drawing]:
+    """Draw figures of a dataset.
 
     `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
     particle count of each scene: `particles`, or by default the 2020 note's 150 if the scene has it, or else its
-    largest. Figures in the folder that are not drawn now are removed, as they may belong to another dataset.
-    `summary.csv` is written last. With a `record` of what they were made from, the pictures state it.
+    largest.
 
     Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
     """
     shown = cases_shown(dataset, particles, names)
     for name in names or ():
         _refuse_lacking(name, shown)
-    files: dict[str, bytes] = {}
+    drawings = []
     with drawing():
         for name in tracked(names or [name for name, cases in shown.items() if cases], "figures"):
             module, cases = module_of(name), shown[name]
-            figure = module.draw(cases)
-            for suffix in ("png", "svg"):
-                files[f"{name}.{suffix}"] = stamped(image_bytes(figure, suffix), f"{name}.{suffix}", record)
-            files[f"{name}.csv"] = to_csv(module.table(cases))
+            drawings.append(drawing_of(name, module.draw(cases), module.table(cases)))
+    return drawings
+
+
+def write_drawings(
+    drawings: Sequence[Drawing], dataset: Dataset, folder: str | Path, record: Record | None = None
+) -> list[Path]:
+    """Write drawings of a dataset and then `summary.csv` into a folder; return the paths.
+
+    Figures in the folder that are not among the drawings are removed, as they may belong to another dataset.
+    """
+    files: dict[str, bytes] = {}
+    for shown in drawings:
+        for suffix, image in shown.images.items():
+            files[f"{shown.name}.{suffix}"] = stamped(image, f"{shown.name}.{suffix}", record)
+        files[f"{shown.name}.csv"] = to_csv(shown.table)
     files["summary.csv"] = to_csv(summary_table(dataset))
     for path in (Path(folder) / f"{name}.{suffix}" for name in FIGURES for suffix in FILE_TYPES):
         if path.name not in files:

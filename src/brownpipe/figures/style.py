@@ -40,6 +40,7 @@ BETWEEN = 0.09  # padding on each side of a panel [inch]
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 FILL = 0.22  # opacity of a band
 LIKELY = 2.0  # half-height of the grey band of likely residuals, in standard errors
+STATED_X = "stated_x"  # attribute of error bars: where they belong
 LAYOUT_DIGITS = 9  # of positions, in units of the figure
 SAVE: dict[str, dict] = {
     "png": {"dpi": 160, "metadata": {"Software": None}},
@@ -230,6 +231,11 @@ def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **lin
 def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
     """Return how far the 95 % intervals of `name` reach down and up, (2, cases), as `axes.errorbar` takes it."""
     return np.abs([[float(case[f"{name}_{end}"] - case[name]) for case in cases] for end in ("low", "high")])
+
+
+def error_bars(axes: Axes, x: Sequence, y: Sequence, reach: np.ndarray, at: Sequence, **looks: Any) -> None:
+    """Draw error bars of values at x, shifted to the places `at` so that they do not overlap; they note their x."""
+    setattr(axes.errorbar(at, y, reach, **looks), STATED_X, [*x])
 
 
 def grid(rows: int, columns: int, width: float, height: float, **sharing: Any) -> tuple[Figure, np.ndarray]:

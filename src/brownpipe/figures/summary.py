@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,12 +23,28 @@ QUESTION = "eq. (18) rejected?"  # above the columns of the tests
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 
 
+class Answer(NamedTuple):
+    """The results of a study in words."""
+
+    columns: list[tuple[str, ...]]  # heading and cells; those of TESTS, the last, only if there are tests
+    legend: list[str]  # lines that explain the columns
+    missing: list[str]  # lines that name failed and missing seeds
+
+
 def summary(dataset: Dataset) -> str:
-    """Return the results as a text table with one line per scene, particle count and engine.
+    """Return the results as a text table with one line per scene, particle count and engine, and lines below it."""
+    found = answer(dataset)
+    lines = aligned(found.columns)
+    above = [" " * lines[0].index(TESTS[0]) + QUESTION] if found.columns[-1][0] in TESTS else []
+    return in_lines([*above, *lines, *found.legend, *found.missing]) + "\n"
+
+
+def answer(dataset: Dataset) -> Answer:
+    """Return the results of each scene, particle count and engine.
 
     The columns are the number of runs, the MSD at the end and D = slope/4 over the first fit window with their standard
     errors over runs, and the verdict on eq. (18) with either D. All tests of the table are one family: a model
-    is rejected at the family-wise level (Holm). Lines below explain the columns and name failed and missing seeds.
+    is rejected at the family-wise level (Holm).
     """
     cases = cases_of(dataset)
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
@@ -39,9 +55,7 @@ def summary(dataset: Dataset) -> str:
     if len({row[2] for row in rows}) == 2:  # the header and one engine
         hidden.add("engine")
     columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
-    lines = aligned(columns)
-    above = [" " * lines[0].index(TESTS[0]) + QUESTION] if tests else []
-    return in_lines([*above, *lines, *_legend(dataset, cases, tests), *missing_runs(cases)]) + "\n"
+    return Answer(columns, list(_legend(dataset, cases, tests)), list(missing_runs(cases)))
 
 
 def heading_of_msd(cases: list[Dataset]) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import by_series, has
-from brownpipe.figures.style import DASHED, GREY, INK, PANEL, SERIES, apart, bars, grid, heads, tall_and_low
+from brownpipe.figures.style import DASHED, GREY, INK, PANEL, SERIES, apart, bars, error_bars, grid, heads, tall_and_low
 from brownpipe.figures.tables import Table, long_table
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def draw(cases: list[Dataset]) -> Figure:
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
         ends = _horizontal(measured)
-        phi = [float(case.packing_fraction) for case in measured]
+        phi = _fractions(measured)
         place = apart(phi, min(MARKER, 0.5 / len(phi)) * (ends[1] - ends[0]), *ends)
         series = list(_series(measured, place))
         _points(main, series, name)
@@ -91,11 +91,16 @@ def _series(cases: list[Dataset], places: np.ndarray) -> Iterator[tuple[str, dic
         yield label, looks, of_series, [at[id(case)] for case in of_series]
 
 
+def _fractions(cases: list[Dataset]) -> list[float]:
+    return [float(case.packing_fraction) for case in cases]
+
+
 def _points(axes: Axes, series: list[tuple], name: str) -> None:
     """Draw the values of each series with their 95 % intervals, and set the limits of their axis."""
     values = [1.0] if name == Z else []
     for label, looks, cases, phi in series:
-        axes.errorbar(phi, [float(case[name]) for case in cases], bars(cases, name), label=label, **looks)
+        means = [float(case[name]) for case in cases]
+        error_bars(axes, _fractions(cases), means, bars(cases, name), phi, label=label, **looks)
         values += [float(case[part]) for case in cases for part in (name, f"{name}_low", f"{name}_high")]
         values += [_expected(case, name) for case in cases]
     low, high = np.nanmin(values), np.nanmax(values)
@@ -112,7 +117,9 @@ def _deviations(axes: Axes, series: list[tuple], name: str) -> None:
         value = np.array([float(case[_at_temperature(case, name)]) for case, _ in compared])
         ends = [bars([case], _at_temperature(case, name))[:, 0] for case, _ in compared]
         reach = np.reshape(ends, (-1, 2)).T
-        axes.errorbar([x for _, x in compared], 100 * (value / reference - 1), 100 * reach / reference, **looks)
+        fractions = _fractions([case for case, _ in compared])
+        departure = 100 * (value / reference - 1)
+        error_bars(axes, fractions, departure, 100 * reach / reference, [x for _, x in compared], **looks)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.margins(y=0.15)
     axes.set_ylabel("deviation\nfrom theory (%)")

@@ -8,13 +8,14 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brownpipe.figures.cases import check_names, plus_minus
+from brownpipe.figures.drawing import Drawing, drawing_of
 from brownpipe.figures.origin import Record, closing_lines, stamped
-from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, image_bytes, log_axis
+from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, log_axis
 from brownpipe.figures.tables import Table, aligned, to_csv
 from brownpipe.quoting import in_lines
 from brownpipe.stages import tracked
@@ -91,8 +92,9 @@ def _unresolved_bound(setting: Dataset) -> float:
 def _line(axes: Axes, times: np.ndarray, setting: Setting, bound: float, colour: str) -> None:
     """Draw the expected error of a setting, dotted where it is below the bound of its unresolved bias."""
     error = total_error(setting, times)
-    axes.plot(times, np.where(error >= bound, error, np.nan), color=colour, linewidth=1.0, alpha=0.8)
-    axes.plot(times, np.where(error < bound, error, np.nan), color=colour, linewidth=1.0, linestyle=DOTTED)
+    looks: dict[str, Any] = {"color": colour, "linewidth": 1.0, "label": setting.label}
+    axes.plot(times, np.where(error >= bound, error, np.nan), alpha=0.8, **looks)
+    axes.plot(times, np.where(error < bound, error, np.nan), linestyle=DOTTED, **looks)
 
 
 def _bold(axes: Axes, times: np.ndarray, interval: Interval, settings: Sequence, colour: str) -> None:
@@ -100,7 +102,7 @@ def _bold(axes: Axes, times: np.ndarray, interval: Interval, settings: Sequence,
     best = next(setting for setting in settings if setting.label == interval.label)
     start, end = np.clip([interval.start, interval.end], times[0], times[-1])
     inside = np.array([start, *times[(times > start) & (times < end)], end])
-    axes.plot(inside, total_error(best, inside), color=colour, linewidth=4.0, solid_capstyle="round")
+    axes.plot(inside, total_error(best, inside), color=colour, linewidth=4.0, solid_capstyle="round", label=best.label)
 
 
 def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float) -> None:
@@ -135,11 +137,14 @@ WORST = ("worst_energy_drift", "worst_overlap", "departure_time")
 PAYS = ("pays_from", "pays_to", "may_pay_from", "may_pay_to")
 
 
-def table(dataset: Dataset) -> Table:
-    """Return one row per scene and setting: cost, biases with intervals, health, and CPU times on the Pareto front."""
+def table(dataset: Dataset, scenes: Sequence[str] | None = None) -> Table:
+    """Return one row per scene and setting: cost, biases with intervals, health, and CPU times on the Pareto front.
+
+    `scenes` selects scenes; the default is all that have runs of more than one setting.
+    """
     header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *WORST, *PAYS)
     rows = []
-    for scene in _scenes(dataset):
+    for scene in scenes_of(dataset) if scenes is None else scenes:
         for setting in settings_of(dataset, scene):
             values = dataset.sel(scene=scene, setting=setting.label)
             numbers = (values[name].item() if name in values else np.nan for name in header)
@@ -149,7 +154,7 @@ def table(dataset: Dataset) -> Table:
 
 def summary(dataset: Dataset) -> str:
     """Return the trade-off as text: for every scene a table, and the settings that are not on the Pareto front."""
-    return "\n".join(in_lines(_of_scene(dataset, scene)) for scene in _scenes(dataset)) + "\n" + REMARK
+    return "\n".join(in_lines(_of_scene(dataset, scene)) for scene in scenes_of(dataset)) + "\n" + REMARK
 
 
 REMARK = (
@@ -166,21 +171,31 @@ HEADER = ("setting", "runs", "ms/run", "cost", "MSD bias", "D bias", "distance",
 
 
 def _of_scene(dataset: Dataset, scene: str) -> Iterator[str]:
-    """The lines of one scene; the column g(contact) is left out where no g(r) was measured."""
+    """The lines of one scene."""
+    yield f"{scene}, N = {int(dataset.sel(scene=scene).particles)}"
+    yield from (f"  {line}" for line in aligned(columns_of(dataset, scene)))
+    yield from (f"  {line}" for line in off_front(dataset, scene))
+    yield ""
+
+
+def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:
+    """Return the table of a scene in words, by columns; g(contact) is left out where no g(r) was measured."""
     of_scene = dataset.sel(scene=scene)
     settings = settings_of(dataset, scene)
     values = [of_scene.sel(setting=setting.label) for setting in settings]
     rows = [(*HEADER, "front, s"), *(_row(of_setting, settings[0].seconds) for of_setting in values)]
-    columns = [column for column in zip(*rows, strict=True) if column[0] != "g(contact)" or set(column[1:]) != {"-"}]
-    yield f"{scene}, N = {int(of_scene.particles)}"
-    yield from (f"  {line}" for line in aligned(columns))
+    return [column for column in zip(*rows, strict=True) if column[0] != "g(contact)" or set(column[1:]) != {"-"}]
+
+
+def off_front(dataset: Dataset, scene: str) -> Iterator[str]:
+    """Yield lines that name the settings of a scene that are not, or perhaps not, on the Pareto front."""
+    values = [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
     missing = [of_setting for of_setting in values if np.isnan(of_setting.pays_from)]
     never = [of_setting.setting.item() for of_setting in missing if np.isnan(of_setting.may_pay_from)]
     possibly = [of_setting.setting.item() for of_setting in missing if not np.isnan(of_setting.may_pay_from)]
-    yield f"  not on the Pareto front: {'; '.join(never) or 'none of them'}"
+    yield f"not on the Pareto front: {'; '.join(never) or 'none of them'}"
     if possibly:
-        yield f"  on it only if an unresolved bias is small or its cost low: {'; '.join(possibly)}"
-    yield ""
+        yield f"on it only if an unresolved bias is small or its cost low: {'; '.join(possibly)}"
 
 
 def _row(setting: Dataset, exact_seconds: float) -> tuple[str, ...]:
@@ -237,8 +252,8 @@ def _interval(start: float, end: float) -> str:
     return f"{start:.2g} on" if end == np.inf else f"{start:.2g} to {end:.2g}"
 
 
-def _scenes(dataset: Dataset) -> list[str]:
-    """The scenes that have runs of more than one setting."""
+def scenes_of(dataset: Dataset) -> list[str]:
+    """Return the scenes that have runs of more than one setting."""
     return [scene for scene in dataset.scene.values if np.count_nonzero(dataset.runs.sel(scene=scene)) > 1]
 
 
@@ -247,14 +262,27 @@ def render(dataset: Dataset, folder: str | Path, record: Record | None = None) -
 
     With a `record` of what they were made from, pictures and text state it.
     """
+    return write_drawings(drawn(dataset), dataset, folder, record)
+
+
+def drawn(dataset: Dataset) -> list[Drawing]:
+    """Draw the trade-off of every scene; the table of each drawing has that scene alone."""
     check_names(dataset)
-    files: dict[str, bytes] = {}
     with drawing():
-        for scene in tracked([*_scenes(dataset)], "figures"):
-            figure = draw(dataset, scene)
-            for suffix in ("png", "svg"):
-                name = f"tradeoff_{scene}.{suffix}"
-                files[name] = stamped(image_bytes(figure, suffix), name, record)
+        return [
+            drawing_of(f"tradeoff_{scene}", draw(dataset, scene), table(dataset, [scene]))
+            for scene in tracked(scenes_of(dataset), "figures")
+        ]
+
+
+def write_drawings(
+    drawings: Sequence[Drawing], dataset: Dataset, folder: str | Path, record: Record | None = None
+) -> list[Path]:
+    """Write the pictures of drawings, tradeoff.csv and tradeoff.txt into a folder; return the paths."""
+    files: dict[str, bytes] = {}
+    for shown in drawings:
+        for suffix, image in shown.images.items():
+            files[f"{shown.name}.{suffix}"] = stamped(image, f"{shown.name}.{suffix}", record)
     text = summary(dataset) + ("" if record is None else closing_lines(record))
     files |= {"tradeoff.csv": to_csv(table(dataset)), "tradeoff.txt": text.encode()}
     for name, contents in files.items():

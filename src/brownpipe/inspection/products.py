@@ -19,13 +19,13 @@ from brownpipe.engines import forecast
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.origin import RECORD, Record, dataset_attributes, installation_in_words, read_record, record_in
-from brownpipe.figures.products import SUMMARY, write
 from brownpipe.formatting import in_time
 from brownpipe.inspection.comparison import differing_variables, first_difference
 from brownpipe.inspection.lines import DIGITS, is_version
 from brownpipe.inspection.runs import seeds_in_words
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.quoting import printable, shell_path
+from brownpipe.report.products import SUMMARY, write
 from brownpipe.stages import tracked
 from brownpipe.storage import (
     Origin,
@@ -43,7 +43,8 @@ from brownpipe.tradeoff.variables import MEASURED
 if TYPE_CHECKING:
     from xarray import Dataset
 
-SUFFIXES = (".png", ".svg", ".csv", ".txt", ".json", ".gif", ".html")  # of products of `brownpipe figures` and `movie`
+PAGE = ".html"
+SUFFIXES = (".png", ".svg", ".csv", ".txt", ".json", ".gif", PAGE)  # of products of `brownpipe figures` and `movie`
 EVERYWHERE = "health"  # the figure that every dataset has
 DRAWING = 1.2  # CPU seconds to import matplotlib and draw a figure
 BATCH = 2400  # runs in memory at the same time
@@ -157,9 +158,10 @@ def _is_valid(record: Record) -> bool:
 
 
 def _dataset_beside(path: Path, digest: str) -> Path | None:
-    """Return the dataset with this digest in the folder of a product, the one above it, or `aggregate` there."""
+    """Return the dataset with this digest in the folder of a product, the one above it, or `aggregate` in either."""
     above = path.parent.absolute().parent
-    folders = [path.parent, *(folder for folder in (above, above / "aggregate") if folder.is_dir())]
+    others = (above, above / "aggregate", path.parent / "aggregate")
+    folders = [path.parent, *(folder for folder in others if folder.is_dir())]
     candidates = (file for folder in folders for file in sorted(folder.glob("*.nc")) if file.is_file())
     return next((Path(os.path.relpath(file)) for file in candidates if seal_of(file) == digest), None)
 
@@ -171,7 +173,7 @@ def _trajectory_files(folder: Path, origin: Origin) -> tuple[Path, ...]:
     """
     particles = "*" if origin.scene is None else origin.scene.particles
     case = f"simulate/{origin.name}/N{particles}/{origin.engine.label}/*.h5"
-    candidates = [*folder.absolute().parent.glob(case), *folder.glob("*.h5")]
+    candidates = [*folder.absolute().parent.glob(case), *folder.glob(case), *folder.glob("*.h5")]
     found, seeds = [], []
     for file in sorted(file for file in candidates if file.is_file()):
         try:
@@ -328,7 +330,9 @@ def _differing_figures(product: Product, record: Record, dataset: Dataset, folde
     """Draw products again as their record says, and return a line for each that differs from the original."""
     path, stated = product.path, {key: value for key, value in record.items() if key not in ("file", "files")}
     name = str(record.get("file", path.name))
-    made = {file.name: file for file in write(dataset, folder, stated, _figures_for(Path(name).stem))}
+    page = folder / Path(name).name if path.suffix == PAGE else None
+    shown = _figures_for(Path(name).stem) if page is None else None
+    made = {file.name: file for file in write(dataset, folder, stated, shown, page)}
     lines = []
     wanted = [*map(str, record["files"]), RECORD] if path.name == RECORD else [name]
     for name in wanted:

@@ -40,6 +40,7 @@ REMARKS = {
     SURPLUS: "intact, but not of the study as it is now: {}",
     OLDER: "intact, but made by another version of brownpipe: {}",
 }
+PAGE = "report.html"  # made with the figures
 SHOWN = 3  # files that a remark names
 
 
@@ -103,15 +104,18 @@ def verify_file(path: str | Path) -> None:
     Raises StorageError, which says how to make it again, if it is damaged; WrongFileError if brownpipe did not make it.
     """
     path, folder = Path(path), Path(path).parent
-    listed = _checksums(folder)
-    if path.name in listed:
+    if path.name == PAGE and not (folder / CHECKSUMS).exists():
+        folder /= "figures"
+    name, listed = os.path.relpath(path, folder), _checksums(folder)
+    if name in listed:
         try:
             digest = digest_of(path)
         except OSError as error:
             raise WrongFileError(f"{path}: cannot be read: {error.strerror}") from error
-        if digest != listed[path.name]:
+        if digest != listed[name]:
             dataset = next((os.path.join(folder, name) for name in listed if name.endswith(".nc")), "DATASET.nc")
             again = f"brownpipe figures {shell_path(os.path.normpath(dataset))} --output {shell_path(folder)}"
+            again += f" --report {shell_path(path)}" if path.name == PAGE else ""
             raise StorageError(f"{path}: was damaged or edited after it was written; {again}")
     elif path.suffix == ".nc":
         read_dataset(path)
@@ -165,11 +169,11 @@ def _promised(study: Study | None, requests: Mapping[str, Request], files: tuple
     has_tradeoff = any(file.startswith("tradeoff/") for file in files)
     if not has_tradeoff or any(file.startswith(("aggregate/", "figures/")) for file in files):
         shown = [f"{name}.{kind}" for name in study.figures for kind in ("png", "svg", "csv")]
-        promised.add(f"aggregate/{study.name}.nc")
+        promised |= {f"aggregate/{study.name}.nc", PAGE}
         promised |= {f"figures/{name}" for name in ("summary.txt", "summary.csv", "provenance.json", CHECKSUMS, *shown)}
     if has_tradeoff:
         shown = [f"tradeoff_{name}.{kind}" for name in study.tradeoff_cases for kind in ("png", "svg")]
-        names = (f"{study.name}.nc", "tradeoff.txt", "tradeoff.csv", "provenance.json", CHECKSUMS)
+        names = (f"{study.name}.nc", PAGE, "tradeoff.txt", "tradeoff.csv", "provenance.json", CHECKSUMS)
         promised |= {f"tradeoff/{name}" for name in (*names, *shown)}
     return frozenset(promised)
 
@@ -179,7 +183,8 @@ def _promised(study: Study | None, requests: Mapping[str, Request], files: tuple
 
 def _sealed(results: Results) -> Findings:
     """Verify trajectory files, datasets, plan and record by their seals, and whether they are of this study."""
-    listed = {f"{part}/{name}" for part in ("figures", "tradeoff") for name in _checksums(results.folder / part)}
+    parts = ("figures", "tradeoff")
+    listed = {os.path.normpath(f"{part}/{name}") for part in parts for name in _checksums(results.folder / part)}
     for file in tracked(results.files, "files"):
         path = results.folder / file
         try:
@@ -286,9 +291,10 @@ def _listed(results: Results, broken: Set[str]) -> Findings:
         except StorageError as error:
             yield sums, str(error), None
             continue
-        promised = {file for file in results.promised if file.startswith(f"{part}/")} - {sums}
-        yield from ((file, "has no checksum", None) for file in promised if Path(file).name not in listed)
+        of_part = (f"{part}/", PAGE) if part == "figures" else f"{part}/"
+        promised = {file for file in results.promised if file.startswith(of_part)} - {sums}
         files = {name: os.path.normpath(f"{part}/{name}") for name in listed}
+        yield from ((file, "has no checksum", None) for file in promised.difference(files.values()))
         there = [name for name in listed if files[name] not in broken and (folder / name).is_file()]
         differing = [name for name in there if digest_of(folder / name) != listed[name]]
         datasets = {name for name in differing if name.endswith(".nc")}

@@ -57,7 +57,7 @@ def run_study(
             where = Path.cwd() if folder == "." else folder
             raise PermissionError(f"{where}: cannot be written to; run the study from another folder")
     command = snakemake_command(study_file, cores, further)
-    environment = environment_of(study_file, report, further)
+    environment = environment_of(study_file)
     status = _wait_for([*command, "--dry-run"] if dry_run else command, environment)
     if report is None or (status and _unfinished(command, environment)):
         return status
@@ -114,26 +114,17 @@ def _options_of_profile(folder: Path) -> list[str]:
     return ["--workflow-profile", "none", *chain.from_iterable(options)]
 
 
-def environment_of(study_file: str, report: str | None = None, further: Sequence = ()) -> dict[str, str]:
+def environment_of(study_file: str) -> dict[str, str]:
     """Return the environment of the workflow.
 
-    This installation's `brownpipe` comes first in PATH, which need not have it. REPORT_COMMAND and UNLOCK_COMMAND are
-    shown where they are needed.
+    This installation's `brownpipe` comes first in PATH, which need not have it. UNLOCK_COMMAND is shown where it is
+    needed.
     """
     own = _own_command()
     called = ["brownpipe" if own is None or _is_same(shutil.which("brownpipe"), own) else str(own), "run", study_file]
-    passed = ["--", *further] if further else []
-    shown = {
-        "REPORT_COMMAND": report or _command_line([*called, "--report", *passed]),
-        "UNLOCK_COMMAND": _command_line([*called, "--", "--unlock"]),
-    }
+    shown = {"UNLOCK_COMMAND": " ".join(map(shell_word, [*called, "--", "--unlock"]))}  # to be copied from the screen
     path = os.environ.get("PATH", os.defpath)
     return os.environ | shown | {"PATH": path if own is None else f"{own.parent}{os.pathsep}{path}"}
-
-
-def _command_line(words: Sequence[str]) -> str:
-    """Return a command that can be copied from the screen."""
-    return " ".join(map(shell_word, words))
 
 
 def _own_command() -> Path | None:

@@ -4,7 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.verbs.output import folder, refuse_unwritable
+from brownpipe.verbs.output import PAGE, folder, refuse_unwritable, writable
 from brownpipe.verbs.values import integer
 
 EXAMPLE = "small.nc --output figures"
@@ -14,6 +14,7 @@ def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("dataset", metavar="DATASET.nc")
     add("--output", required=True, metavar="FOLDER")
+    add("--report", metavar="FILE.html", help="also write a page with all results, in one file")
     names = f"some of {', '.join(FIGURES)} (default: all)"
     add("--figures", nargs="+", choices=FIGURES, metavar="NAME", help=names)
     add("--particles", type=integer, metavar="N", help="show the runs with this many disks (default: 150)")
@@ -23,17 +24,18 @@ def figures(arguments: Namespace) -> int:
     """Draw the figures of a dataset, each with a table of its numbers, and write the summary.
 
     provenance.json in the folder says what they were made from, and so do the pictures in their metadata. `SHA256SUMS`,
-    written last, has the checksums of these files and of the dataset: `sha256sum --check SHA256SUMS`.
+    written last, has the checksums of all files and of the dataset: `sha256sum --check SHA256SUMS`.
     """
     from brownpipe import progress
     from brownpipe.errors import DONE
-    from brownpipe.figures.products import read, write
+    from brownpipe.report.products import read, write
     from brownpipe.storage.checksums import write_checksums
 
     output = folder(arguments.output)
     dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
     refuse_unwritable(output, arguments.figures or FIGURES)
+    report = arguments.report and writable(arguments.report, arguments.dataset, kinds=PAGE)
     with progress.shown("figures"):
-        files = write(dataset, output, record)
+        files = write(dataset, output, record, report=report)
     write_checksums(output, [*files, arguments.dataset])
     return DONE

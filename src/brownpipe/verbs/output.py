@@ -12,7 +12,20 @@ from brownpipe.quoting import in_lines, printable
 HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
 YAML = (".yaml", ".yml")
 NETCDF = (".nc", "")  # of datasets
-FILES = (".png", ".svg", ".pdf", ".jpg", ".jpeg", ".gif", ".csv", ".txt", ".nc", ".h5")  # no suffixes of folders
+PAGE = (".html",)
+FILES = (
+    ".png",
+    ".svg",
+    ".pdf",
+    ".jpg",
+    ".jpeg",
+    ".gif",
+    ".csv",
+    ".txt",
+    ".nc",
+    ".h5",
+    ".html",
+)  # no suffixes of folders
 
 
 def show(*lines: str, flush: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Everything that `brownpipe figures` writes of a dataset: figures, tables and text, and what they were made from."""
+"""Everything that `brownpipe figures` writes of a dataset: figures, tables, text, a page, and their record."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import FigureError
-from brownpipe.figures import tradeoff
-from brownpipe.figures.origin import Record, closing_lines, record_of, write_record
-from brownpipe.figures.render import render
+from brownpipe.figures import render, tradeoff
+from brownpipe.figures.origin import Record, closing_lines, record_of, stamped, write_record
 from brownpipe.figures.summary import summary
+from brownpipe.report import study as study_page
+from brownpipe.report import tradeoff as tradeoff_page
 from brownpipe.storage import read_dataset, seal_of, write_file
 from brownpipe.tradeoff import is_tradeoff
 
@@ -34,15 +35,29 @@ def read(path: str | Path, names: Sequence[str] | None = None, particles: int | 
     return dataset, record_of(dataset, step, seal_of(path), names, particles)
 
 
-def write(dataset: Dataset, folder: str | Path, record: Record, names: Sequence[str] | None = None) -> list[Path]:
+def write(
+    dataset: Dataset,
+    folder: str | Path,
+    record: Record,
+    names: Sequence[str] | None = None,
+    report: str | Path | None = None,
+) -> list[Path]:
     """Write the products of a record into a folder; of the figures only `names`, if given. Return the paths.
 
-    Raises FigureError as `render` does.
+    `report`: file of the page with all of them. Raises FigureError as `render` does.
     """
     if is_tradeoff(dataset):
-        paths = tradeoff.render(dataset, folder, record)
+        drawings = tradeoff.drawn(dataset)
+        paths = tradeoff.write_drawings(drawings, dataset, folder, record)
     else:
-        paths = render(dataset, folder, names or record["figures"], record["particles"], record)
+        drawings = render.drawn(dataset, names or record["figures"], record["particles"])
+        paths = render.write_drawings(drawings, dataset, folder, record)
         write_file(Path(folder) / SUMMARY, (summary(dataset) + closing_lines(record)).encode())
         paths.append(Path(folder) / SUMMARY)
-    return [*paths, write_record(folder, record, [path.name for path in paths])]
+    paths.append(write_record(folder, record, [path.name for path in paths]))
+    if report is not None:
+        page = tradeoff_page.page if is_tradeoff(dataset) else study_page.page
+        contents = page(dataset, drawings, record, Path(report).name)
+        write_file(report, stamped(contents, Path(report).name, record))
+        paths.append(Path(report))
+    return paths

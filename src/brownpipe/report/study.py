@@ -1,0 +1,74 @@
+"""The page of a study: the answer, figures, and the health of its runs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from brownpipe.figures import health
+from brownpipe.figures.cases import cases_of
+from brownpipe.figures.summary import QUESTION, TESTS, answer
+from brownpipe.report.page import HINT, Section
+from brownpipe.report.page import page as whole_page
+from brownpipe.report.parts import figure, paragraphs, table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from xarray import Dataset
+
+    from brownpipe.figures.drawing import Drawing
+    from brownpipe.figures.origin import Record
+    from brownpipe.figures.summary import Answer
+
+TITLE = "Brownian motion of hard disks"
+HEALTH = "health"  # the figure that stands in a section of its own
+
+
+def page(dataset: Dataset, drawings: Sequence[Drawing], record: Record, name: str, replay: str | None = None) -> bytes:
+    """Return the page of a dataset and its drawings; `name` is that of its file.
+
+    replay: HTML that shows one run.
+    """
+    found, cases = answer(dataset), cases_of(dataset)
+    sections = [Section("answer", "Answer", _answer(found))]
+    if replay is not None:
+        sections.append(Section("replay", "One run", replay))
+    shown = [figure(drawing, drawing.name) for drawing in drawings if drawing.name != HEALTH]
+    if shown:
+        sections.append(Section("figures", "Figures", paragraphs([HINT], "hint") + "".join(shown)))
+    of_runs = [figure(drawing, drawing.name) for drawing in drawings if drawing.name == HEALTH]
+    sections.append(Section("runs", "Health of the runs", _health(cases, found) + "".join(of_runs)))
+    return whole_page(TITLE, _lead(cases), sections, record, name)
+
+
+def _lead(cases: Sequence[Dataset]) -> str:
+    """Return the scenes, particle counts and number of runs in words."""
+    scenes = dict.fromkeys(case.scene.item() for case in cases)
+    counts = sorted({int(case.particles) for case in cases})
+    runs = sum(int(case.runs) for case in cases)
+    return f"{', '.join(scenes)}; N = {', '.join(map(str, counts))}; {runs:,} run{'' if runs == 1 else 's'}"
+
+
+def _answer(found: Answer) -> str:
+    """Return the table of results, with its legend and the runs that are left out."""
+    tests = sum(column[0] in TESTS for column in found.columns)
+    above = (QUESTION, tests) if tests else None
+    legend = f'<div class="legend">\n{paragraphs(found.legend)}</div>\n'
+    return table(found.columns, "Answer", above, grouped=True) + paragraphs(found.missing, "warning") + legend
+
+
+def _health(cases: Sequence[Dataset], found: Answer) -> str:
+    """Return failed and missing runs, and the greatest deviation of any run of each case."""
+    columns = [["scene"], ["N"], ["engine"], ["runs"], ["failed"]]
+    columns += [[f"{label}, expected below {bound:g}"] for label, bound in health.MEASURES.values()]
+    rows = health.table([*cases]).rows
+    for k in range(0, len(rows), len(health.MEASURES)):
+        of_case = rows[k : k + len(health.MEASURES)]
+        cells = [*map(str, of_case[0][:3]), *(f"{count:g}" for count in of_case[0][3:5])]
+        cells += ["-" if greatest != greatest else f"{greatest:.2g}" for *_, greatest in of_case]
+        for column, cell in zip(columns, cells, strict=True):
+            column.append(cell)
+    columns = [column for column in columns if column[0] != "engine" or len({*column[1:]}) > 1]
+    title = "Largest value of any run"
+    fate = paragraphs(found.missing, "warning") or paragraphs(["No run failed, and no seed is missing."])
+    return f"{fate}{paragraphs([f'{title}:'])}{table(columns, title, grouped=True)}"
