@@ -28,9 +28,12 @@ for (const plot of document.querySelectorAll(".plot")) {
     mark.style.left = x + "px";
     mark.style.top = y + "px";
     const width = value.offsetWidth, right = view.scrollLeft + view.clientWidth;
-    const left = x + 14 + width > right ? x - 14 - width : x + 14;
-    value.style.left = Math.max(view.scrollLeft, Math.min(left, right - width)) + "px";
-    value.style.top = Math.max(0, Math.min(y - 10, plot.clientHeight - value.offsetHeight)) + "px";
+    const fits = [x + 14 + width <= right, x - 14 - width >= view.scrollLeft];  // on the right, on the left
+    const left = fits[0] ? x + 14 : fits[1] ? x - 14 - width : Math.max(view.scrollLeft, Math.min(x, right - width));
+    const end = plot.clientHeight - value.offsetHeight, beside = fits[0] || fits[1];
+    const top = beside ? Math.min(y - 10, end) : y + 14 <= end ? y + 14 : y - 14 - value.offsetHeight;
+    value.style.left = left + "px";
+    value.style.top = Math.max(0, top) + "px";
   }
 
   function hide() {
