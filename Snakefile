@@ -3,7 +3,6 @@
 #     snakemake -j2 --configfile config/small.yaml               another study
 #     snakemake -j2 --config seeds=100                           the default study with another value of a key
 #     snakemake tradeoff_figures -j2 --configfile config/tradeoff.yaml     cost and accuracy of its engines
-#     snakemake replays -j1                                      one run with all disks and collisions, to be replayed
 #     snakemake --report report.html                             Snakemake's own report: results, commands, times
 import json
 import sys
@@ -13,7 +12,7 @@ from brownpipe.errors import RequestError
 from brownpipe.provenance import PACKAGE, made_with
 from brownpipe.quoting import shell_path
 from brownpipe.study import from_command_line, read_study
-from brownpipe.study.replay import replay_jobs
+from brownpipe.study.replay import replay_files
 
 try:
     study_file = relpath([f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1])
@@ -32,6 +31,7 @@ seen = {key: value for key, value in overrides.items() if key not in ("figures",
 settings = ["--config", *(f"{key}={json.dumps(value)}" for key, value in seen.items())] if seen else []
 results = f"results/{study.name}"
 captions = PACKAGE / "figures"
+replay = [file for file, _ in replay_files(study)]  # one run, or none
 cases = study.case_table
 engines = {
     engine.label: {"options": engine.options, "made_with": made_with("simulate", engine.name)}

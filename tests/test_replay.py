@@ -97,7 +97,7 @@ def farthest(scene, positions, recorded):
 def test_flown_positions_are_those_of_the_run(name, runs):
     scene, ensemble = runs[name].scene, runs[name].ensemble
     assert len(ensemble.events[SEED].time) > 5 or scene.particles == 1
-    data = data_of(replay.replay_fragment(runs[name], "runs.h5", SEED))
+    data = data_of(replay.replay_fragment(runs[name], "runs.h5", SEED).text)
     error = farthest(scene, flown(data, ensemble.times), ensemble.whole[SEED].position) / scene.radius.min()
     assert error <= replay.WORST and data["bits"] == 32
     stated = replay.replay_of(runs[name], "runs.h5").departure
@@ -114,7 +114,7 @@ def test_double_precision_for_numbers_that_single_precision_does_not_have():
 
 def test_double_precision_where_single_does_not_suffice(runs, monkeypatch):
     monkeypatch.setattr(replay, "WORST", 1e-9)
-    data = data_of(replay.replay_fragment(runs["walls"], "runs.h5"))
+    data = data_of(replay.replay_fragment(runs["walls"], "runs.h5").text)
     position = flown(data, runs["walls"].ensemble.times)
     assert data["bits"] == 64
     assert farthest(runs["walls"].scene, position, runs["walls"].ensemble.whole[SEED].position) < 1e-12
@@ -124,7 +124,7 @@ def test_a_replay_with_too_many_collisions_ends_earlier_and_says_so(runs, monkey
     scene, ensemble = runs["walls"].scene, runs["walls"].ensemble
     events = ensemble.events[SEED]
     monkeypatch.setattr(replay, "MOST_BYTES", 40 * 16 + 20 * 16)  # 40 disks, 20 collisions
-    page = replay.replay_fragment(runs["walls"], "runs.h5")
+    page = replay.replay_fragment(runs["walls"], "runs.h5").text
     data, shown = data_of(page), ensemble.times <= events.time[20]
     assert len(data["time"]) == 20 and data["end"] == events.time[20] < scene.duration
     assert f"the first 20 of {len(events.time)} collisions and ends at {data['end']:.3g}; the run ends at 1." in page
@@ -200,8 +200,9 @@ def study_of(tmp_path, **keys):
 @pytest.mark.parametrize(
     ("keys", "expected"),
     [
-        ({}, [("harrison2020", 30, "exact", 7, 7)]),
-        ({"engines": [{"name": "exact", "seeds": "3-4"}]}, [("harrison2020", 30, "exact", 3, 3)]),
+        ({}, [("harrison2020", 40, "exact", 7, 7)]),
+        ({"particles": [30, 150, 160]}, [("harrison2020", 150, "exact", 7, 7)]),  # as in most figures
+        ({"engines": [{"name": "exact", "seeds": "3-4"}]}, [("harrison2020", 40, "exact", 3, 3)]),
         ({"engines": [{"name": "timestep", "time_step": 0.001}]}, []),
         ({"seeds": None, "tolerance": "2%", "target": "msd"}, []),  # its seeds are not known yet
     ],
@@ -212,8 +213,8 @@ def test_the_run_of_a_study_that_can_be_replayed(keys, expected, tmp_path):
 
 def test_a_study_of_many_disks_or_collisions_has_no_replay(tmp_path, monkeypatch):
     study = study_of(tmp_path)
-    collisions = sum(EXACT.forecast(study.cases[0])[:2])
-    for name, size in (("MOST_DISKS", 30), ("MOST_COLLISIONS", collisions)):
+    collisions = sum(EXACT.forecast(study.cases[-1])[:2])
+    for name, size in (("MOST_DISKS", 40), ("MOST_COLLISIONS", collisions)):
         for most, count in ((size, 1), (size - 1, 0)):
             with monkeypatch.context() as patch:
                 patch.setattr(f"brownpipe.study.replay.{name}", most)
@@ -241,7 +242,7 @@ def page(tmp_path_factory, runs):
     """A page with two replays: with walls, and in a periodic box."""
     path = tmp_path_factory.mktemp("page") / "two.html"
     head = '<!DOCTYPE html><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>two</title>'
-    walls, periodic = (replay.replay_fragment(runs[name], "runs.h5") for name in ("walls", "periodic"))
+    walls, periodic = (replay.replay_fragment(runs[name], "runs.h5").text for name in ("walls", "periodic"))
     path.write_text(f"{head}{walls}<div style='height: 1000px'></div>{periodic}")
     return path
 

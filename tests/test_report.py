@@ -172,11 +172,12 @@ def test_names_of_others_are_escaped(results):
         shown = drawing_of("msd", figure, Table((hostile, "b"), [(hostile, 1.0)]))
     origins = [{"command": hostile, "seeds": hostile}]
     record = {"made_by": {"x_version": hostile}, "dataset": {"sha256": hostile, "made_from": origins}}
-    text = study_page.page(dataset, [shown], record, f"{hostile}.html").decode()
+    name = f"{hostile}.html"
+    text = origin.stamped(study_page.page(dataset, [shown], record, name), name, record).decode()
     elements = check(text)
     assert len(elements.named("img")) == 1 and "onerror" not in elements.named("img")[0][0]
     assert not re.search("[\x00-\x09\x0b-\x1f\u202e]", text)
-    assert origin.record_in(text.encode()) == {"file": f"{hostile}.html"} | record
+    assert origin.record_in(text.encode()) == {"file": name} | record
 
 
 def test_a_long_table_is_cut(tmp_path):
@@ -204,7 +205,7 @@ def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     elements = check((tmp_path / "figures/report.html").read_text(encoding="utf-8"))
     assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
     assert read_checksums("figures")["report.html"] == digest_of("figures/report.html")
-    (shown,) = (json.loads(text) for attributes, text in elements.named("script") if attributes)
+    shown = next(json.loads(text) for attributes, text in elements.named("script") if attributes.keys() == {"type"})
     assert {series["name"] for series in shown["panels"][0]["series"]} == {"exact", "langevin-enskog"}
     assert main(["inspect", "figures/report.html", "--reproduce"]) == DONE
 

@@ -31,7 +31,8 @@ RESULTS = Path("results/mine")
 SHOWN = {f"figures/health.{kind}" for kind in ("csv", "png", "svg")}
 SHOWN |= {f"figures/{name}" for name in ("summary.csv", "summary.txt", "provenance.json")} | {"report.html"}
 FILES = {f"simulate/hot/N6/exact/{name}.h5" for name in ("0-1", "2-3")} | SHOWN
-FILES |= {"aggregate/mine.nc", "figures/SHA256SUMS", "run.yaml"}
+REPLAYED = "replay/hot/N6/exact/0-0.h5"
+FILES |= {REPLAYED, "aggregate/mine.nc", "figures/SHA256SUMS", "run.yaml"}
 
 
 def make_results():
@@ -41,7 +42,9 @@ def make_results():
         assert main(["simulate", "hot.yaml", "--particles", "6", "--seeds", seeds, "--output", path]) == DONE
     dataset = f"{RESULTS}/aggregate/mine.nc"
     assert main(["aggregate", "--study", "mine.yaml", "--output", dataset]) == DONE
-    words = ["--figures", "health", "--report", f"{RESULTS}/report.html"]
+    replayed = ["--seeds", "0", "--record", "all,events", "--output", f"{RESULTS}/{REPLAYED}"]
+    assert main(["simulate", "hot.yaml", "--particles", "6", *replayed]) == DONE
+    words = ["--figures", "health", "--report", f"{RESULTS}/report.html", "--replay", replayed[-1]]
     assert main(["figures", dataset, "--output", f"{RESULTS}/figures", *words]) == DONE
     write_run_record(RESULTS, RunRecord("mine.yaml"))
 
@@ -158,7 +161,7 @@ def test_what_is_wrong_is_said_with_its_cure(study, capsys):
     assert capsys.readouterr().out.splitlines() == [
         "results/mine/figures/health.png: is missing",
         "results/mine/simulate/hot/N6/exact/0-1.h5: was damaged or edited after it was written",
-        "results/mine: 10 files intact, 2 not; to make these again:",
+        "results/mine: 11 files intact, 2 not; to make these again:",
         "rm -rf -- results/mine/simulate/hot/N6/exact/0-1.h5 && brownpipe run mine.yaml",
     ]
 
@@ -184,7 +187,7 @@ def test_foreign_files_and_those_of_another_version_are_only_named(study, monkey
     assert verdict.problems == () and verdict.intact == len(FILES)
     foreign, older = verdict.remarks
     assert foreign == "not made by the study, and not verified: figures/pipe.png, notes.txt, simulate/old.h5"
-    assert older.startswith("intact, but made by another version of brownpipe: simulate/hot/N6/exact/0-1.h5, ")
+    assert older.startswith(f"intact, but made by another version of brownpipe: {REPLAYED}, simulate/hot/N6/exact/")
 
 
 def test_without_a_record_the_study_of_that_name_is_taken(study):

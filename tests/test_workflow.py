@@ -143,12 +143,12 @@ def test_everything_declared_is_there_and_printed(finished):
     assert printed.endswith(answer + last) and (folder / "results/study/report.html").is_file()
     logs = list((folder / "results/study/logs").rglob("*.log"))
     tables = list((folder / "results/study/benchmarks").rglob("*.tsv"))
-    assert (len(logs), len(tables)) == (6, 6)
+    assert (len(logs), len(tables)) == (7, 7)
     said = [line for log in logs for line in log.read_text().splitlines()]
     said = [line for line in said if not line.startswith(("brownpipe: compiling ", "brownpipe: waiting "))]
-    last = r"results/\S+\.h5: 10 runs, worst overlap \S+ contact distances, .* of CPU"
+    last = r"results/\S+\.h5: 10? runs?, worst overlap \S+ contact distances, .* of CPU"
     made = [line for line in said if re.fullmatch(last, line)]
-    assert len(made) == 4
+    assert len(made) == 4 + 1  # and the run that is replayed
     said = [line for line in said if line not in made]
     remarks = [engine.definition.caution(case) for case in study.cases for engine in study.engines]
     assert sorted(said) == sorted(f"brownpipe: {one}" for one in remarks if one for _ in study.batches_of(study.seeds))
@@ -160,12 +160,12 @@ def test_the_screen_shows_how_far_the_study_is_and_little_else(finished):
     assert before[0].startswith("Using workflow specific profile ")  # Snakemake says so before it asks for a display
     assert before[1].startswith("brownpipe: the study study: 40 runs in 4 jobs of up to 10 seeds: some ")
     of_40 = r"\d+ of 40 runs( \(\d+ %\))?, \d+ s.*"
-    shown = rf"simulate: {of_40}|aggregate: ({of_40}|\d+ s)|figures: .*\d+ s.*|brownpipe: .*"
+    shown = rf"simulate: {of_40}|replay: \d+ s|aggregate: ({of_40}|\d+ s)|figures: .*\d+ s.*|brownpipe: .*"
     assert [line for line in before[2:] if not re.fullmatch(shown, line)] == []
     assert {"aggregate", "figures", "simulate"} <= {line.partition(":")[0] for line in before}
     logs = "".join(log.read_text() for log in (folder / ".snakemake" / "log").iterdir())
     assert logs.count("brownpipe simulate ") >= 4  # every command is there
-    assert "5 of 7 steps" in logs
+    assert "5 of 8 steps" in logs
 
 
 def test_the_answer_is_shown_again_though_nothing_is_to_be_done(finished):
@@ -218,7 +218,7 @@ def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_langua
     assert one.keys() == two.keys()
     assert [path for path in one if one[path] != two[path]] == []
     figures = read_study(folder / "study.yaml").figures
-    assert len(one) == 4 + 1 + 2 + 3 * len(figures) + 1  # runs, dataset, summary, figures in three forms, page
+    assert len(one) == 4 + 1 + 1 + 2 + 3 * len(figures) + 1  # runs, replay, dataset, summary, figures three times, page
 
 
 def wait_for(condition, seconds=120):
@@ -236,7 +236,8 @@ def test_batches_change_neither_trajectories_nor_results(finished, tmp_path, mon
     one, two = (contents(each, "*.nc") for each in (finished[0], folder))
     assert one == two and len(one) == 1
     of_figures = (ROOT / "workflow" / "rules" / "figures.smk").read_text().partition("    output:")[0]
-    assert of_figures.split() == ["rule", "figures:", "input:", 'f"{results}/aggregate/{study.name}.nc",']
+    dataset = 'dataset=f"{results}/aggregate/{study.name}.nc",'
+    assert of_figures.split() == ["rule", "figures:", "input:", dataset, "replay=replay,"]
     for case in ("hot/N8", "thermal/N12"):
         parts = [folder / f"results/study/simulate/{case}/exact/{batch}.h5" for batch in ("0-4", "5-9")]
         whole = finished[0] / f"results/study/simulate/{case}/exact/0-9.h5"
@@ -355,7 +356,7 @@ def of_two_engines(tmp_path_factory):
 
 def test_a_study_of_two_engines(of_two_engines):
     folder, printed = of_two_engines
-    files = {str(file.relative_to(folder / "results/study/simulate")) for file in folder.rglob("*.h5")}
+    files = {str(file.relative_to(folder / "results/study/simulate")) for file in folder.rglob("0-19.h5")}
     assert files == {f"thermal/N10/{label}/0-19.h5" for label in ("exact", "langevin-enskog")}
     assert re.search(r"^thermal +10 +exact +20 ", printed, re.MULTILINE)
     assert re.search(r"^thermal +10 +langevin-enskog +20 ", printed, re.MULTILINE)
@@ -405,7 +406,7 @@ def test_a_tolerance_takes_one_command_and_its_dry_run_no_pilot(tmp_path):
     announced = "determine how many runs a tolerance of 20 % of msd needs"
     assert first.index(announced) < first.index(" runs in 1 jobs of up to ")
     number = yaml.safe_load((folder / "results/study/plan.yaml").read_text())["runs"]
-    assert [file.name for file in folder.rglob("*.h5")] == [f"0-{number - 1}.h5"]
+    assert {file.name for file in folder.rglob("*.h5")} == {f"0-{number - 1}.h5", "0-0.h5"}  # and the run replayed
     assert planned(folder) == NOTHING and announced not in second and "assumed" not in second
 
 
@@ -494,15 +495,13 @@ def test_report_is_one_page_that_begins_with_the_answer(finished, tmp_path):
         assert caption in page
 
 
-def test_the_run_for_the_replay_is_bit_identical_to_that_of_the_study(study):
-    snakemake(study, "--cores", "1", "replays")
-    results = study / "results" / "study"
-    (file,) = (results / "replay").rglob("*.h5")
-    assert file == results / "replay" / "hot" / "N8" / "exact" / "0-0.h5"
-    again, runs = read_trajectories(file).ensemble, read_trajectories(results / "simulate/hot/N8/exact/0-9.h5").ensemble
+def test_the_run_in_the_page_is_bit_identical_to_that_of_the_study(finished):
+    results = finished[0] / "results" / "study"
+    again = read_trajectories(results / "replay/hot/N12/exact/0-0.h5").ensemble
+    runs = read_trajectories(results / "simulate/hot/N12/exact/0-9.h5").ensemble
     np.testing.assert_array_equal(again.whole[0].position[:, 0], runs.tracer.position[:, 0])
     assert again.observables["pair_collisions"][0] == runs.observables["pair_collisions"][0] > 0
-    assert main(["movie", str(file), "--to", "html", "--output", str(study / "replay.html")]) == DONE
+    assert 'class="brownpipe-replay"' in (results / "report.html").read_text()
 
 
 def test_every_lint_left_has_a_reason():

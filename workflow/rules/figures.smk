@@ -1,6 +1,7 @@
 rule figures:
     input:
-        f"{results}/aggregate/{study.name}.nc",
+        dataset=f"{results}/aggregate/{study.name}.nc",
+        replay=replay,
     output:
         summary=report(f"{results}/figures/summary.txt", caption="../report/summary.rst", category="Answer"),
         numbers=f"{results}/figures/summary.csv",
@@ -18,7 +19,8 @@ rule figures:
         f"{results}/benchmarks/figures/{study.name}.tsv"
     params:
         names=study.figures,
+        replay=["--replay", *replay] if replay else [],
         made_with=made_with("figures"),
     shell:
-        'brownpipe figures {input:q} --output "$(dirname {output.summary:q})" --report {output.page:q}'
-        " --figures {params.names:q} 2> {log:q}"
+        'brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --report {output.page:q}'
+        " {params.replay:q} --figures {params.names:q} 2> {log:q}"

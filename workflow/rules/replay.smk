@@ -1,4 +1,4 @@
-# One run of the study once more, with all disks and collisions, to be replayed in a page. It is bit-identical to the run
+# One run of the study once more, with all disks and collisions, to be replayed in the page. It is bit-identical to the run
 # of the same seed that the study has; `study/replay.py` says which studies have such a run.
 rule replay:
     output:
@@ -15,9 +15,3 @@ rule replay:
     shell:
         "brownpipe simulate {params.scene} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
         " --engine {params.engine} --record all,events --allow-failed all --output {output:q} > {log:q} 2>&1"
-
-
-# Snakemake makes the run if this rule is asked for; a study without such a run has nothing to do.
-rule replays:
-    input:
-        [f"{results}/replay/{job.file}" for job in replay_jobs(study)],

@@ -14,7 +14,7 @@ from brownpipe.errors import FigureError
 from brownpipe.scene.reading import NAME
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from xarray import DataArray, Dataset
 
@@ -57,10 +57,14 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
     """
     selected = []
     for in_scene in _grouped(cases, lambda case: case.scene.item()).values():
-        counts = [int(case.particles) for case in in_scene]
-        count = particles or (NOTE_PARTICLES if NOTE_PARTICLES in counts else max(counts))
+        count = particles or shown_count([int(case.particles) for case in in_scene])
         selected += [case for case in in_scene if case.particles == count]
     return selected
+
+
+def shown_count(counts: Sequence[int]) -> int:
+    """Return which of the particle counts of a scene is shown: the note's, or else the largest."""
+    return NOTE_PARTICLES if NOTE_PARTICLES in counts else max(counts)
 
 
 def by_series(cases: list[Dataset]) -> dict[str, list[Dataset]]:

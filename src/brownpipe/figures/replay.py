@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.figures.origin import in_script
+from brownpipe.figures.origin import Record, in_script
 from brownpipe.figures.snapshot import legend_entries, shades_of
 from brownpipe.storage import runs_record
 from brownpipe.storage.trajectories import refuse_stopped, whole_seed
@@ -53,8 +53,15 @@ class Replay(NamedTuple):
     departure: float  # largest distance of a flown disk from its recorded samples [smallest radius]
 
 
-def replay_fragment(trajectories: Trajectories, path: str, seed: int | None = None) -> str:
-    """Return the replay of a run as an HTML section, which stands in a page beside any others.
+class Fragment(NamedTuple):
+    """The replay of a run as a part of a page."""
+
+    text: str  # an HTML section, which stands in a page beside any others
+    run: Record  # all that is needed to make the run again
+
+
+def replay_fragment(trajectories: Trajectories, path: str, seed: int | None = None) -> Fragment:
+    """Return the replay of a run as a part of a page.
 
     `path` is the file of the trajectories, for messages. The run of `seed`, by default of the smallest, is replayed up
     to the time until which its collisions fit into MOST_BYTES.
@@ -62,7 +69,8 @@ def replay_fragment(trajectories: Trajectories, path: str, seed: int | None = No
     Raises RequestError for a file without this run, its tracks or its collisions, for more than MOST_DISKS disks, and
     for collisions that do not lead to the recorded positions.
     """
-    return _section(replay_of(trajectories, path, seed))
+    replay = replay_of(trajectories, path, seed)
+    return Fragment(_section(replay), runs_record(trajectories.outline, [replay.seed], RECORD))
 
 
 def replay_page(replay: Replay) -> bytes:

@@ -7,6 +7,7 @@ the installation that made it is copied, so that its bytes can be equal; differe
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import tempfile
@@ -19,6 +20,7 @@ from brownpipe.engines import forecast
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.origin import RECORD, Record, dataset_attributes, installation_in_words, read_record, record_in
+from brownpipe.figures.replay import replay_fragment
 from brownpipe.formatting import in_time
 from brownpipe.inspection.comparison import differing_variables, first_difference
 from brownpipe.inspection.lines import DIGITS, is_version
@@ -34,6 +36,7 @@ from brownpipe.storage import (
     read_options,
     read_origins,
     read_outline,
+    read_trajectories,
     seal_of,
     write_dataset,
     write_trajectories,
@@ -61,6 +64,7 @@ class Product(NamedTuple):
     attributes: Mapping[str, Any]  # of the dataset
     origins: tuple[Origin, ...]
     files: tuple[tuple[Path, ...], ...]  # trajectory files of each origin; () if its runs have to be made again
+    replay: tuple[Origin, ...]  # the run that is replayed in a page, or none
     changes: tuple[str, ...]  # source and versions that differ from those of this installation, in words
 
     @property
@@ -88,6 +92,7 @@ def describe(path: str | Path) -> str:
     lines.append(f"dataset      {str(product.attributes['sha256'])[:DIGITS]}, {dataset}")
     for origin in product.origins:
         lines.append(f"runs         {_runs(origin)}")
+    lines += [f"replay       {_runs(origin)}" for origin in product.replay]
     return "\n".join([*lines, f"run again    brownpipe inspect {shell_path(path)} --reproduce"])
 
 
@@ -120,11 +125,22 @@ def read_product(path: str | Path) -> Product:
     folder = path.parent if dataset is None else dataset.parent
     needed = record is None or dataset is None
     files = tuple(_trajectory_files(folder, origin) if needed else () for origin in origins)
-    product = Product(path, record, dataset, attributes, origins, files, ())
+    replay = _replay_of(path, record or {})
+    product = Product(path, record, dataset, attributes, origins, files, replay, ())
     for origin, found in zip(origins, files, strict=True):
         if needed and not found:
             _refuse_unfit(path, origin)
     return product._replace(changes=tuple(_changes(product)))
+
+
+def _replay_of(path: Path, record: Record) -> tuple[Origin, ...]:
+    """Return the run that is replayed in a page with this record, or none; errors as of `read_product`."""
+    if "replay" not in record:
+        return ()
+    origins = read_origins(path, {"made_from": json.dumps([record["replay"]])})
+    for origin in origins:
+        _refuse_unfit(path, origin)
+    return tuple(origins)
 
 
 def _record_of(path: Path) -> Record:
@@ -228,6 +244,7 @@ def announcement(product: Product) -> list[str]:
             cost = origin.engine.forecast(origin.scene, origin.record, origin.observables, origin.average)
             seconds += cost.once + len(origin.seeds) * cost.seconds
             lines.append(f"running again {_runs(origin)}")
+    lines += [f"running again {_runs(origin)}, to be replayed" for origin in product.replay]
     if product.record is not None and product.dataset is not None:
         lines.append(f"drawing again from {product.dataset}")
     seconds += 0.0 if product.record is None else DRAWING
@@ -281,6 +298,7 @@ def _dataset_again(product: Product, folder: Path) -> Dataset:
 def _simulate(folder: Path, origins: Sequence[Origin]) -> list[Path]:
     """Make the runs of these origins again; return their trajectory files, which state the source of the original."""
     paths = []
+    folder.mkdir(exist_ok=True)
     batches = [(origin, origin.seeds[k : k + BATCH]) for origin in origins for k in range(0, len(origin.seeds), BATCH)]
     for number, (origin, seeds) in enumerate(tracked(batches, "batches")):
         assert origin.scene is not None
@@ -332,7 +350,9 @@ def _differing_figures(product: Product, record: Record, dataset: Dataset, folde
     name = str(record.get("file", path.name))
     page = folder / Path(name).name if path.suffix == PAGE else None
     shown = _figures_for(Path(name).stem) if page is None else None
-    made = {file.name: file for file in write(dataset, folder, stated, shown, page)}
+    runs = _simulate(folder.with_name("replay"), product.replay)
+    (replay,) = [replay_fragment(read_trajectories(run), str(run)) for run in runs] or (None,)
+    made = {file.name: file for file in write(dataset, folder, stated, shown, page, replay)}
     lines = []
     wanted = [*map(str, record["files"]), RECORD] if path.name == RECORD else [name]
     for name in wanted:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from xarray import Dataset
 
+    from brownpipe.figures.replay import Fragment
+
 SUMMARY = "summary.txt"
 
 
@@ -41,10 +43,12 @@ def write(
     record: Record,
     names: Sequence[str] | None = None,
     report: str | Path | None = None,
+    replay: Fragment | None = None,
 ) -> list[Path]:
     """Write the products of a record into a folder; of the figures only `names`, if given. Return the paths.
 
-    `report`: file of the page with all of them. Raises FigureError as `render` does.
+    report: file of the page with all of them. replay: one run, replayed in the page of a study. Raises FigureError as
+    `render` does.
     """
     if is_tradeoff(dataset):
         drawings = tradeoff.drawn(dataset)
@@ -56,8 +60,12 @@ def write(
         paths.append(Path(folder) / SUMMARY)
     paths.append(write_record(folder, record, [path.name for path in paths]))
     if report is not None:
-        page = tradeoff_page.page if is_tradeoff(dataset) else study_page.page
-        contents = page(dataset, drawings, record, Path(report).name)
-        write_file(report, stamped(contents, Path(report).name, record))
+        name = Path(report).name
+        if is_tradeoff(dataset):
+            contents = tradeoff_page.page(dataset, drawings, record, name)
+        else:
+            record = record | ({} if replay is None else {"replay": replay.run})
+            contents = study_page.page(dataset, drawings, record, name, replay and replay.text)
+        write_file(report, stamped(contents, name, record))
         paths.append(Path(report))
     return paths

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from brownpipe.engines import Engine, recorded
+from brownpipe.engines import RECORDS, Engine, recorded
 from brownpipe.errors import RequestError, StorageError
 from brownpipe.observables import problem
 from brownpipe.provenance import NAME, PACKAGE
@@ -133,10 +133,10 @@ def _origin(entry: dict) -> Origin:
     observables = tuple(filter(None, entry["observables"].split(",")))
     if scene is not None and (wrong := problem(scene, observables, entry["average"])):
         raise ValueError(": ".join(wrong))
-    if entry["record"] not in ("tracer", "none") or not re.fullmatch("[0-9a-f]{64}", source):
+    record = frozenset(entry["record"].split(","))
+    if not record <= {*RECORDS} or not re.fullmatch("[0-9a-f]{64}", source):
         raise ValueError("no such record or source")
     seeds = parse_seeds(entry["seeds"])
-    record = frozenset({entry["record"]})
     return Origin(scene, name, digest, recorded(entry["engine"]), seeds, record, observables, entry["average"], source)
 
 

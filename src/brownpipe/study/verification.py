@@ -23,6 +23,7 @@ from brownpipe.storage.checksums import NAME as CHECKSUMS
 from brownpipe.storage.checksums import digest_of, read_checksums, read_sealed_text
 from brownpipe.storage.expected import difference
 from brownpipe.study.expectation import expected_files, read_settled
+from brownpipe.study.replay import replay_files
 from brownpipe.study.run_count import PLAN, is_plan
 from brownpipe.study.run_record import NAME as RECORD
 from brownpipe.study.run_record import RunRecord, is_run_record, likely_study, read_run_record
@@ -138,7 +139,8 @@ def _results(folder: Path) -> Results:
             record = None
     if study is not None:
         start = f"results/{study.name}/"
-        requests = {str(path).removeprefix(start): request for path, request in expected_files(study)}
+        expected = [*expected_files(study), *replay_files(study)]
+        requests = {str(path).removeprefix(start): request for path, request in expected}
     return Results(folder, files, record, study, requests, _promised(study, requests, files))
 
 
@@ -217,7 +219,7 @@ def _trajectories(results: Results, file: str) -> tuple[str, str | None, str | N
     request = results.requests.get(file)
     if request is not None and (wrong := difference(outline, request)):
         return file, wrong, None
-    if file != _place(outline):
+    if file not in (_place(outline), _place(outline, "replay")):
         return file, f"holds the runs of {_place(outline)}", None
     if request is None and results.study is not None:
         return file, None, SURPLUS
@@ -225,11 +227,11 @@ def _trajectories(results: Results, file: str) -> tuple[str, str | None, str | N
     return file, None, OLDER if is_older else None
 
 
-def _place(outline: Outline) -> str:
+def _place(outline: Outline, folder: str = "simulate") -> str:
     """Return the file that the runs belong into."""
     first, last = outline.seeds[[0, -1]].tolist()
     job = SimulationJob(outline.scene.name, outline.scene.particles, outline.engine.label, first, last)
-    return f"simulate/{job.file}"
+    return f"{folder}/{job.file}"
 
 
 def _dataset(results: Results, file: str) -> tuple[str, str | None, str | None]:
@@ -260,7 +262,7 @@ def _other_runs(dataset: "Dataset", results: Results) -> str | None:
     """Return in what an analysis departs from the study, in words."""
     assert results.study is not None
     wanted: dict[tuple, list[int]] = {}
-    for scene, engine, seeds, *_ in results.requests.values():
+    for _, (scene, engine, seeds, *_) in expected_files(results.study):
         wanted.setdefault((scene.name, scene.particles, engine.label), []).extend(seeds)
     found = {}
     for case in cases_of(dataset):

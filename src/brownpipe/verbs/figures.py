@@ -1,11 +1,18 @@
 """`brownpipe figures`: from a dataset to figures, tables and the summary."""
 
+import sys
 from argparse import Namespace
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
+from brownpipe.errors import DONE, RequestError
 from brownpipe.figures.catalogue import FIGURES
+from brownpipe.quoting import printable
 from brownpipe.verbs.output import PAGE, folder, refuse_unwritable, writable
 from brownpipe.verbs.values import integer
+
+if TYPE_CHECKING:
+    from brownpipe.figures.replay import Fragment
 
 EXAMPLE = "small.nc --output figures"
 
@@ -15,6 +22,7 @@ def add_arguments(add: Callable) -> None:
     add("dataset", metavar="DATASET.nc")
     add("--output", required=True, metavar="FOLDER")
     add("--report", metavar="FILE.html", help="also write a page with all results, in one file")
+    add("--replay", metavar="RUN.h5", help="one run (simulate --record all,events), replayed in this page")
     names = f"some of {', '.join(FIGURES)} (default: all)"
     add("--figures", nargs="+", choices=FIGURES, metavar="NAME", help=names)
     add("--particles", type=integer, metavar="N", help="show the runs with this many disks (default: 150)")
@@ -27,7 +35,6 @@ def figures(arguments: Namespace) -> int:
     written last, has the checksums of all files and of the dataset: `sha256sum --check SHA256SUMS`.
     """
     from brownpipe import progress
-    from brownpipe.errors import DONE
     from brownpipe.report.products import read, write
     from brownpipe.storage.checksums import write_checksums
 
@@ -35,7 +42,22 @@ def figures(arguments: Namespace) -> int:
     dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
     refuse_unwritable(output, arguments.figures or FIGURES)
     report = arguments.report and writable(arguments.report, arguments.dataset, kinds=PAGE)
+    if arguments.replay and not report:
+        raise RequestError("--replay: is shown in the page of --report, which must be given, too")
+    replay = _replay(arguments.replay) if arguments.replay else None
     with progress.shown("figures"):
-        files = write(dataset, output, record, report=report)
+        files = write(dataset, output, record, report=report, replay=replay)
     write_checksums(output, [*files, arguments.dataset])
     return DONE
+
+
+def _replay(path: str) -> "Fragment | None":
+    """Return the replay of the first run in a file; if it cannot be replayed, say why and return None."""
+    from brownpipe.figures.replay import replay_fragment
+    from brownpipe.storage import read_trajectories
+
+    try:
+        return replay_fragment(read_trajectories(path), path)
+    except RequestError as error:
+        print(f"brownpipe: the page has no replay: {printable(error)}", file=sys.stderr)
+        return None
