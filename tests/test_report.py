@@ -204,6 +204,7 @@ def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     assert main(["figures", "t.nc", "--output", "figures", "--report", "figures/report.html"]) == DONE
     elements = check((tmp_path / "figures/report.html").read_text(encoding="utf-8"))
     assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
+    assert not re.search(r"\\[nx]", elements.named("main")[0][1].partition("Scenes, seeds")[0])
     assert read_checksums("figures")["report.html"] == digest_of("figures/report.html")
     shown = next(json.loads(text) for attributes, text in elements.named("script") if attributes.keys() == {"type"})
     assert {series["name"] for series in shown["panels"][0]["series"]} == {"exact", "langevin-enskog"}

@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import pytest
 
+from brownpipe.report.parts import caption_of
+
 ROOT = Path(__file__).parent.parent
 BASICS = "/usr/bin:/bin"
 SMALLER = {"seeds: 300 ": "seeds: 20 ", "[200, 400]": "20", "# figures: [msd, ": "figures: [msd] # "}
@@ -141,11 +143,14 @@ def test_a_first_study_comes_to_its_figures(installed, new, finished):
     assert readme.read_bytes() == (ROOT / "config" / "README.md").read_bytes()
 
 
-def test_the_command_for_the_report_works_as_printed_and_runs_nothing_again(installed, finished):
+def test_the_page_is_there_and_the_report_of_snakemake_runs_nothing_again(installed, finished):
+    page = finished.rpartition("all on one page: ")[2].strip()
+    title, _ = caption_of("msd")
+    assert page == "results/first/report.html" and title in (installed.folder / page).read_text(encoding="utf-8")
     made = {path: path.stat().st_mtime_ns for path in (installed.folder / "results").rglob("*.*")}
-    command = finished.rpartition("all on one page: ")[2]
-    assert run("bash", "-c", command, cwd=installed.folder).endswith("\nall on one page: report.html\n")
-    assert "<svg" in (installed.folder / "report.html").read_text()
+    run(installed.bin / "brownpipe", "run", "first.yaml", "--report", cwd=installed.folder)
+    report = (installed.folder / "report.html").read_text()
+    assert "<svg" in report and title in report
     assert {path: path.stat().st_mtime_ns for path in made} == made
 
 

@@ -32,9 +32,9 @@ def text(words: object) -> str:
 
 
 def paragraphs(lines: Iterable[str], kind: str = "") -> str:
-    """Return lines, each as a paragraph of a class."""
-    name = f' class="{kind}"' if kind else ""
-    return "".join(f"<p{name}>{text(line)}</p>\n" for line in lines)
+    """Return lines, each as a paragraph; all in a division of the class `kind`, if there are any."""
+    shown = "".join(f"<p>{text(line)}</p>\n" for line in lines)
+    return f'<div class="{kind}">\n{shown}</div>\n' if kind and shown else shown
 
 
 def table(

@@ -53,8 +53,8 @@ def _answer(found: Answer) -> str:
     """Return the table of results, with its legend and the runs that are left out."""
     tests = sum(column[0] in TESTS for column in found.columns)
     above = (QUESTION, tests) if tests else None
-    legend = f'<div class="legend">\n{paragraphs(found.legend)}</div>\n'
-    return table(found.columns, "Answer", above, grouped=True) + paragraphs(found.missing, "warning") + legend
+    lines = paragraphs(found.missing, "warning") + paragraphs(found.legend, "legend")
+    return table(found.columns, "Answer", above, grouped=True) + lines
 
 
 def _health(cases: Sequence[Dataset], found: Answer) -> str:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from brownpipe.figures.origin import Record
 
 CAPTION = "tradeoff"
-NEXT = re.compile(r"\n(?=\w+: |$)")  # before the explanation of a column
+NEXT = re.compile(r"\n(?=\w+: )")  # before the explanation of a column
 
 
 def page(dataset: Dataset, drawings: Sequence[Drawing], record: Record, name: str) -> bytes:
@@ -27,7 +27,7 @@ def page(dataset: Dataset, drawings: Sequence[Drawing], record: Record, name: st
     scenes = scenes_of(dataset)
     title, _ = caption_of(CAPTION)
     answers = "".join(_answer(dataset, scene) for scene in scenes)
-    legend = f'<div class="legend">\n{paragraphs(NEXT.split(REMARK))}</div>\n'
+    legend = paragraphs((" ".join(part.split()) for part in NEXT.split(REMARK.strip())), "legend")
     shown = [figure(drawing, CAPTION, scene) for drawing, scene in zip(drawings, scenes, strict=True)]
     sections = [
         Section("answer", "Answer", answers + legend),
