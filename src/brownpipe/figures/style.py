@@ -58,6 +58,7 @@ _STYLE: dict[RcKeyType, object] = {
     "axes.titlesize": 11,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # plus padding; otherwise matplotlib measures all tick labels once more to place a title
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
