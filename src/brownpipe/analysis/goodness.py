@@ -157,8 +157,9 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
     return float((beyond + end / 2 * (inner * weights).sum(axis=1)).mean())
 
 
+@lru_cache(maxsize=64)
 def _quantile(level: float, weights: tuple[int, float, float]) -> float:
-    """The value that X^2 exceeds with probability `level`."""
+    """The value that X^2 exceeds with probability `level`; the alternatives of one test share it."""
     from scipy.optimize import brentq
 
     return brentq(lambda x: upper_tail(x, *weights) - level, 0.0, 100.0 * sum(weights) + 1000.0, rtol=1e-5)
