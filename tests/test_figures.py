@@ -49,10 +49,37 @@ def dataset(plain):
 
 
 @pytest.fixture(scope="module")
-def folder(dataset, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("figures")
-    render(dataset, folder)
+def hot(dataset):
+    """One of its two scenes: half the panels, for tests of the pictures' bytes."""
+    return dataset.sel(scene=["hot"])
+
+
+@pytest.fixture(scope="module")
+def pictures(hot, tmp_path_factory):
+    """The folder of all figures of one scene."""
+    folder = tmp_path_factory.mktemp("pictures")
+    render(hot, folder)
     return folder
+
+
+@pytest.fixture(scope="module")
+def rendered(dataset, tmp_path_factory):
+    """The folder of all tables, with empty pictures, and the figures by name, which have no layout yet."""
+    folder, figures = tmp_path_factory.mktemp("tables"), []
+
+    def kept(figure, kind):
+        figures.extend([figure] if kind == "png" else [])
+        return b""
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("brownpipe.figures.render.image_bytes", kept)
+        render(dataset, folder)
+    return folder, dict(zip(NAMES, figures, strict=True))
+
+
+@pytest.fixture(scope="module")
+def folder(rendered):
+    return rendered[0]
 
 
 def lay_out(figure):
@@ -85,29 +112,31 @@ def rows(path):
 
 
 @pytest.mark.slow
-def test_every_figure_is_png_svg_and_csv(dataset, folder, tmp_path):
+def test_every_figure_is_png_svg_and_csv(pictures):
     expected = {f"{name}.{kind}" for name in NAMES for kind in ("png", "svg", "csv")} | {"summary.csv"}
-    assert {path.name for path in folder.iterdir()} == expected
+    assert {path.name for path in pictures.iterdir()} == expected
     for name in NAMES:
-        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-        assert b"<svg" in (folder / f"{name}.svg").read_bytes()
+        assert (pictures / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert b"<svg" in (pictures / f"{name}.svg").read_bytes()
 
 
 @pytest.mark.slow
-def test_same_bytes_whatever_the_user_has_set(dataset, folder, tmp_path):
+def test_same_bytes_whatever_the_user_has_set_and_that_is_put_back(hot, pictures, tmp_path):
     with matplotlib.rc_context({"font.size": 30, "axes.grid": False, "svg.hashsalt": None, "savefig.dpi": 20}):
-        paths = render(dataset, tmp_path, ["msd", "velocity_distribution", "health"])
+        before = dict(matplotlib.rcParams)
+        paths = render(hot, tmp_path, ["msd", "velocity_distribution", "health"])
+        assert dict(matplotlib.rcParams) == before
     assert len(paths) == 10
-    assert all(path.read_bytes() == (folder / path.name).read_bytes() for path in paths)
+    assert all(path.read_bytes() == (pictures / path.name).read_bytes() for path in paths)
 
 
 @pytest.mark.slow
-def test_no_date_in_the_files(folder):
-    assert not any(b"<dc:date>" in path.read_bytes() for path in folder.glob("*.svg"))
-    assert not any(b"tIME" in path.read_bytes() or b"Software" in path.read_bytes() for path in folder.glob("*.png"))
+def test_no_date_in_the_files(pictures):
+    assert not any(b"<dc:date>" in path.read_bytes() for path in pictures.glob("*.svg"))
+    assert not any(b"tIME" in path.read_bytes() or b"Software" in path.read_bytes() for path in pictures.glob("*.png"))
 
 
-def test_layout_leaves_no_round_off_in_the_names_of_an_svg(dataset, monkeypatch):
+def test_layout_leaves_no_round_off_in_the_names_of_an_svg(hot, monkeypatch):
     """SVG names clipping rectangles by their corners, and the solver of the layout is not the same to the last bit.
 
     The layout is computed once, and the figure is drawn once for each file.
@@ -115,7 +144,7 @@ def test_layout_leaves_no_round_off_in_the_names_of_an_svg(dataset, monkeypatch)
     counted, draw = [], Figure.draw
     monkeypatch.setattr(Figure, "draw", lambda *given: counted.append(draw(*given)))
     with style.drawing():
-        figure = module_of("energy").draw(cases_shown(dataset, names=["energy"])["energy"])
+        figure = module_of("energy").draw(cases_shown(hot, names=["energy"])["energy"])
         style.image_bytes(figure, "png")
         first = style.image_bytes(figure, "svg")
         assert len(counted) == 2
@@ -123,12 +152,6 @@ def test_layout_leaves_no_round_off_in_the_names_of_an_svg(dataset, monkeypatch)
             bounds = axes.get_position().bounds
             assert bounds == tuple(np.round(bounds, style.LAYOUT_DIGITS))
         assert style.image_bytes(figure, "svg") == first
-
-
-def test_style_is_put_back(dataset, tmp_path):
-    before = dict(matplotlib.rcParams)
-    render(dataset, tmp_path, ["health"])
-    assert dict(matplotlib.rcParams) == before
 
 
 @pytest.mark.slow
@@ -219,25 +242,26 @@ def test_figures_asked_for(dataset, tmp_path, no_pictures):
 def title(axes):
     """The title of a panel, which stands at its left; None if it has none."""
     said = axes.get_title("left")
-    return next((text for text in axes.findobj(Text) if said and text.get_text() == said), None)
+    own = (artist for artist in axes.get_children() if said and isinstance(artist, Text))
+    return next((text for text in own if text.get_text() == said), None)
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in ("particle_counts", "health")])
-def test_words_cover_no_data_and_no_words(dataset, name):
+def test_words_cover_no_data_and_no_words(dataset, in_scenes, name):
     """Titles and keys stand above their panels, inside the figure, and on nothing else."""
-    named = dataset.assign_coords(scene=["hot", "a-scene_with.a-name-of-42-characters-at-N20"])
-    with style.drawing():
-        drawn = module_of(name).draw(cases.one_count(cases.cases_of(at_times(named, (0.5, 1.0)))))
-        lay_out(drawn)
-    panels = [axes.get_window_extent() for axes in drawn.axes]
-    words = [title(axes) for axes in drawn.axes if title(axes)]
-    words += [axes.get_legend() for axes in drawn.axes if axes.get_legend() and title(axes)]
-    words += [axes.xaxis.label for axes in drawn.axes if axes.get_xlabel()]
+    if name == "displacement_distribution":  # with a row for each scene
+        figure, _ = drawn(name, at_times(scenes(dataset, 2), (0.5, 1.0)))
+    else:
+        figure, _ = in_scenes(name, {"velocity_distribution": 2, "thermodynamics": 8}.get(name, 5))
+    panels = [axes.get_window_extent() for axes in figure.axes]
+    words = [title(axes) for axes in figure.axes if title(axes)]
+    words += [axes.get_legend() for axes in figure.axes if axes.get_legend() and title(axes)]
+    words += [axes.xaxis.label for axes in figure.axes if axes.get_xlabel()]
     boxes = [one.get_window_extent() for one in words]
     assert boxes
     for k, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in (*panels, *boxes[:k])), words[k]
-        assert box.x0 >= 0 and box.x1 <= drawn.bbox.x1 and box.y0 >= 0 and box.y1 <= drawn.bbox.y1, words[k]
+        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0 and box.y1 <= figure.bbox.y1, words[k]
 
 
 def drawn(name, data):
@@ -252,13 +276,23 @@ def made(name, data):
     """The same before its layout: curves, axes and words are there, and nothing has a place on the page yet."""
     with style.drawing():
         figure = module_of(name).draw(cases_shown(data, names=[name])[name])
-    return figure, [axes for axes in figure.axes if axes.get_visible()]
+    return figure, panels_of(figure)
+
+
+def panels_of(figure):
+    return [axes for axes in figure.axes if axes.get_visible()]
 
 
 @pytest.fixture(scope="module")
-def as_it_is(dataset):
-    """Figure and panels of the dataset as it is, by name, each drawn once."""
-    return cache(lambda name: drawn(name, dataset))
+def as_it_is(rendered):
+    """Figure and panels of the dataset as it is, by name, without a layout."""
+    return {name: (figure, panels_of(figure)) for name, figure in rendered[1].items()}
+
+
+@pytest.fixture(scope="module")
+def in_scenes(dataset):
+    """Figure and panels of the dataset in so many scenes, by name and number, each laid out once."""
+    return cache(lambda name, count: drawn(name, scenes(dataset, count)))
 
 
 def only_hot(dataset, *names):
@@ -267,9 +301,20 @@ def only_hot(dataset, *names):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["msd", "diffusion", "energy", "pair_distribution", "displacement_distribution"])
-def test_more_than_four_cases_begin_a_new_row(dataset, as_it_is, name):
-    (few, panels), (many, more) = as_it_is(name), drawn(name, scenes(dataset, 5))
+@pytest.mark.parametrize(
+    "name",
+    [
+        "msd",
+        "diffusion",
+        "energy",
+        "pair_distribution",
+        "displacement_distribution",
+        "velocity_autocorrelation",
+    ],
+)
+def test_more_than_four_cases_begin_a_new_row(as_it_is, in_scenes, name):
+    """Of two and of five scenes; no words touch in the latter."""
+    (few, panels), (many, more) = as_it_is[name], in_scenes(name, 5)
     assert not touching(many)
     assert many.get_figwidth() == 2 * few.get_figwidth()
     assert many.get_figheight() == 2 * few.get_figheight()
@@ -327,7 +372,7 @@ def test_equations_of_state_end_where_they_are_known(dataset):
 
 
 def test_correlation_ends_where_its_band_reaches_zero(dataset, as_it_is):
-    low = as_it_is("velocity_autocorrelation")[1][2]
+    low = as_it_is["velocity_autocorrelation"][1][2]
     case = dataset.sel(scene="hot", particles=20, engine="exact")
     end = low.lines[0].get_xdata()[-1]
     least = case.velocity_autocorrelation_low
@@ -384,12 +429,12 @@ def touching(figure):
 
 
 def scenes(dataset, count):
-    """The dataset with its two scenes over and over."""
-    return dataset.isel(scene=[k % 2 for k in range(count)]).assign_coords(scene=[f"scene-{k}" for k in range(count)])
+    """The dataset with its two scenes over and over; the second name is as long as that of a careful user."""
+    names = ["scene-0", "a-scene_with.a-name-of-42-characters-at-N20", *(f"scene-{k}" for k in range(2, count))]
+    return dataset.isel(scene=[k % 2 for k in range(count)]).assign_coords(scene=names[:count])
 
 
 TIMES = {
-    "as they are": np.linspace(0, 1, 21),
     "few decades": np.linspace(0, 2.5e-4, 21),
     "large": np.linspace(0, 250000, 21),
     "many decades": [0, *np.geomspace(1e-7, 1e3, 20)],
@@ -401,17 +446,25 @@ TIMES = {
 @pytest.mark.parametrize("name", ["velocity_autocorrelation", "msd"])
 @pytest.mark.parametrize("times", TIMES)
 def test_tick_labels_stand_clear_of_each_other(dataset, name, times):
-    """In panels side by side; the five scenes of `as they are` begin a new row."""
-    shown = scenes(dataset, 5) if times == "as they are" else dataset
-    figure, _ = drawn(name, shown.assign_coords(time=TIMES[times]))
+    """In panels side by side."""
+    figure, _ = drawn(name, dataset.assign_coords(time=TIMES[times]))
     assert not touching(figure)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["particle_counts", "pair_distribution", "thermodynamics"])
-@pytest.mark.parametrize("count", [1, 8])
-def test_no_words_touch_with_few_and_many_scenes(dataset, name, count):
-    figure, _ = drawn(name, scenes(dataset, count))
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("particle_counts", 1),
+        ("particle_counts", 3),
+        ("pair_distribution", 1),
+        ("thermodynamics", 1),
+        ("thermodynamics", 8),
+    ],
+)
+def test_no_words_touch_with_few_and_many_scenes(in_scenes, name, count):
+    """Every scene has a row of its own in `particle_counts`; all scenes are in the same panels of `thermodynamics`."""
+    figure, _ = in_scenes(name, count)
     assert not touching(figure)
 
 
@@ -465,7 +518,7 @@ def test_logarithmic_panels_of_all_scenes_have_one_axis_that_holds_all_curves(da
 
 
 def test_ballistic_flight_has_a_key(as_it_is):
-    for axes in as_it_is("msd")[1][:2]:
+    for axes in as_it_is["msd"][1][:2]:
         assert any("ballistic flight" in text.get_text() for text in axes.get_legend().get_texts())
 
 
@@ -531,8 +584,10 @@ def test_only_pairs_that_there_are_take_room(dataset):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "particles"), [(1, [20]), (2, [20]), (8, [10, 20])])
-def test_no_marker_of_a_state_point_hides_another(dataset, count, particles):
-    figure, panels = drawn("thermodynamics", scenes(dataset, count).sel(particles=particles))
+def test_no_marker_of_a_state_point_hides_another(dataset, in_scenes, count, particles):
+    every = particles == dataset.particles.values.tolist()
+    name, fewer = "thermodynamics", dataset.sel(particles=particles)
+    figure, panels = in_scenes(name, count) if every else drawn(name, scenes(fewer, count))
     for axes in panels:
         markers = [bar.lines[0] for bar in axes.containers]
         assert len({(line.get_color(), line.get_marker()) for line in markers}) == count
@@ -547,7 +602,7 @@ def test_no_marker_of_a_state_point_hides_another(dataset, count, particles):
 @pytest.mark.slow
 def test_no_axis_says_its_units_are_reduced(as_it_is):
     for name in ("msd", "velocity_autocorrelation", "particle_counts", "pair_distribution", "energy"):
-        _, panels = as_it_is(name)
+        _, panels = as_it_is[name]
         assert not any(
             word in label
             for axes in panels
