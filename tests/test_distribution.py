@@ -55,10 +55,14 @@ def test_verdict_says_p_and_power(dataset):
     assert one.p_value_joint.item() == min(1.0, 2 * min(numbers[:2]))
     square = dataset.isel(displacement_time=0).sel(model="square")
     assert square.p_value_joint.item() == square.p_value.item()
-    assert distribution.verdict(0.3, 0.4, 0.123).startswith("not rejected at 1%: rings p = 0.30, kurtosis p = 0.40; ")
-    assert distribution.verdict(1e-5, 0.4, 0.9).startswith("rejected at 1%: rings p = 1.0e-05, kurtosis p = 0.40; ")
-    assert distribution.verdict(0.4, 1e-5, 0.9).startswith("rejected at 1%")
-    assert distribution.verdict(0.008, np.nan, 0.9).startswith("rejected at 1%: rings p = 0.0080; ")
+    both = "p = 0.60 (rings p = 0.30, kurtosis p = 0.40); "
+    assert distribution.verdict(0.3, 0.4, 0.123).startswith(f"not rejected at the 1 % level: {both}")
+    assert distribution.verdict(0.3, 0.4, 0.123).endswith(" with probability 12 %")
+    both = "p = 2.0e-05 (rings p = 1.0e-05, kurtosis p = 0.40); "
+    assert distribution.verdict(1e-5, 0.4, 0.9).startswith(f"rejected at the 1 % level: {both}")
+    assert distribution.verdict(0.4, 1e-5, 0.9).startswith("rejected at the 1 % level")
+    assert distribution.verdict(0.008, np.nan, 0.9).startswith("rejected at the 1 % level: rings p = 0.0080; ")
+    assert distribution.verdict(0.008, 0.7, 0.9).startswith("not rejected at the 1 % level: p = 0.016 (")
     assert distribution.verdict(np.nan, np.nan, np.nan).startswith("not tested")
 
 
@@ -72,7 +76,7 @@ def test_a_distribution_that_is_not_normal_is_rejected(tmp_path):
     found = aggregate([write(tmp_path, trajectories)], dr=0.2, rings=3).squeeze()
     one = found.sel(model="msd")
     assert one.kurtosis.item() > 1.1 and one.kurtosis_p_value.item() < 1e-4 * one.p_value.item()
-    assert one.verdict.item().startswith("rejected at 1%")
+    assert one.verdict.item().startswith("rejected at the 1 % level")
 
 
 # --- rings from the data

@@ -202,9 +202,12 @@ def verdict(p: float, kurtosis_p: float, chance: float) -> str:
     if np.isnan(p):
         return "not tested: too few runs, too few rings with runs, or no diffusion coefficient"
     said = "rejected" if goodness.both(p, kurtosis_p) < goodness.LEVEL else "not rejected"
-    shape = "" if np.isnan(kurtosis_p) else f", kurtosis {goodness.in_words(kurtosis_p)}"
-    seen = f"power: a D wrong by {WRONG_BY:.0%} is rejected with probability {chance:.0%}"
-    return f"{said} at {goodness.LEVEL:.0%}: rings {goodness.in_words(p)}{shape}; {seen}"
+    of_each = f"rings {goodness.in_words(p)}"
+    if not np.isnan(kurtosis_p):
+        joint = goodness.in_words(goodness.both(p, kurtosis_p))
+        of_each = f"{joint} ({of_each}, kurtosis {goodness.in_words(kurtosis_p)})"
+    seen = f"power: rings reject a D off by {100 * WRONG_BY:.0f} % with probability {100 * chance:.0f} %"
+    return f"{said} at the {100 * goodness.LEVEL:.0f} % level: {of_each}; {seen}"
 
 
 def kurtosis(averages: Averages) -> resampling.Estimate:

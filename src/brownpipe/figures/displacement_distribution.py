@@ -100,7 +100,7 @@ def _verdicts(case: Dataset) -> str:
     lines = [f"{model}: {verdict}" for model, (verdict, _, _) in zip(tested, verdicts, strict=True)]
     lines += [power for _, _, power in verdicts[:1]]
     if np.isfinite(case.kurtosis):
-        lines.append(f"kurtosis {plus_minus(case.kurtosis, case.kurtosis_standard_error)}; 1 by eq. (18)")
+        lines.append(f"kurtosis: {plus_minus(case.kurtosis, case.kurtosis_standard_error)}; by eq. (18): 1")
     lines = [re.sub(r"\bp ([=<]) ", "p\u00a0\\1\u00a0", line) for line in lines]  # no break between p and its value
     return "\n".join(part for line in lines for part in textwrap.wrap(line, LINE))
 
