@@ -339,6 +339,21 @@ def test_green_kubo_needs_a_temperature(dataset, tmp_path, no_pictures):
     assert all(row["green_kubo"] for row in rows(tmp_path / "diffusion.csv"))
 
 
+def test_band_of_the_diffusion_coefficient_is_not_cut_off_unless_it_is_very_wide(dataset):
+    """It is that of MSD/4t; far above the curves, it would leave them no room."""
+    data = dataset.drop_vars([name for name in dataset.data_vars if name.startswith("diffusion_running")])
+    for times, shown in ((1.1, 1.25), (1.6, 1.6 * 1.03), (9.0, 2.0)):
+        (panel, _) = made("diffusion", data.assign(msd_over_4t_high=times * data.msd_over_4t))[1]
+        top = data.msd_over_4t.sel(scene="hot", particles=20).max().item()
+        assert panel.get_ylim()[1] == pytest.approx(shown * top)
+
+
+def test_no_marker_of_a_velocity_distribution_is_cut_off(as_it_is):
+    for axes in as_it_is["velocity_distribution"][1]:
+        markers = [line.get_ydata() for line in axes.lines if line.get_marker() in ("o", "s")]
+        assert np.concatenate(markers).max() < axes.get_ylim()[1]
+
+
 def test_residuals_only_where_theory_expects_something(dataset):
     def panels(data):
         return len(made("thermodynamics", data)[0].axes)

@@ -38,14 +38,16 @@ ROUTES = {
     "green_kubo": ("Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2", MODEL, DASH_DOT),
 }  # variable: label, colour, line
 FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
-HEADROOM = 1.25  # upper end of the axis over the largest mean
+HEADROOM = 1.25  # upper end of the axis over the largest mean, at least
+BAND = 2.0  # and at most, to show the band of MSD/4t, by a MARGIN
+MARGIN = 1.03
 VARIABLES = ("msd",)
 LACKING = "no run with a tracer was kept"
 
 
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one column per case: D(t) by each route with its 95 % band, Enskog's D, and slope/4 across its window."""
-    figure, axes = columns(["diffusion coefficient $D(t)$"], len(cases), [4.6], sharey=False)
+    figure, axes = columns(["diffusion coefficient $D(t)$, 95 % bands"], len(cases), [4.6], sharey=False)
     for case, panel in zip(map(over_time, cases), axes[0], strict=True):
         _routes(panel, case)
         for fit in fits_of(case)[:1]:
@@ -53,10 +55,17 @@ def draw(cases: list[Dataset]) -> Figure:
         if _in_equilibrium(case):
             panel.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=_enskog(case))
         time_axis(panel, case.time.values)
-        means = [case[name].values for name in FROM_MSD if has(case, name)]
-        panel.set_ylim(min(0.0, *map(np.nanmin, means)), HEADROOM * max(map(np.nanmax, means)) or 1.0)
+        panel.set_ylim(*_extent(case))
     heads(axes[0], map(title_of, cases))
     return figure
+
+
+def _extent(case: Dataset) -> tuple[float, float]:
+    """Limits of the vertical axis: they contain the means from the MSD, and the band of MSD/4t up to BAND of them."""
+    means = [case[name].values for name in FROM_MSD if has(case, name)]
+    top = max(map(np.nanmax, means))
+    band_end = float(case.msd_over_4t_high.max()) if has(case, "msd_over_4t_high") else 0.0
+    return min(0.0, *map(np.nanmin, means)), max(HEADROOM * top, min(MARGIN * band_end, BAND * top)) or 1.0
 
 
 def _routes(axes: Axes, case: Dataset) -> None:

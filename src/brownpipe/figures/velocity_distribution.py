@@ -60,9 +60,17 @@ def draw(cases: list[Dataset]) -> Figure:
         for case, (main, low) in zip(cases, axes[2 * k : 2 * k + 2].T, strict=True):
             _density(main, low, case, name)
             low.set_xlabel(SHOWN[name].label)
+        axes[2 * k, 0].set_ylim(0, _top(cases, name))
         heads(axes[2 * k], [f"{title_of(case)}: {SHOWN[name].name}" for case in cases])
         axes[2 * k + 1, 0].locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
     return figure
+
+
+def _top(cases: list[Dataset], name: str) -> float:
+    """Upper end of the vertical axis that all cases share."""
+    measured = max(float(case[name].max()) for case in cases if has(case, name))
+    expected = max(_expected(case[SHOWN[name].dim].values, name)[1].max() for case in cases)
+    return max(1.15 * expected, 1.05 * measured)
 
 
 def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
@@ -84,7 +92,6 @@ def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
     seen = expected > LOWEST_DENSITY
     for axes in (main, low):
         axes.set_xlim(edges[:-1][seen][0], edges[1:][seen][-1])
-    main.set_ylim(0, 1.15 * expected.max())
     main.tick_params(labelbottom=False)
 
 
