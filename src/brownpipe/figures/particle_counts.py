@@ -33,7 +33,7 @@ def draw(cases: list[Dataset]) -> Figure:
         _curves(left, [over_time(case) for case in of_series], top)
         _diffusion(right, of_series)
         heads((left, right), (name, "D by fit window, 95 % intervals"))
-        left.set_ylabel("$\\langle r^2 \\rangle$")
+        left.set_ylabel("MSD $\\langle r^2 \\rangle$, 95 % bands")
         right.set_ylabel("$D$ = slope/4")
     axes[-1, 0].set_xlabel("time $t$")
     several = " (windows side by side)" if cases[0].sizes["window"] > 1 else ""

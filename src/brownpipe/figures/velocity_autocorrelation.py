@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
 LOOKS = {TRACER: ("tracer", DATA, "-"), BATH: ("bath", FIT, DASHED)}  # label, colour, line
-LABEL = "$\\langle v(0) v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
+LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 TAIL = 10  # the logarithmic axis extends at most by this factor below a curve to show its band
 VARIABLES = (TRACER,)
 LACKING = "the observable velocity_autocorrelation was not measured"
@@ -32,7 +32,7 @@ def draw(cases: list[Dataset]) -> Figure:
     """Draw one column per case: the correlation and its initial slope above, its decay on logarithmic axes below."""
     cases = [over_time(case, TRACER) for case in cases]
     curves = [{name: _normalised(case, name) for name in LOOKS if has(case, name)} for case in cases]
-    figure, axes = columns((LABEL, LABEL), len(cases), (3.85, 3.35))
+    figure, axes = columns((f"velocity autocorrelation\n{LABEL}", LABEL), len(cases), (3.85, 3.35))
     for case, of_case, (main, low) in zip(cases, curves, axes.T, strict=True):
         _decay(main, case, of_case)
         _tail(main, low, of_case)
@@ -84,7 +84,7 @@ def _decay(axes: Axes, case: Dataset, curves: dict[str, Dataset]) -> None:
         band(axes, curve.time.values, curve, name, colour, linestyle=line, label=label + initial.get(name, ""))
     if has(case, "vacf_initial_slope_expected"):
         rate = -float(case.vacf_initial_slope_expected) / float(case[TRACER][0])
-        label = f"1 - $\\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
+        label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
         last = float(case.time[-1])
         t = np.linspace(0, 1 / rate if rate * last > 1 else last, 200)
         axes.plot(t, 1 - rate * t, color=INK, linestyle=DOTTED, label=label)
@@ -95,7 +95,7 @@ def _measured_rate(case: Dataset) -> str:
     if not has(case, "vacf_initial_slope"):
         return ""
     rate, error = (float(case[f"vacf_initial_slope{part}"] / case[TRACER][0]) for part in ("", "_standard_error"))
-    return f": initial decay 1 - $\\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
+    return f": initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
 
 
 def _tail(main: Axes, axes: Axes, curves: dict[str, Dataset]) -> None:
