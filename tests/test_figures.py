@@ -448,9 +448,9 @@ def touching(figure):
 
 
 def scenes(dataset, count):
-    """The dataset with its two scenes over and over; the second name is as long as that of a careful user."""
-    names = ["scene-0", "a-scene_with.a-name-of-42-characters-at-N20", *(f"scene-{k}" for k in range(2, count))]
-    return dataset.isel(scene=[k % 2 for k in range(count)]).assign_coords(scene=names[:count])
+    """The dataset with its two scenes over and over; every second name, as that of the last in a row, is long."""
+    names = [f"a-scene_with.a-name-of-42-characters-at-N{k}0" if k % 2 else f"scene-{k}" for k in range(count)]
+    return dataset.isel(scene=[k % 2 for k in range(count)]).assign_coords(scene=names)
 
 
 TIMES = {
