@@ -64,9 +64,11 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
 
     box: {"x": (low, high), "y": (low, high), "boundary": "reflecting" or "periodic"} [length].
     disks: {"tracer": ..., "species": [...]}, or a list of disks with position, velocity, radius and mass.
-    duration, sample_interval: [time]; samples: logarithmic sample times instead of the interval.
-    particles: total number of disks. velocities: {"temperature": kT} or {"standard_deviation": s}.
-    equilibrate: {"time": t, "tracer": "free" or "pinned"}.
+    duration, sample_interval: [time].
+    samples: {"per_decade": n, "first": t}, logarithmic sample times instead of the interval.
+    particles: total number of disks.
+    velocities: {"temperature": kT} or {"standard_deviation": s}.
+    equilibrate: {"time": t, "tracer": "free" or "pinned"}, simulated before t = 0.
     name: of the scene in datasets and figures.
 
     Raises RequestError for anything that `read_scene` refuses.

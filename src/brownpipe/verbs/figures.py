@@ -19,8 +19,8 @@ EXAMPLE = "small.nc --output figures"
 
 def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
-    add("dataset", metavar="DATASET.nc")
-    add("--output", required=True, metavar="FOLDER")
+    add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
+    add("--output", required=True, metavar="FOLDER", help="folder for the figures, tables and the summary")
     add("--report", metavar="FILE.html", help="also write a page with all results, in one file")
     add("--replay", metavar="RUN.h5", help="one run (simulate --record all,events), replayed in this page")
     names = f"some of {', '.join(FIGURES)} (default: all)"

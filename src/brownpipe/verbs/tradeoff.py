@@ -18,7 +18,7 @@ def add_arguments(add: Callable) -> None:
     add("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
     replaced = "other values of the study's keys, as for `snakemake --config`"
     add("--config", nargs="+", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
-    add("--output", metavar="DATASET.nc", help="(default: results/STUDY/tradeoff/STUDY.nc)")
+    add("--output", metavar="DATASET.nc", help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)")
     fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
     add("--fit-window", type=window, metavar="T0:T1", help=fitted)
 
