@@ -1,4 +1,4 @@
-"""Commands and snippets of README and guide work as printed; links, headings and files named in the pages exist."""
+"""Commands and snippets of README, guide and docs/cluster.md work as printed; links, headings and files exist."""
 
 import os
 import re
@@ -18,10 +18,10 @@ ROOT = Path(__file__).parent.parent
 NAMES = (
     "README.md",
     "CONTRIBUTING.md",
-    *(f"docs/{name}.md" for name in ("guide", "tutorial", "results", "theory", "decisions")),
+    *(f"docs/{name}.md" for name in ("guide", "tutorial", "cluster", "results", "theory", "decisions")),
 )
 PAGES = {name: (ROOT / name).read_text() for name in NAMES}
-README, GUIDE = PAGES["README.md"], PAGES["docs/guide.md"]
+README, GUIDE, CLUSTER = (PAGES[name] for name in ("README.md", "docs/guide.md", "docs/cluster.md"))
 DATASET = "results/harrison2020/aggregate/harrison2020.nc"
 
 
@@ -44,7 +44,7 @@ def folder(tmp_path_factory):
     (folder / "my_scene.yaml").write_text(scene)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        shown = "".join(block for page in (README, GUIDE) for block in blocks("sh", page))
+        shown = "".join(block for page in (README, GUIDE, CLUSTER) for block in blocks("sh", page))
         given = dict.fromkeys(map(tuple, commands("brownpipe", shown)))  # some stand on both pages
         for words in given:
             assert words[0] == "run" or main([*words]) == DONE  # tests/test_wheel.py runs a new study
