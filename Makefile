@@ -1,6 +1,6 @@
-# make study | report | tradeoff | test | test-quick | soak | bench | lint | audit : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | report | tradeoff | test | test-quick | soak | bench | lint | docs | gallery | audit : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study report tradeoff test test-quick soak bench lint audit ready ready_dev has_python
+.PHONY: study report tradeoff test test-quick soak bench lint docs gallery audit ready ready_dev ready_docs has_python
 SHELL := /bin/bash
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
@@ -41,6 +41,16 @@ lint: ready_dev
 	mypy
 	python -m pytest tests/test_workflow.py -k "lint or connects"
 
+# The documentation site, docs/_build/html/index.html. A warning, such as a link to nowhere, is an error. It runs the tutorial.
+docs: ready_docs
+	@python docs/_ext/pages.py docs/_build/source
+	@python -m sphinx -q -E -W --keep-going -c docs -d docs/_build/doctrees docs/_build/source docs/_build/html
+	@echo docs/_build/html/index.html
+
+# The figures of the gallery in docs/gallery/, from all studies in config/: 40 minutes.
+gallery: ready
+	@python docs/_ext/gallery.py $(CORES)
+
 # The pinned versions against the advisories in workflow/advisories.txt and, with pip-audit, against its database.
 audit: ready
 	@python workflow/audit.py
@@ -50,6 +60,9 @@ ready: has_python
 
 ready_dev: has_python
 	@$(PYTHON) workflow/set_up.py dev
+
+ready_docs: has_python
+	@$(PYTHON) workflow/set_up.py docs
 
 has_python:
 	@command -v $(PYTHON) > /dev/null || { echo "brownpipe: set-up: there is no $(PYTHON); needed is python3 >= 3.11" >&2; exit 1; }

@@ -11,13 +11,14 @@ import subprocess
 import sys
 import tomllib
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, requires
+from importlib.metadata import PackageNotFoundError, distribution, requires
 from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
+LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock")
 REAL = getattr(sys, "_base_executable", None) or sys.executable
 BASICS = "/usr/bin:/bin"
 INSIDE = """\
@@ -69,7 +70,7 @@ def checkout(tmp_path):
     """What the set-up needs of a checkout, and a folder `fakes` that is first on PATH."""
     folder = tmp_path / "checkout"
     (folder / "workflow").mkdir(parents=True)
-    for name in ("Makefile", "pyproject.toml", "requirements.lock", "requirements-dev.lock", "workflow/set_up.py"):
+    for name in ("Makefile", "pyproject.toml", *LOCKS, "workflow/set_up.py"):
         shutil.copy(ROOT / name, folder / name)
     program(folder / "inside", INSIDE)
     (folder / "pip.behaviour").write_text(WORKS)
@@ -107,6 +108,7 @@ def test_it_installs_once_and_says_what(checkout):
     status, lines, calls = set_up(checkout, "ready_dev")
     assert (status, calls) == (0, 1)  # only what tests and linters need besides
     assert set_up(checkout, "ready_dev") == (0, [], 0)
+    assert set_up(checkout, "ready_docs")[::2] == (0, 1)
 
 
 @pytest.mark.parametrize(("environment", "later"), [({}, True), ({"PYTHONDONTWRITEBYTECODE": "1"}, False)])
@@ -147,17 +149,29 @@ def test_a_package_that_is_not_the_pinned_file_is_refused(checkout, said):
 
 
 @pytest.mark.promise("altered package", "Every pinned version has the SHA-256 of its files, and no pin names a host.")
-@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-dev.lock"])
+@pytest.mark.parametrize("lock", LOCKS)
 def test_every_pin_has_hashes_and_no_host(lock):
     lines = [line for line in (ROOT / lock).read_text().splitlines() if not line.startswith("#")]
     pins = re.split(r"\n(?=\S)", "\n".join(lines))
     hashes = r"( \\\n    --hash=sha256:[0-9a-f]{64})+"
     assert [pin for pin in pins if not re.fullmatch(rf"[\w.-]+==[\w.+]+{hashes}", pin)] == []
-    assert len(pins) > 30
+    assert len(pins) > 20
 
 
 def normal(name):
     return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def pins_of(lock):
+    """Names and versions of the packages of a lock file."""
+    pins = (line.split()[0].partition("==") for line in (ROOT / lock).read_text().splitlines() if "==" in line)
+    return {name: version for name, _, version in pins}
+
+
+def is_installed(name):
+    with suppress(PackageNotFoundError):
+        return bool(distribution(name))
+    return False
 
 
 def needed(roots):
@@ -173,15 +187,20 @@ def needed(roots):
 
 
 def test_the_pins_are_complete_and_a_study_needs_no_tools_of_developers():
-    run, dev = (
-        {normal(line.partition("==")[0]) for line in (ROOT / name).read_text().splitlines() if "==" in line}
-        for name in ("requirements.lock", "requirements-dev.lock")
-    )
+    run, dev, docs = ({normal(name) for name in pins_of(lock)} for lock in LOCKS)
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
     project = settings["project"]
     assert run == needed([*project["dependencies"], *settings["build-system"]["requires"]])
     assert run | dev == run | needed(project["optional-dependencies"]["dev"])
-    assert not run & dev
+    assert not run & (dev | docs)
+    asked = needed(project["optional-dependencies"]["docs"])
+    assert asked - run <= docs  # equal where `make docs` has installed them: other packages are not known to need any
+    assert not is_installed("sphinx") or docs == asked - run
+
+
+def test_what_two_locks_pin_has_one_version():
+    dev, docs = (pins_of(lock) for lock in LOCKS[1:])
+    assert {name: docs[name] for name in docs if name in dev} == {name: dev[name] for name in dev if name in docs}
 
 
 # -- what a machine may lack ----------------------------------------------------------------------------------------

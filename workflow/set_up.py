@@ -2,10 +2,11 @@
 
     python3 workflow/set_up.py          what a study needs
     python3 workflow/set_up.py dev      the same, and what the tests and linters need
+    python3 workflow/set_up.py docs     what a study needs, and what the documentation site needs
 
-The versions are those of requirements.lock and requirements-dev.lock; a file with another SHA-256 than these list is
-refused. Nothing is installed yet when this runs, so it uses the standard library only. A python3 older than OLDEST can
-read it, to report that it is too old.
+The versions are those of requirements.lock, requirements-dev.lock and requirements-docs.lock; a file with another
+SHA-256 than these list is refused. Nothing is installed yet when this runs, so it uses the standard library only. A
+python3 older than OLDEST can read it, to report that it is too old.
 """
 
 import os
@@ -22,7 +23,7 @@ OLDEST = (3, 11)
 PYTHON_HERE = getattr(sys, "_base_executable", None) or sys.executable  # not an environment that may be replaced
 ENVIRONMENT = Path(".venv")
 PYTHON = str(ENVIRONMENT / "bin" / "python")
-LOCKS = {"run": Path("requirements.lock"), "dev": Path("requirements-dev.lock")}
+LOCKS = {"run": Path("requirements.lock"), "dev": Path("requirements-dev.lock"), "docs": Path("requirements-docs.lock")}
 
 INCOMPLETE = f"{PYTHON_HERE} lacks its module venv or ensurepip (Debian, Ubuntu: sudo apt install python3-venv)"
 ALTERED = re.compile(r"(?:DO NOT MATCH THE HASHES.*?|Hash mismatch for `)(\S+==[^\s`]+)", re.DOTALL)
@@ -46,7 +47,7 @@ def main(which="run"):
     """Make or renew the environment if necessary. Return the exit status."""
     try:
         refuse_old_python()
-        for name in ("run", "dev") if which == "dev" else ("run",):
+        for name in dict.fromkeys(("run", which)):
             if not is_ready(name):
                 set_up(name)
     except SetUpError as error:

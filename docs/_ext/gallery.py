@@ -1,0 +1,120 @@
+"""The gallery: every example study in config/ with its purpose, a figure, its command and its cost.
+
+    python docs/_ext/gallery.py CORES      run all studies, and draw their figures for the gallery
+
+Results are in results/STUDY of this folder, figures of the gallery in docs/gallery/. They are reduced to a width and a
+number of colours with which they stay below 100 kB.
+"""
+
+import io
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from PIL import Image
+
+from brownpipe.study import Study, read_study
+from brownpipe.study.workload import describe_workload
+from markdown_text import plain
+
+ROOT = Path(__file__).parents[2]
+STUDIES = sorted((ROOT / "config").glob("*.yaml"))
+FIGURES = ROOT / "docs" / "gallery"
+SHOWN = {  # the figure that answers the question of a study; otherwise the first one of its figures
+    "spreading": "displacement_distribution",
+    "diffusion": "diffusion",
+    "tradeoff_pairs": "tradeoff_dense_250",
+}
+TRADEOFFS = ("tradeoff", "tradeoff_pairs")
+ORDER = (
+    "harrison2020",
+    "small",
+    "particle_counts",
+    "spreading",
+    "cooling",
+    "diffusion",
+    "equation_of_state",
+    *TRADEOFFS,
+)
+MOST_BYTES = 100_000
+WIDTH, COLOURS = 1000, 64  # pixels; of the palette
+
+
+def page() -> tuple[str, dict[str, Path]]:
+    """Return the page of all studies, and the files that it links."""
+    ordered = sorted(STUDIES, key=lambda file: ORDER.index(file.stem) if file.stem in ORDER else len(ORDER))
+    head = (
+        "# Gallery\n\nThe studies in `config/`, each with one of its figures. Costs are those that `brownpipe check"
+        " config/STUDY.yaml` foresees for one core; the figures were drawn by `make gallery`.\n"
+    )
+    linked = {f"gallery/{file.stem}.png": FIGURES / f"{file.stem}.png" for file in STUDIES}
+    linked |= {f"files/config/{file.name}": file for file in STUDIES}
+    cards = "".join(map(_card, ordered))
+    return "\n".join([head, f"::::{{grid}} 2 3 3 3\n:gutter: 2\n\n{cards}::::\n", *map(_section, ordered)]), linked
+
+
+def _card(file: Path) -> str:
+    """Return the card of a study, which leads to its section."""
+    name = file.stem
+    return f":::{{grid-item-card}} {name}\n:img-top: gallery/{name}.png\n:link: study-{name}\n:link-type: ref\n:::\n"
+
+
+def _section(file: Path) -> str:
+    """Return the section of a study."""
+    name, study = file.stem, read_study(file)
+    first = file.read_text().partition("\n\n")[0].splitlines()
+    purpose = " ".join(line.removeprefix("#").strip() for line in first if not line.startswith("#  "))
+    figures = ", ".join(f"`{figure}`" for figure in _figures(name, study))
+    return (
+        f"(study-{name})=\n\n## {name}\n\n{plain(purpose)}\n\n```sh\n{_command(name)}\n```\n\n"
+        f"![{_shown(name, study)} of the study {name}](gallery/{name}.png)\n\n"
+        f"{plain(describe_workload(study))}. Figures: {figures}. The file:"
+        f" [config/{file.name}](files/config/{file.name})\n"
+    )
+
+
+def _command(name: str) -> str:
+    if name in TRADEOFFS:
+        return f"snakemake tradeoff_figures -j2 --configfile config/{name}.yaml"
+    return f"brownpipe run config/{name}.yaml"
+
+
+def _figures(name: str, study: Study) -> Sequence[str]:
+    """Return the names of the figures that the command makes."""
+    return [f"tradeoff_{case}" for case in study.tradeoff_cases] if name in TRADEOFFS else study.figures
+
+
+def _shown(name: str, study: Study) -> str:
+    """Return the name of the figure of a study that the gallery shows."""
+    return SHOWN.get(name, _figures(name, study)[0])
+
+
+def reduced(png: bytes) -> bytes:
+    """Return a picture as wide as the page, in few colours."""
+    whole = Image.open(io.BytesIO(png)).convert("RGB")
+    size = (WIDTH, round(whole.height * WIDTH / whole.width)) if whole.width > WIDTH else whole.size
+    small = whole.resize(size, Image.Resampling.LANCZOS).quantize(COLOURS, dither=Image.Dither.NONE)
+    written = io.BytesIO()
+    small.save(written, "PNG", optimize=True)
+    return written.getvalue()
+
+
+def draw(file: Path) -> None:
+    """Write the figure of a study from its results in this folder."""
+    folder = "tradeoff" if file.stem in TRADEOFFS else "figures"
+    shown = Path("results", file.stem, folder, f"{_shown(file.stem, read_study(file))}.png")
+    (FIGURES / f"{file.stem}.png").write_bytes(reduced(shown.read_bytes()))
+
+
+def run(file: Path, cores: str) -> None:
+    """Run a study in this folder. What is there already is kept."""
+    target = ["tradeoff_figures"] if file.stem in TRADEOFFS else []
+    options = ["--snakefile", ROOT / "Snakefile", "--cores", cores, "--configfile", file]
+    subprocess.run(["snakemake", *target, *options], check=True)
+
+
+if __name__ == "__main__":
+    for study_file in STUDIES:
+        run(study_file, sys.argv[1])
+        draw(study_file)

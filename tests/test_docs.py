@@ -1,0 +1,236 @@
+"""The documentation site: what its generators write is complete, and config/README.md has the keys of the schemas.
+
+The site itself is built by `make docs`, where a link to nowhere is an error.
+"""
+
+import importlib.util
+import inspect
+import re
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
+from brownpipe.cli import build_parser
+from brownpipe.interface import simulate
+from brownpipe.observables import ARRAYS, OBSERVABLES
+from brownpipe.scene.schema import scene_schema
+from brownpipe.storage.layout import MEANING
+from brownpipe.study.schema import study_schema
+from brownpipe.study.study_file import DEFAULTS, RENAMED_KEYS
+from brownpipe.tradeoff.variables import VARIABLES as TRADEOFF_VARIABLES
+from brownpipe.verbs import VERBS
+
+ROOT = Path(__file__).parent.parent
+sys.path.append(str(ROOT / "docs" / "_ext"))
+import gallery  # noqa: E402
+import pages  # noqa: E402
+import reference  # noqa: E402
+from docstrings import with_list  # noqa: E402
+from markdown_text import plain  # noqa: E402
+from offline import loaded_from_elsewhere  # noqa: E402
+from session import DriftError, executed  # noqa: E402
+
+CONFIGURATION = (ROOT / "config" / "README.md").read_text()
+KINDS = {"scene": scene_schema(), "study": study_schema()}
+
+
+# -- pages ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_page_of_docs_is_on_the_site_and_in_its_contents():
+    assert {f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")} <= set(pages.PAGES.values())
+    contents = re.findall(r"^[^<\n]+ <(\w+)>$", (ROOT / pages.PAGES["index"]).read_text(), re.MULTILINE)
+    assert sorted(contents) == sorted({*pages.PAGES, "command_line", "files", "gallery"} - {"index"})
+
+
+def test_links_are_those_of_the_site():
+    text, linked = pages.page_of_site("docs/guide.md")
+    assert "[config/README.md](configuration.md)" in text
+    assert "(../" not in text
+    assert linked == {}
+    text, linked = pages.page_of_site("README.md")
+    assert "(theory.md)" in text and '<img src="files/docs/figures/movie.gif"' in text
+    assert linked["files/tests/naive.py"] == ROOT / "tests" / "naive.py"
+
+
+def test_links_in_code_are_left_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(pages, "ROOT", tmp_path)
+    (tmp_path / "README.md").write_text("[a](README.md#b) [folder](.)\n```text\n[a](README.md)\n```\n")
+    assert pages.page_of_site("README.md")[0] == "[a](overview.md#b) folder\n```text\n[a](README.md)\n```\n"
+
+
+# -- the command line -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_reference_has_every_argument_of_a_verb_with_its_help(verb):
+    section = reference.command_line().partition(f"\n## {verb}\n")[2].partition("\n## ")[0]
+    arguments = [action for action in build_parser([verb]).of_verb._actions if action.dest != "help"]
+    for action in arguments:
+        name = action.option_strings[-1] if action.option_strings else action.metavar
+        assert re.search(rf"^`[^\n]*{re.escape(name)}[^\n]*\n: .*{re.escape(plain(action.help[:20]))}", section, re.M)
+    assert section.count("\n: ") == len(arguments)
+
+
+# -- keys -----------------------------------------------------------------------------------------------------------
+
+
+def keys_of(schema, path=""):
+    """The dotted paths of all keys of a schema, `[]` after a list, with their schemas; without deprecated names."""
+    for key, inner in schema.get("properties", {}).items():
+        if not inner.get("deprecated"):
+            yield f"{path}{key}", inner
+            yield from keys_of(inner, f"{path}{key}.")
+    if "items" in schema:
+        yield from keys_of(schema["items"], f"{path.removesuffix('.')}[].")
+    for part in schema.get("anyOf", ()):
+        yield from keys_of(part, path)
+
+
+def rows_of(kind):
+    """Key, type, default and meaning of each row of the tables of keys, a key like `.mass` with the path before it."""
+    section = CONFIGURATION.partition(f"\n## {kind.capitalize()}\n")[2].partition("\n## ")[0]
+    for table in re.findall(r"^\| key \|.*\n\|.*\n((?:\|.*\n)+)", section, re.MULTILINE):
+        for row in table.splitlines():
+            cells = [cell.strip() for cell in row.strip("|").split(" |")]
+            names = re.findall(r"`([^`]+)`", cells[0])
+            for name in names:
+                yield names[0].rpartition(".")[0] + name if name.startswith(".") else name, *cells[1:]
+
+
+def is_in_a_table_of_keys(key):
+    """Explicit disks have an example instead of a table, engines a table of their own."""
+    return not key.startswith(("disks[]", "engines.", "engines[]"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_tables_of_keys_have_the_keys_of_the_schema(kind):
+    schema = {key: inner for key, inner in keys_of(KINDS[kind]) if is_in_a_table_of_keys(key)}
+    documented = [key for key, *_ in rows_of(kind)]
+    assert len(documented) == len(set(documented))
+    assert set(documented) <= set(schema)
+    leaves = {key for key in schema if not any(other.startswith((f"{key}.", f"{key}[]")) for other in schema)}
+    assert leaves and leaves <= set(documented)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_tables_of_keys_have_their_words(kind):
+    schema = dict(keys_of(KINDS[kind]))
+    rows = {key: "".join(cells) for key, *cells in rows_of(kind)}
+    words = {key: words_of(schema[key]) for key in rows}
+    assert sum(map(len, words.values())) > 5
+    assert [word for key in rows for word in words[key] if not re.search(rf"`\[?{word}\]?`", rows[key])] == []
+
+
+def words_of(schema):
+    """The words that a value may be, also as one of a list; the names of observables have a table of their own."""
+    inner = [*schema.get("anyOf", ()), *([schema["items"]] if "items" in schema else ())]
+    own = {word for word in schema.get("enum", ()) if isinstance(word, str)} - OBSERVABLES.keys()
+    return own.union(*map(words_of, inner))
+
+
+def test_the_table_of_study_keys_has_the_defaults_of_the_reader():
+    defaults = {key: cells[1] for key, *cells in rows_of("study")}
+    for key, default in DEFAULTS.items():
+        if default not in (None, [], {}):
+            assert defaults[key].strip("`[]") == (default[0] if isinstance(default, list) else str(default)), key
+    assert not RENAMED_KEYS.keys() & defaults.keys()
+
+
+# -- files ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_reference_has_all_that_is_in_files():
+    page = reference.files()
+    named = set(re.findall(r"`([\w/]+)`", page))
+    written = {part for path in named for part in path.split("/")}
+    assert MEANING.keys() - written == set()
+    assert ARRAYS.keys() - written == set()
+    for name in (*ALL_VARIABLES, *TRADEOFF_VARIABLES):
+        base = next((name.removesuffix(end) for end in reference.ENDINGS if name.endswith(end)), name)
+        assert name in named or base in named, name
+    assert ALL_COORDINATES.keys() <= named
+    assert {"source_digest", "rerun"} <= named  # attributes
+
+
+# -- the gallery ----------------------------------------------------------------------------------------------------
+
+
+def test_the_gallery_has_every_study_with_a_small_figure():
+    text, linked = gallery.page()
+    names = sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
+    assert sorted(re.findall(r"^## (\w+)$", text, re.MULTILINE)) == names
+    assert sorted(path.stem for path in gallery.FIGURES.iterdir()) == names
+    assert max(path.stat().st_size for path in gallery.FIGURES.iterdir()) <= gallery.MOST_BYTES
+    assert all(path.is_file() for path in linked.values())
+    assert text.count(" runs in ") == len(names)
+
+
+@pytest.mark.slow
+def test_figures_of_the_gallery_are_reduced_to_the_same_bytes():
+    large = (ROOT / "docs" / "figures" / "msd.png").read_bytes()
+    small = gallery.reduced(large)
+    assert len(small) < gallery.MOST_BYTES < len(large)
+    assert gallery.reduced(large) == small
+
+
+# -- text -----------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_no_code_has_no_meaning_for_markdown():
+    assert plain("<b> a|b *c* `d|e` x_y\x1b[1m") == r"&lt;b&gt; a\|b \*c\* `d|e` x\_y\\x1b\[1m"
+
+
+def test_parameters_of_a_docstring_become_a_list():
+    lines = inspect.getdoc(simulate).splitlines()
+    listed = with_list(lines, inspect.signature(simulate).parameters)
+    named = re.findall(r"\*\*(\w+)\*\*", "\n".join(line for line in listed if line.startswith("* ")))
+    assert sorted(named) == sorted(inspect.signature(simulate).parameters)
+    assert with_list(["Warning: hot"], ["seeds"]) == ["Warning: hot"]
+
+
+def test_a_session_that_prints_something_else_is_an_error(tmp_path):
+    page = "```python\nprint(1)\n```\n\n```text\n{}\n```\n"
+    assert executed(page.format(1), tmp_path) == page.format(1)
+    with pytest.raises(DriftError, match="prints\n1"):
+        executed(page.format(2), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ('<script src="https://cdn.example/a.js">', ["//cdn.example/a.js"]),
+        ("@font-face { src: url('//cdn.example/a.woff') }", ["//cdn.example/a.woff"]),
+        ('<a href="https://doi.org/10"> <img src="_images/a.png"> url(a.woff)', []),
+    ],
+)
+def test_what_a_page_would_load_from_elsewhere(text, found):
+    assert loaded_from_elsewhere(text) == found
+
+
+@pytest.mark.skipif(importlib.util.find_spec("latex2mathml") is None, reason="only `make docs` installs latex2mathml")
+def test_every_formula_has_mathml():
+    from mathml import mathml
+
+    page = (ROOT / "docs" / "theory.md").read_text()
+    for formula in re.findall(r"^```math\n(.*?)^```", page, re.MULTILINE | re.DOTALL):
+        assert mathml(formula, "block").startswith("<math")
+    with pytest.raises(ValueError, match="no MathML"):
+        mathml(r"\unknownword x", "inline")
+
+
+# -- how it is built ------------------------------------------------------------------------------------------------
+
+
+def test_the_site_is_built_by_make_docs_and_published_from_where_it_writes():
+    workflow = yaml.safe_load((ROOT / ".github/workflows/docs.yml").read_text())
+    build, publish = workflow["jobs"]["build"]["steps"], workflow["jobs"]["publish"]
+    assert [step["run"] for step in build if "run" in step] == ["make docs"]
+    recipe = (ROOT / "Makefile").read_text().partition("\ndocs:")[2].partition("\n\n")[0]
+    assert f" {build[-1]['with']['path']}\n" in recipe
+    assert " -W " in recipe
+    assert "refs/heads/main" in publish["if"]
