@@ -13,6 +13,7 @@ from fontTools.subset import Options, Subsetter
 from fontTools.ttLib import TTFont
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
+from sphinx.util.logging import getLogger
 
 CHARACTERS = (  # ranges of Unicode: Latin and Greek letters, punctuation, arrows, operators, brackets, italics
     *((0x20, 0x7E), (0xA0, 0xFF), (0x2C0, 0x2DF), (0x302, 0x302), (0x370, 0x3FF), (0x2000, 0x206F), (0x2100, 0x214F)),
@@ -51,13 +52,22 @@ def font() -> bytes:
 
 
 def _visit_inline(translator: object, node: nodes.math) -> None:
-    translator.body.append(mathml(node.astext(), "inline"))
+    translator.body.append(_written(node, "inline"))
     raise nodes.SkipNode
 
 
 def _visit_block(translator: object, node: nodes.math_block) -> None:
-    translator.body.append(f'<div class="formula">{mathml(node.astext(), "block")}</div>\n')
+    translator.body.append(f'<div class="formula">{_written(node, "block")}</div>\n')
     raise nodes.SkipNode
+
+
+def _written(node: nodes.Node, display: str) -> str:
+    """Return the MathML of a node; a formula that is not understood is a warning of Sphinx, with its page and line."""
+    try:
+        return mathml(node.astext(), display)
+    except ValueError as error:
+        getLogger(__name__).warning(str(error), location=node)
+        return ""
 
 
 def _write_font(app: Sphinx, error: Exception | None) -> None:

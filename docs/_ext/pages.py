@@ -89,4 +89,9 @@ def gather(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    gather(Path(sys.argv[1]).resolve())
+    from session import DriftError
+
+    try:
+        gather(Path(sys.argv[1]).resolve())
+    except DriftError as error:
+        sys.exit(f"brownpipe: docs/tutorial.md: {error}")
