@@ -219,6 +219,8 @@ def test_every_formula_has_mathml():
     page = (ROOT / "docs" / "theory.md").read_text()
     for formula in re.findall(r"^```math\n(.*?)^```", page, re.MULTILINE | re.DOTALL):
         assert mathml(formula, "block").startswith("<math")
+    assert "<msup>" not in mathml("v'", "inline") + mathml("v_a'", "inline")
+    assert "<munder><mo>" in mathml(r"\left[ \sum_{k} x \right]", "block")
     with pytest.raises(ValueError, match="no MathML"):
         mathml(r"\unknownword x", "inline")
 

@@ -5,6 +5,7 @@ The font is STIX Two Math, of the package ziamath, reduced to the characters of 
 
 import io
 import logging
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -25,6 +26,16 @@ CORRECTIONS = {  # of latex2mathml: a number and not an operator; a sign; no bla
     "<mo>&#x0003D;</mo><mo>&#x02212;</mo>": '<mo>&#x0003D;</mo><mo form="prefix">&#x02212;</mo>',
     "<mo>&#x0002F;</mo>": '<mo lspace="0.05em" rspace="0.05em">&#x0002F;</mo>',
 }
+# A sum with one limit, which latex2mathml takes for an index between brackets; browsers put it below in a block only.
+SUM = re.compile(r"<msub>(<mo>&#x02211;</mo>(?:<mrow>(?:(?!mrow).)*</mrow>|<m[ino]>[^<]*</m[ino]>))</msub>")
+# A prime is raised by its own shape; as an exponent it would be small and far away.
+PRIME = '<mo lspace="0" rspace="0">&#x02032;</mo>'
+PRIMES = {
+    re.compile(r"<msup>(<mi>[^<]*</mi>)<mi>&#x02032;</mi></msup>"): rf"<mrow>\1{PRIME}</mrow>",
+    re.compile(r"<msubsup>(<mi>[^<]*</mi>)(<mi>[^<]*</mi>)<mi>&#x02032;</mi></msubsup>"): (
+        rf"<msub><mrow>\1{PRIME}</mrow>\2</msub>"
+    ),
+}
 
 
 def mathml(latex: str, display: str) -> str:
@@ -34,12 +45,14 @@ def mathml(latex: str, display: str) -> str:
         raise ValueError(f"no MathML for the formula {latex!r}")
     for found, better in CORRECTIONS.items():
         text = text.replace(found, better)
-    return text
+    for prime, better in PRIMES.items():
+        text = prime.sub(better, text)
+    return SUM.sub(r"<munder>\1</munder>", text)
 
 
 def font() -> bytes:
     """Return the font of formulas in the format WOFF."""
-    options = Options(flavor="woff", layout_features=["*"], notdef_outline=True)
+    options = Options(flavor="woff")
     whole = TTFont(files("ziamath") / "fonts" / "STIXTwoMath-Regular.ttf", recalcTimestamp=False)
     subsetter = Subsetter(options)
     subsetter.populate(unicodes=[code for first, last in CHARACTERS for code in range(first, last + 1)])
