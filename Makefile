@@ -41,10 +41,11 @@ lint: ready_dev
 	mypy
 	python -m pytest tests/test_workflow.py -k "lint or connects"
 
-# The documentation site, docs/_build/html/index.html. A warning, such as a link to nowhere, is an error. It runs the tutorial.
+# The documentation site, with the same bytes for every locale and hash seed. It runs the tutorial. A warning, such as a link to
+# nowhere, is an error.
 docs: ready_docs
 	@python docs/_ext/pages.py docs/_build/source
-	@python -m sphinx -q -E -W --keep-going -c docs -d docs/_build/doctrees docs/_build/source docs/_build/html
+	@LC_ALL=C.UTF-8 PYTHONHASHSEED=0 python -m sphinx -q -E -W --keep-going -c docs -d docs/_build/doctrees docs/_build/source docs/_build/html
 	@echo docs/_build/html/index.html
 
 # The figures of the gallery in docs/gallery/, from all studies in config/: 40 minutes.
