@@ -15,6 +15,7 @@ from brownpipe import inspection, provenance, storage
 from brownpipe.engines import Engine, configured
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import StorageError
+from brownpipe.opening import read_ordinary
 from brownpipe.scene import parse_scene
 from brownpipe.storage import files, hdf5, layout
 
@@ -340,6 +341,12 @@ def test_a_damaged_file_names_its_seeds_and_the_cure(full):
     command = "brownpipe simulate a.scene.yaml --particles 5 --seeds 0-2,7 --engine exact --record all,events"
     assert f"{command} --output {full}" in message
     assert refusal(inspection.report, full) == message
+
+
+def test_an_empty_file_takes_no_memory(tmp_path):
+    """The largest file that is read may be as large as the memory of the machine."""
+    (tmp_path / "x.h5").touch()
+    assert read_ordinary(tmp_path / "x.h5", 10**15) == b""
 
 
 def test_an_edited_file_is_refused(full):

@@ -17,6 +17,7 @@ KINDS = {  # by the file type in the mode
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
+SIZELESS = 1 << 20  # bytes read of a file that says it is empty: some files of the system say so
 
 
 @contextmanager
@@ -36,7 +37,8 @@ def opened_ordinary(path: str | Path) -> Iterator[BufferedReader]:
 def read_ordinary(path: str | Path, most_bytes: int) -> bytes:
     """Return the contents of an ordinary file, at most the first `most_bytes`; errors as of `opened_ordinary`."""
     with opened_ordinary(path) as file:
-        return file.read(min(os.fstat(file.fileno()).st_size or most_bytes, most_bytes)) or b""
+        size = os.fstat(file.fileno()).st_size or SIZELESS  # as much memory is taken before anything is read
+        return file.read(min(size, most_bytes)) or b""
 
 
 def _refuse_kind(found: os.stat_result) -> None:
