@@ -25,8 +25,8 @@ gc.set_threshold(50_000)  # with all the packages in memory the usual 700 take 6
 FIRST = (
     "exact",
     *("figures", "goodness", "streaming", "analysis"),
-    *("workflow", "benchmarks", "check", "wheel", "prices", "estimators", "readme", "kernels", "checkpoint"),
-    *("cli", "extremes", "fluid", "langevin"),
+    *("workflow", "benchmarks", "check", "wheel", "prices", "estimators", "provenance", "checkpoint", "verification"),
+    *("limits", "cli", "readme", "extremes", "fluid", "kernels", "interruptions", "failures", "interrupts", "replay"),
 )
 RANK = {f"test_{name}.py": rank for rank, name in enumerate(FIRST)}
 

@@ -72,7 +72,7 @@ def rendered(dataset, tmp_path_factory):
         return b""
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("brownpipe.figures.render.image_bytes", kept)
+        patch.setattr("brownpipe.figures.drawing.image_bytes", kept)
         render(dataset, folder)
     return folder, dict(zip(NAMES, figures, strict=True))
 

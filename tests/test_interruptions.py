@@ -129,7 +129,7 @@ def batches(study):
 
 
 def trajectories(study):
-    return (study / "results").rglob("*.h5")
+    return (study / "results").glob("*/simulate/**/*.h5")
 
 
 def wait_until(condition, seconds):

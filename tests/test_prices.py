@@ -51,7 +51,8 @@ def test_every_engine_has_a_price_in_its_scenes(finished):
     assert text in printed and "not on the Pareto front" in text
     names = {path.name for path in (made / "tradeoff").iterdir()}
     pictures = {f"tradeoff_full.{kind}" for kind in ("png", "svg")}
-    assert names == pictures | {"prices.nc", "tradeoff.csv", "tradeoff.txt", "provenance.json", "SHA256SUMS"}
+    texts = {"prices.nc", "tradeoff.csv", "tradeoff.txt", "provenance.json", "report.html", "SHA256SUMS"}
+    assert names == pictures | texts
     rows = list(csv.DictReader((made / "tradeoff" / "tradeoff.csv").read_text().splitlines()))
     settings = {(row["scene"], row["setting"]) for row in rows}
     engines = ("exact", "timestep-0.03", "langevin-boltzmann", "exact in half")

@@ -230,7 +230,7 @@ def test_what_differs_from_the_results_is_said_in_words(simulated, capsys, start
     lines = [*scene, "seeds 4 -> 8 (hot N10 exact)", "no runs yet (hot N12 exact)"]
     assert simulated() == lines
     status, out, _ = said(capsys, "run", "mine.yaml", "-n")
-    jobs = "to run: simulate 6, aggregate 1, figures 1\n"
+    jobs = "to run: replay 1, simulate 6, aggregate 1, figures 1\n"
     assert (status, out) == (DONE, jobs + "".join(f"differs from results/mine: {line}\n" for line in lines))
 
 

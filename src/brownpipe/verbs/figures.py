@@ -1,14 +1,12 @@
 """`brownpipe figures`: from a dataset to figures, tables and the summary."""
 
-import sys
 from argparse import Namespace
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import DONE, RequestError
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.quoting import printable
-from brownpipe.verbs.output import PAGE, folder, refuse_unwritable, writable
+from brownpipe.verbs.output import PAGE, folder, refuse_unwritable, say, writable
 from brownpipe.verbs.values import integer
 
 if TYPE_CHECKING:
@@ -59,5 +57,5 @@ def _replay(path: str) -> "Fragment | None":
     try:
         return replay_fragment(read_trajectories(path), path)
     except RequestError as error:
-        print(f"brownpipe: the page has no replay: {printable(error)}", file=sys.stderr)
+        say(f"the page has no replay: {error}", DONE)
         return None
