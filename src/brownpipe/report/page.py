@@ -69,7 +69,7 @@ def page(title: str, lead: str, sections: Sequence[Section], record: Record, nam
 
 def _again(record: Record, name: str) -> str:
     """Return the commands that make page and runs again, versions and digests, and the record."""
-    made_from = record["dataset"].get("made_from", [])
+    made_from = record["dataset"].get("made_from", []) + ([record["replay"]] if "replay" in record else [])
     commands = "\n".join(text(origin["command"]) for origin in made_from)
     stated = json.dumps({"file": name} | record, sort_keys=True, indent=1)
     runs = f"<p>The runs:</p>\n{_code(commands)}" if commands else ""
