@@ -43,12 +43,14 @@ lint: ready_dev
 
 # The documentation site, with the same bytes for every locale and hash seed. It runs the tutorial. A warning, such as a link to
 # nowhere, is an error.
+docs: export LC_ALL := C.UTF-8
+docs: export PYTHONHASHSEED := 0
 docs: ready_docs
 	@python docs/_ext/pages.py docs/_build/source
-	@LC_ALL=C.UTF-8 PYTHONHASHSEED=0 python -m sphinx -q -E -W --keep-going -c docs -d docs/_build/doctrees docs/_build/source docs/_build/html
+	@python -m sphinx -q -E -W --keep-going -c docs -d docs/_build/doctrees docs/_build/source docs/_build/html
 	@echo docs/_build/html/index.html
 
-# The figures of the gallery in docs/gallery/, from all studies in config/: 40 minutes.
+# The figures of the gallery in docs/gallery/, from all studies in config/: some 45 minutes (estimated).
 gallery: ready
 	@python docs/_ext/gallery.py $(CORES)
 

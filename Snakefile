@@ -58,6 +58,7 @@ rule all:
     input:
         rules.figures.output,
         rules.aggregate.input,
+        replay,
         summary=rules.figures.output.summary,
         dataset=rules.aggregate.output[0],
         page=rules.figures.output.page,

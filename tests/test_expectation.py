@@ -6,8 +6,12 @@ from pathlib import Path
 import pytest
 
 from brownpipe.cli import main
+from brownpipe.engines import Engine
+from brownpipe.engines.request import Request
 from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError
-from brownpipe.storage import read_dataset
+from brownpipe.scene import read_scene
+from brownpipe.storage import read_dataset, read_outline
+from brownpipe.storage.expected import difference
 from brownpipe.study.expectation import expected_files, read_settled
 from brownpipe.tradeoff import measure
 
@@ -154,3 +158,14 @@ def test_the_study_says_how_its_files_are_analysed(study):
 def test_files_and_study_exclude_each_other(study, capsys, words, message):
     assert main(["aggregate", *words, "--output", "after.nc"]) == WRONG_REQUEST
     assert capsys.readouterr().err.startswith(f"brownpipe: {message}")
+
+
+def test_a_file_without_a_finished_run_has_no_record_to_compare(tmp_path, monkeypatch):
+    """No disk finds a place: the run is recorded as failed, and nothing else of it."""
+    monkeypatch.chdir(tmp_path)
+    Path("full.yaml").write_text(SCENE.replace("particles: 6", "particles: 400"))
+    options = ("--seeds", "0", "--record", "all,events", "--allow-failed", "all", "--output", "full.h5")
+    assert main(["simulate", "full.yaml", *options]) == DONE
+    request = Request(read_scene("full.yaml"), Engine("exact"), [0], frozenset({"tracer", "all", "events"}))
+    assert difference(read_outline("full.h5"), request) is None
+    assert difference(read_outline("full.h5"), request._replace(seeds=[1])) == "holds the seeds 0, not 1"

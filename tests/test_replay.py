@@ -132,6 +132,27 @@ def test_a_replay_with_too_many_collisions_ends_earlier_and_says_so(runs, monkey
     assert error < replay.WORST * scene.radius.min()
 
 
+def test_the_error_stated_is_that_at_the_last_collision_shown(runs, monkeypatch):
+    """Not at the last sample: here the only one is at t = 0."""
+    monkeypatch.setattr(replay, "MOST_BYTES", 40 * 16 + 20 * 16)
+    every, track = runs["walls"].ensemble, runs["walls"].ensemble.whole[SEED]
+    first = track._replace(position=track.position[:1], velocity=track.velocity[:1])
+    only = runs["walls"]._replace(ensemble=every._replace(times=every.times[:1], whole={SEED: first}))
+    stated = replay.replay_of(only, "runs.h5")
+    assert stated.departure == pytest.approx(replay.replay_of(runs["walls"], "runs.h5").departure, rel=1e-6)
+    assert 1e-9 < stated.departure < 1e-5 and stated.flight.position.dtype == np.float32
+    monkeypatch.setattr(replay, "WORST", 1e-10)
+    assert replay.replay_of(only, "runs.h5").flight.position.dtype == np.float64
+
+
+def test_without_a_tracer_only_the_first_disk_has_its_colour():
+    box = {"x": [0.0, 4.0], "y": [0.0, 4.0]}
+    disks = {"species": [{"name": "alike", "count": 5, "radius": 0.2, "mass": 1.0}]}
+    mapping = {"box": box, "disks": disks, "velocities": {"temperature": 1.0}, "duration": 1.0}
+    data = data_of(replay.replay_fragment(run_of(parse_scene(mapping, "alike.yaml")), "runs.h5").text)
+    assert data["species"] == [[1, 0.2, 1.0, 0], [4, 0.2, 1.0, 1]]
+
+
 def test_a_page_of_the_note_is_small_and_says_what_it_was_made_from(tmp_path, monkeypatch, capsys):
     write_trajectories(tmp_path / "run.h5", *run_of(read_scene(NOTE))[:3])
     monkeypatch.chdir(tmp_path)
@@ -214,7 +235,8 @@ def test_the_run_of_a_study_that_can_be_replayed(keys, expected, tmp_path):
 def test_a_study_of_many_disks_or_collisions_has_no_replay(tmp_path, monkeypatch):
     study = study_of(tmp_path)
     collisions = sum(EXACT.forecast(study.cases[-1])[:2])
-    for name, size in (("MOST_DISKS", 40), ("MOST_COLLISIONS", collisions)):
+    positions = 40 * len(study.cases[-1].times)
+    for name, size in (("MOST_DISKS", 40), ("MOST_COLLISIONS", collisions), ("MOST_POSITIONS", positions)):
         for most, count in ((size, 1), (size - 1, 0)):
             with monkeypatch.context() as patch:
                 patch.setattr(f"brownpipe.study.replay.{name}", most)

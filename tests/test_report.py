@@ -360,3 +360,10 @@ def test_keys_and_pointer_show_values_in_a_browser(written, tmp_path):
         assert lines[2:4] == [f"{panel['x']} = {point[2]}", f"{panel['y']} = {point[3]}"]
         assert lines[4:] == (["95 % interval {} to {}".format(*point[4:])] if point[4:] else [])
     assert said[3] == "" and said[5] is True, "nothing is wider than the window"
+
+
+def test_labels_lose_the_marks_of_formulae_and_nothing_else():
+    assert (
+        points.plain("dense_250, N = 250: $r^2 / \\sqrt{t}$, $D_0$")
+        == "dense_250, N = 250: r\u00b2 / \u221a(t), D\u2080"
+    )

@@ -292,6 +292,7 @@ def test_a_change_runs_what_depends_on_it_and_nothing_else(study, file, old, new
         ("simulate/hot/*/*/0-9.h5", HALF),
         ("aggregate/study.nc", ANALYSIS),
         ("figures/health.svg", FIGURES),
+        ("replay/hot/*/*/0-0.h5", FIGURES),
         ("figures/summary.csv", FIGURES),
         ("report.html", FIGURES),
     ],

@@ -17,7 +17,7 @@ KINDS = {  # by the file type in the mode
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
-SIZELESS = 1 << 20  # bytes read of a file that says it is empty: some files of the system say so
+SIZELESS = 1 << 20  # bytes read at most of a file of stated size 0, as those in /proc
 
 
 @contextmanager

@@ -2,9 +2,9 @@
 
 Both are found by imports, at the head of a file or inside a function. The source files of a result are a module and
 every module of brownpipe that it imports, directly or not, and what lies beside one of these modules under its name: a
-caption, a style sheet or a script. The packages are those that these files import, and all
-that these packages require. The version of Python is not among them: with the same packages it changes no number and no
-byte of a file, as all numbers are computed by packages or by arithmetic that IEEE 754 defines.
+caption, a style sheet or a script. The packages are those that these files import, and all that these packages
+require. The version of Python is not among them: with the same packages it changes no number and no byte of a file, as
+all numbers are computed by packages or by arithmetic that IEEE 754 defines.
 """
 
 import hashlib

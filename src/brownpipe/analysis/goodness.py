@@ -136,8 +136,9 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
     """Return P(chi2(ones) + first chi2(1) + second chi2(1) > x), for ones >= -1; -1 means first chi2(1) alone.
 
     The two squares in polar coordinates: half the squared radius is exponential, the angle uniform. By Gauss-Legendre
-    quadrature over the former and equal steps of the latter. The relative error is below
-    1e-8 for weights up to 6 and p down to 1e-13, and below 1e-3 for weights up to 200.
+    quadrature over the former, in the root of its distance from the end, as the integrand may end like a root; and by
+    equal steps of the latter. The relative error is below 1e-9 for weights up to 6 and p down to 1e-13, and below 1e-4
+    for weights up to 200.
     """
     from scipy.special import gammaincc
 
@@ -152,9 +153,10 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
     if ones == 0:
         return float(beyond.mean())
     nodes, weights = gauss_legendre(RADII)
-    at = end[:, None] * ((nodes + 1) / 2)
+    root = (nodes + 1) / 2  # of the distance from the end
+    at = end[:, None] * (1 - root * root)
     inner = exp(-at) * gammaincc(ones / 2, np.maximum(x - weight[:, None] * at, 0.0) / 2)
-    return float((beyond + end / 2 * (inner * weights).sum(axis=1)).mean())
+    return float((beyond + end * (inner * weights * root).sum(axis=1)).mean())
 
 
 @lru_cache(maxsize=64)

@@ -38,9 +38,9 @@ ROUTES = {
     "green_kubo": ("Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2", MODEL, DASH_DOT),
 }  # variable: label, colour, line
 FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
-HEADROOM = 1.25  # upper end of the axis over the largest mean, at least
-BAND = 2.0  # and at most, to show the band of MSD/4t, by a MARGIN
-MARGIN = 1.03
+HEADROOM = 1.25  # the axis ends at least at this times the largest mean,
+BAND = 2.0  # at most at this times it,
+MARGIN = 1.03  # and between the two at this times the upper end of the band of MSD/4t
 VARIABLES = ("msd",)
 LACKING = "no run with a tracer was kept"
 

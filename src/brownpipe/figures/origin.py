@@ -120,7 +120,7 @@ def stamped(image: bytes, name: str, record: Record | None) -> bytes:
     """Return the picture of a file (png, svg, gif or html) with its record, if there is one, in its metadata."""
     if record is None:
         return image
-    text, kind = json.dumps({"file": name} | record, sort_keys=True), name.rpartition(".")[2]
+    text, kind = json.dumps({"file": name} | record, sort_keys=True), name.rpartition(".")[2].lower()
     again = f" {AGAIN}" if "dataset" in record else ""
     if kind == "png":
         chunks = _png_text("Description", f"Made by brownpipe.{again}") + _png_text("Source", text)

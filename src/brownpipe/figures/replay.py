@@ -18,6 +18,7 @@ import numpy as np
 from brownpipe.errors import RequestError
 from brownpipe.figures.origin import Record, in_script
 from brownpipe.figures.snapshot import legend_entries, shades_of
+from brownpipe.quoting import printable
 from brownpipe.storage import runs_record
 from brownpipe.storage.trajectories import refuse_stopped, whole_seed
 
@@ -118,6 +119,10 @@ def replay_of(trajectories: Trajectories, path: str, seed: int | None = None) ->
             shown = len(flight.time)
             end = float(events.time[shown]) if shown < len(events.time) else scene.duration
             departure = _departure(scene, flight, ensemble.times[ensemble.times <= end], track.position)
+            if kind is np.float32:  # the samples may end long before the last collision that is shown
+                exact, last = _first(track.position[0], track.velocity[0], events, np.float64, shown), np.array([end])
+                at_end = np.stack([*flown(exact, scene.mass, last)])
+                departure = float(np.maximum(departure, _departure(scene, flight, last, at_end)))
         if departure <= WORST:
             return Replay(scene, seed, flight, end, len(events.time), departure)
     raise RequestError(f"{path}: seed {seed}: its collisions do not lead to its recorded positions")
@@ -126,7 +131,9 @@ def replay_of(trajectories: Trajectories, path: str, seed: int | None = None) ->
 def replayed_seed(trajectories: Trajectories, path: str, seed: int | None = None) -> int:
     """Return the seed of the run to replay; arguments and errors as of `replay_fragment`."""
     ensemble, scene = trajectories.ensemble, trajectories.scene
-    refuse_stopped(trajectories, path, seed)
+    if scene.particles == 0:
+        raise RequestError(f"{path}: has no disks to replay")
+    refuse_stopped(trajectories, path, int(ensemble.seeds[0]) if seed is None else seed)
     if not (ensemble.whole and ensemble.whole.keys() == ensemble.events.keys()):
         trajectories.engine.refuse_unfit(scene, RECORD.split(","))
         runs = [int(ensemble.seeds[0]) if seed is None else seed]
@@ -138,10 +145,10 @@ def replayed_seed(trajectories: Trajectories, path: str, seed: int | None = None
     return seed
 
 
-def _first(position: np.ndarray, velocity: np.ndarray, events: Any, kind: type) -> Flight:
-    """Return the flight of the first collisions that fit into MOST_BYTES, in the precision of `kind`."""
+def _first(position: np.ndarray, velocity: np.ndarray, events: Any, kind: type, count: int | None = None) -> Flight:
+    """Return the flight of the first `count` collisions, by default as many as fit into MOST_BYTES, in a precision."""
     size = np.dtype(kind).itemsize
-    fit = (MOST_BYTES - position.size * 2 * size) // (3 * size + 4)
+    fit = (MOST_BYTES - position.size * 2 * size) // (3 * size + 4) if count is None else count
     pair = np.stack([events.a, events.b], axis=1)[:fit].astype(np.int16)
     return Flight(
         position.astype(kind),
@@ -186,7 +193,7 @@ def _section(replay: Replay) -> str:
     """Return the HTML section: style, canvas, controls, numbers and curves, the data, and the script that moves it."""
     style, script = (BESIDE.with_suffix(suffix).read_text(encoding="utf-8") for suffix in (".css", ".js"))
     data = json.dumps(_data(replay), sort_keys=True, allow_nan=False)
-    name = html.escape(f"Replay of {replay.scene.name}, N = {replay.scene.particles}, seed {replay.seed}")
+    name = html.escape(printable(f"Replay of {replay.scene.name}, N = {replay.scene.particles}, seed {replay.seed}"))
     mean = "; dashed: mean of the other disks" if replay.scene.particles > 1 else ""
     legend = "".join(
         f'<li><span class="brownpipe-replay-face" data-shade="{shade}"></span>{html.escape(text)}</li>\n'
@@ -238,7 +245,8 @@ def _section(replay: Replay) -> str:
 
 def _says(replay: Replay) -> str:
     """Return what the replay is, how exact it is, and whether it ends before the run."""
-    exact = f"positions are exact to {max(replay.departure, 1e-15):.0e} of the smallest radius"
+    bound = 10.0 ** np.ceil(np.log10(max(replay.departure, 1e-15)))
+    exact = f"positions differ from the recorded ones by less than {bound:.0e} of the smallest radius"
     what = f"Disks move straight from one collision to the next, so this is the run itself at any speed: {exact}."
     if is_whole(replay):
         return f"{what} All numbers are in the scene's reduced units."
@@ -259,9 +267,10 @@ def _data(replay: Replay) -> dict[str, Any]:
     species = []
     for members in scene.disks or scene.species:
         count = getattr(members, "count", 1)
-        if count:
-            species.append([count, members.radius, members.mass, shades[first]])
-        first += count
+        for part in (min(1, count), count - 1) if first == 0 else (count,):  # disk 0 has a shade of its own
+            if part > 0:
+                species.append([part, members.radius, members.mass, shades[first]])
+            first += part
     return {
         "box": [*box.origin, box.width, box.height],
         "periodic": box.periodic,

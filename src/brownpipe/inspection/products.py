@@ -348,7 +348,7 @@ def _differing_figures(product: Product, record: Record, dataset: Dataset, folde
     """Draw products again as their record says, and return a line for each that differs from the original."""
     path, stated = product.path, {key: value for key, value in record.items() if key not in ("file", "files")}
     name = str(record.get("file", path.name))
-    page = folder / Path(name).name if path.suffix == PAGE else None
+    page = folder / Path(name).name if path.suffix.lower() == PAGE else None
     shown = _figures_for(Path(name).stem) if page is None else None
     runs = _simulate(folder.with_name("replay"), product.replay)
     (replay,) = [replay_fragment(read_trajectories(run), str(run)) for run in runs] or (None,)

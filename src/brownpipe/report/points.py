@@ -247,11 +247,16 @@ def _label(axes: Axes, name: str) -> str:
 
 
 def plain(text: str) -> str:
-    """Return a label of matplotlib without the marks of its formulae, in one line."""
+    """Return a label of matplotlib without the marks of its formulae, in one line; other words stay as they are."""
+    text = re.sub(r"\$([^$]*)\$", lambda found: _formula(found[1]), text)
+    return printable(" ".join(text.split())).replace("\u27e8 ", "\u27e8").replace(" \u27e9", "\u27e9")
+
+
+def _formula(text: str) -> str:
+    """Return a formula of matplotlib in plain characters."""
     for sign, character in SIGNS.items():
         text = text.replace(sign, character)
     text = re.sub(r"\\sqrt\{([^}]*)\}", "\u221a(\\1)", text)
     text = re.sub(r"\^(\d)|\^\{(-?\d+)\}", lambda found: (found[1] or found[2]).translate(RAISED), text)
     text = re.sub(r"_(\d)", lambda found: found[1].translate(LOWERED), text)
-    text = printable(" ".join(re.sub(r"[${}\\]", "", text).split()))
-    return text.replace("\u27e8 ", "\u27e8").replace(" \u27e9", "\u27e9")
+    return re.sub(r"[{}\\]", "", text)

@@ -31,7 +31,7 @@ def difference(outline: Outline, request: Request) -> str | None:
     if not np.array_equal(outline.seeds, request.seeds):
         return f"holds the seeds {brief_seed_text(outline.seeds)}, not {brief_seed_text(request.seeds)}"
     record = request.record - {"none"} if wanted.particles else frozenset()
-    if outline.record != record:
+    if outline.record != record and outline.observables is not None:  # without a finished run there is no record
         return f"holds runs with --record {_words(outline.record)}, not {_words(record)}"
     if outline.observables is not None and set(outline.observables) != set(request.observables):
         return f"holds runs with --observables {_words(outline.observables)}, not {_words(request.observables)}"

@@ -10,20 +10,22 @@ from brownpipe.study.study import REFERENCE, SimulationJob, Study
 
 MOST_DISKS = 500
 RECORD = frozenset(("tracer", "all", "events"))
-MOST_COLLISIONS = 3000  # expected in the run: its page, `figures.replay`, takes less than 100 kB
+MOST_COLLISIONS = 3000  # expected in the run, so that all fit into a page in single precision (`figures.replay`)
+MOST_POSITIONS = 1_000_000  # disks times samples, all of which are recorded: 32 MB
+LONGEST = 10.0  # CPU seconds expected, most of which can only be the equilibration
 
 
 def replay_jobs(study: Study) -> list[SimulationJob]:
     """Return the first run of the case that a study shows first, as a list of one job.
 
-    The list is empty if the exact engine does not run this case or has no seeds yet, and for a case without disks, with
-    more than MOST_DISKS or with more than MOST_COLLISIONS.
+    The list is empty if the exact engine does not run this case or has no seeds yet, for a case without disks, and for
+    one with more disks, collisions or samples, or a longer run, than the constants above say.
     """
     in_scene = {case.particles: case for case in study.cases if case.name == study.cases[0].name}
     case = in_scene[shown_count([*in_scene])]
     uses = [use for use in study.engine_uses if use.engine == REFERENCE and case.name in use.scenes]
     seeds = [seed for use in uses for seed in (use.seeds or study.seeds)[:1]]
-    if not seeds or not 0 < case.particles <= MOST_DISKS or _collisions(case) > MOST_COLLISIONS:
+    if not seeds or not 0 < case.particles <= MOST_DISKS or not _is_short(case):
         return []
     return [SimulationJob(case.name, case.particles, REFERENCE.label, seeds[0], seeds[0])]
 
@@ -37,7 +39,8 @@ def replay_files(study: Study) -> list[Expected]:
     ]
 
 
-def _collisions(case: Scene) -> float:
-    """Return the expected number of collisions in a run of a case, once it is equilibrated."""
-    cost = forecast.of_run(replace(case, equilibrate=0.0))
-    return cost.pair_collisions + cost.wall_collisions
+def _is_short(case: Scene) -> bool:
+    """Whether a run of a case is expected to be short enough to be made again, and its replay small enough."""
+    shown = forecast.of_run(replace(case, equilibrate=0.0))
+    is_small = shown.pair_collisions + shown.wall_collisions <= MOST_COLLISIONS
+    return is_small and case.particles * len(case.times) <= MOST_POSITIONS and forecast.of_run(case).seconds <= LONGEST

@@ -116,7 +116,8 @@ def verify_file(path: str | Path) -> None:
         if digest != listed[name]:
             dataset = next((os.path.join(folder, name) for name in listed if name.endswith(".nc")), "DATASET.nc")
             again = f"brownpipe figures {shell_path(os.path.normpath(dataset))} --output {shell_path(folder)}"
-            again += f" --report {shell_path(path)}" if path.name == PAGE else ""
+            if path.name == PAGE:  # it may replay a run that is not in the dataset
+                again = "delete it and run the study again"
             raise StorageError(f"{path}: was damaged or edited after it was written; {again}")
     elif path.suffix == ".nc":
         read_dataset(path)
@@ -163,7 +164,7 @@ def _record(folder: Path) -> RunRecord | None:
 def _promised(study: Study | None, requests: Mapping[str, Request], files: tuple[str, ...]) -> frozenset[str]:
     """Return all files that a study makes: those of the trade-off if there is one of them, the others unless only
     the trade-off was made."""
-    promised = {RECORD, *requests}
+    promised = {RECORD, *(file for file in requests if file.startswith("simulate/"))}
     if study is None:
         return frozenset({RECORD})
     if study.tolerance is not None:
@@ -171,7 +172,7 @@ def _promised(study: Study | None, requests: Mapping[str, Request], files: tuple
     has_tradeoff = any(file.startswith("tradeoff/") for file in files)
     if not has_tradeoff or any(file.startswith(("aggregate/", "figures/")) for file in files):
         shown = [f"{name}.{kind}" for name in study.figures for kind in ("png", "svg", "csv")]
-        promised |= {f"aggregate/{study.name}.nc", PAGE}
+        promised |= {f"aggregate/{study.name}.nc", PAGE, *requests}  # with the run that the page replays
         promised |= {f"figures/{name}" for name in ("summary.txt", "summary.csv", "provenance.json", CHECKSUMS, *shown)}
     if has_tradeoff:
         shown = [f"tradeoff_{name}.{kind}" for name in study.tradeoff_cases for kind in ("png", "svg")]

@@ -10,6 +10,7 @@ from brownpipe.verbs.output import PAGE, folder, refuse_unwritable, say, writabl
 from brownpipe.verbs.values import integer
 
 if TYPE_CHECKING:
+    from brownpipe.figures.origin import Record
     from brownpipe.figures.replay import Fragment
 
 EXAMPLE = "small.nc --output figures"
@@ -35,6 +36,7 @@ def figures(arguments: Namespace) -> int:
     from brownpipe import progress
     from brownpipe.report.products import read, write
     from brownpipe.storage.checksums import write_checksums
+    from brownpipe.tradeoff import is_tradeoff
 
     output = folder(arguments.output)
     dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
@@ -42,20 +44,29 @@ def figures(arguments: Namespace) -> int:
     report = arguments.report and writable(arguments.report, arguments.dataset, kinds=PAGE)
     if arguments.replay and not report:
         raise RequestError("--replay: is shown in the page of --report, which must be given, too")
-    replay = _replay(arguments.replay) if arguments.replay else None
+    if arguments.replay and is_tradeoff(dataset):
+        raise RequestError(f"--replay: {arguments.dataset} is a trade-off, whose page replays no run")
+    replay = _replay(arguments.replay, record) if arguments.replay else None
     with progress.shown("figures"):
         files = write(dataset, output, record, report=report, replay=replay)
     write_checksums(output, [*files, arguments.dataset])
     return DONE
 
 
-def _replay(path: str) -> "Fragment | None":
-    """Return the replay of the first run in a file; if it cannot be replayed, say why and return None."""
+def _replay(path: str, record: "Record") -> "Fragment | None":
+    """Return the replay of the first run in a file, for the page with this record.
+
+    If it cannot be replayed, or the dataset of the page does not have its scene, say so and return None.
+    """
     from brownpipe.figures.replay import replay_fragment
     from brownpipe.storage import read_trajectories
 
     try:
-        return replay_fragment(read_trajectories(path), path)
+        trajectories = read_trajectories(path)
+        digests = {runs["scene_digest"] for runs in record["dataset"].get("made_from", [])}
+        if trajectories.scene.digest not in digests:
+            raise RequestError(f"{path}: its scene is none of those in the dataset")
+        return replay_fragment(trajectories, path)
     except RequestError as error:
         say(f"the page has no replay: {error}", DONE)
         return None

@@ -13,19 +13,7 @@ HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
 YAML = (".yaml", ".yml")
 NETCDF = (".nc", "")  # of datasets
 PAGE = (".html",)
-FILES = (
-    ".png",
-    ".svg",
-    ".pdf",
-    ".jpg",
-    ".jpeg",
-    ".gif",
-    ".csv",
-    ".txt",
-    ".nc",
-    ".h5",
-    ".html",
-)  # no suffixes of folders
+FILES = (".png", ".svg", ".pdf", ".jpg", ".jpeg", ".gif", ".csv", ".txt", ".nc", ".h5", *PAGE)  # no suffixes of folders
 
 
 def show(*lines: str, flush: bool = False) -> None:
