@@ -86,7 +86,7 @@ def replay_page(replay: Replay) -> bytes:
 <style>
 :root {{ color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }}
 body {{ max-width: 60rem; margin: 0 auto; padding: 1rem; }}
-@media (prefers-color-scheme: dark) {{ body {{ background: #16191d; color: #e4e6e8; }} }}
+@media (prefers-color-scheme: dark) {{ body {{ background: #141414; color: #e4e6e8; }} }}
 h1 {{ font-size: 1.3rem; line-height: 1.25; margin: 0 0 .5rem; }}
 </style>
 </head>
