@@ -9,6 +9,7 @@ from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -20,7 +21,7 @@ from brownpipe.engines.exact import run
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, StorageError
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
 from brownpipe.storage import read_checkpoint, write_checkpoint, write_trajectories
@@ -379,6 +380,14 @@ def test_a_file_that_is_no_checkpoint(capsys):
     status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
     assert status == FAILED
     assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; delete it to begin anew" in err
+
+
+def test_a_text_in_place_of_numbers(tmp_path):
+    """Found in 40 random changes of a checkpoint: it came as far as the first use of its shape."""
+    path, made_by = tmp_path / "x.checkpoint", {"scene": "a"}
+    write_checkpoint(path, made_by, {"run.first": np.array("text", h5py.string_dtype())})
+    with pytest.raises(StorageError, match=r"x.checkpoint: has a text in place of numbers \(run.first\); delete it"):
+        read_checkpoint(path, made_by)
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "often"])

@@ -41,11 +41,15 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
     if differing:
         cure = "repeat that command, delete this file to begin anew, or choose another --output"
         raise RequestError(f"{path}: is of a run with {_difference(differing[0], stored, made_by)}; {cure}")
-    return {
+    arrays = {
         name.removeprefix("checkpoint/"): node.value
         for name, node in nodes.items()
         if name.startswith("checkpoint/") and node.value is not None
     }
+    for name, value in arrays.items():
+        if not isinstance(value, np.ndarray | np.generic):
+            raise StorageError(f"{path}: has a text in place of numbers ({name}); delete it to begin anew")
+    return arrays
 
 
 def remove_checkpoint(path: str | Path) -> None:
