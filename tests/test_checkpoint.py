@@ -382,10 +382,11 @@ def test_a_file_that_is_no_checkpoint(capsys):
     assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; delete it to begin anew" in err
 
 
-def test_a_text_in_place_of_numbers(tmp_path):
+@pytest.mark.parametrize("text", ["text", ["text", "more"]])
+def test_a_text_in_place_of_numbers(tmp_path, text):
     """Found in 40 random changes of a checkpoint: it came as far as the first use of its shape."""
     path, made_by = tmp_path / "x.checkpoint", {"scene": "a"}
-    write_checkpoint(path, made_by, {"run.first": np.array("text", h5py.string_dtype())})
+    write_checkpoint(path, made_by, {"run.first": np.array(text, h5py.string_dtype())})
     with pytest.raises(StorageError, match=r"x.checkpoint: has a text in place of numbers \(run.first\); delete it"):
         read_checkpoint(path, made_by)
 

@@ -11,6 +11,8 @@ from brownpipe.storage.admission import understood
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
 from brownpipe.storage.hdf5 import Node, digest, from_bytes, to_bytes
 
+NUMBERS = "biufV"  # kinds of types: truth values, integers, floats, and a table of them
+
 
 def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarray]) -> None:
     """Replace a checkpoint file by one with these named arrays.
@@ -47,7 +49,7 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
         if name.startswith("checkpoint/") and node.value is not None
     }
     for name, value in arrays.items():
-        if not isinstance(value, np.ndarray | np.generic):
+        if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in NUMBERS:
             raise StorageError(f"{path}: has a text in place of numbers ({name}); delete it to begin anew")
     return arrays
 
