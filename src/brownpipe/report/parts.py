@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from brownpipe import figures
+from brownpipe.figures.origin import in_script
 from brownpipe.quoting import printable
 from brownpipe.report.points import points_of
 
@@ -102,7 +103,7 @@ def figure(drawing: Drawing, caption: str, title: str | None = None) -> str:
     own_title, parts = caption_of(caption)
     title = title or own_title
     image = base64.b64encode(drawing.images["svg"]).decode()
-    data = json.dumps(points, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    data = in_script(json.dumps(points, ensure_ascii=False, separators=(",", ":")))
     return (
         f'<section class="result" id="{text(drawing.name)}" style="--width: {width:g}">\n<h3>{text(title)}</h3>\n'
         f'<figure>\n<div class="wide">\n<div class="plot" tabindex="0" role="application"'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from brownpipe.figures import health
@@ -65,7 +66,7 @@ def _health(cases: Sequence[Dataset], found: Answer) -> str:
     for k in range(0, len(rows), len(health.MEASURES)):
         of_case = rows[k : k + len(health.MEASURES)]
         cells = [*map(str, of_case[0][:3]), *(f"{count:g}" for count in of_case[0][3:5])]
-        cells += ["-" if greatest != greatest else f"{greatest:.2g}" for *_, greatest in of_case]
+        cells += ["-" if math.isnan(greatest) else f"{greatest:.2g}" for *_, greatest in of_case]
         for column, cell in zip(columns, cells, strict=True):
             column.append(cell)
     columns = [column for column in columns if column[0] != "engine" or len({*column[1:]}) > 1]
