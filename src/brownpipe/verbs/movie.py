@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.errors import DONE, RequestError
-from brownpipe.verbs.output import number, show, suffix, writable
+from brownpipe.verbs.output import PAGE, number, show, suffix, writable
 from brownpipe.verbs.values import frames, integer, positive
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
@@ -37,11 +37,11 @@ def movie(arguments: Namespace) -> int:
     from brownpipe.formatting import in_bytes
     from brownpipe.storage import read_trajectories, write_file
 
-    kinds = (*SUFFIXES, ".html") if arguments.to is None else (f".{arguments.to}",)
+    kinds = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
     name = f"{Path(arguments.file).stem}.{arguments.to or 'gif'}"
     output = writable(arguments.output or name, arguments.file, kinds=kinds)
     kind = suffix(output)
-    if kind == ".html":
+    if kind in PAGE:
         return _replay(arguments, output)
     trajectories, fps = read_trajectories(arguments.file), arguments.fps or FPS
     with progress.shown("movie"):
