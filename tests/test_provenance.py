@@ -48,7 +48,7 @@ def finished(tmp_path_factory):
         assert main(["aggregate", *files, "--output", PRODUCTS[0], "--fit-windows", "0.1:1"]) == DONE
         replayed = ["--particles", "10", "--seeds", "0", "--record", "all,events", "--output", "results/s/replay/0.h5"]
         assert main(["simulate", str(SCENE), *replayed]) == DONE
-        words = ["--output", "results/s/figures", "--figures", "msd", "--report", PAGE, "--replay", replayed[-1]]
+        words = ["--output", "results/s/figures", "--figures", "msd", "--page", PAGE, "--replay", replayed[-1]]
         assert main(["figures", PRODUCTS[0], *words]) == DONE
     return folder
 

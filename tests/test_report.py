@@ -42,7 +42,7 @@ def made(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study_page, "figure", lambda one, *_: drawings.update({one.name: one}) or parts.figure(one, *_))
         words = ["figures", str(folder / "s.nc"), "--output", str(folder / "figures"), "--figures", *SHOWN]
-        assert main([*words, "--report", str(folder / "report.html")]) == DONE
+        assert main([*words, "--page", str(folder / "report.html")]) == DONE
     return folder, drawings
 
 
@@ -116,7 +116,7 @@ def test_same_bytes_in_another_folder_and_language(results, tmp_path, monkeypatc
     monkeypatch.setenv("TZ", "Asia/Kathmandu")
     monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
     words = ["figures", str(results / "s.nc"), "--output", str(tmp_path), "--figures", *SHOWN]
-    assert main([*words, "--report", str(tmp_path / "report.html")]) == DONE
+    assert main([*words, "--page", str(tmp_path / "report.html")]) == DONE
     assert (tmp_path / "report.html").read_bytes() == (results / "report.html").read_bytes()
 
 
@@ -141,6 +141,7 @@ def test_the_answer_is_that_of_the_summary(results, written):
     said = (results / "figures" / "summary.txt").read_text().splitlines()
     assert all(html.escape(line) in written for line in said[-8:-2])
     assert "failed and left out" in said[-4] and 'class="warning"' in written
+    assert written.count(html.escape(said[-4])) == 1, "the section on health links to the answer"
 
 
 def _new(scenes, k):
@@ -188,7 +189,7 @@ def test_a_long_table_is_cut(tmp_path):
 
 
 def test_a_page_needs_the_suffix_of_one(results, capsys):
-    words = ["figures", str(results / "s.nc"), "--output", "figures", "--report", "report.pdf"]
+    words = ["figures", str(results / "s.nc"), "--output", "figures", "--page", "report.pdf"]
     assert main(words) == WRONG_REQUEST
     assert capsys.readouterr().err == "brownpipe: report.pdf: the output must end in .html, not '.pdf'\n"
 
@@ -201,7 +202,7 @@ def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     cost = {"exact": 1e-3, "langevin": 3e-4}
     files = [write(tmp_path, exact), write(tmp_path, other)]
     write_dataset("t.nc", tradeoff.measure(files, seconds_per_run=lambda engine, _: cost[engine.name]))
-    assert main(["figures", "t.nc", "--output", "figures", "--report", "figures/report.html"]) == DONE
+    assert main(["figures", "t.nc", "--output", "figures", "--page", "figures/report.html"]) == DONE
     elements = check((tmp_path / "figures/report.html").read_text(encoding="utf-8"))
     assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
     assert not re.search(r"\\[nx]", elements.named("main")[0][1].partition("Scenes, seeds")[0])

@@ -44,7 +44,7 @@ def make_results():
     assert main(["aggregate", "--study", "mine.yaml", "--output", dataset]) == DONE
     replayed = ["--seeds", "0", "--record", "all,events", "--output", f"{RESULTS}/{REPLAYED}"]
     assert main(["simulate", "hot.yaml", "--particles", "6", *replayed]) == DONE
-    words = ["--figures", "health", "--report", f"{RESULTS}/report.html", "--replay", replayed[-1]]
+    words = ["--figures", "health", "--page", f"{RESULTS}/report.html", "--replay", replayed[-1]]
     assert main(["figures", dataset, "--output", f"{RESULTS}/figures", *words]) == DONE
     write_run_record(RESULTS, RunRecord("mine.yaml"))
 
@@ -232,6 +232,14 @@ def test_a_single_file(study, capsys, file, cure):
 @pytest.mark.parametrize("path", ["absent", "hot.yaml", "other"])
 def test_what_brownpipe_did_not_make_is_no_result(study, path, capsys):
     assert main(["verify", path]) == (FAILED if path == "other" else WRONG_REQUEST)
+
+
+def test_a_product_alone_is_verified_where_it_was_made(study, tmp_path, capsys):
+    for file in sorted(SHOWN):
+        path = shutil.copy(RESULTS / file, tmp_path)
+        assert main(["verify", path]) == WRONG_REQUEST
+        said = f"brownpipe: {path}: must be verified where the study made it, as SHA256SUMS there lists it\n"
+        assert capsys.readouterr().err == said
 
 
 def test_sha256sum_reads_the_checksums(study):

@@ -22,5 +22,5 @@ rule figures:
         replay=["--replay", *replay] if replay else [],
         made_with=made_with("figures"),
     shell:
-        'brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --report {output.page:q}'
+        'brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
         " {params.replay:q} --figures {params.names:q} 2> {log:q}"

@@ -39,7 +39,7 @@ rule tradeoff_drawings:
     params:
         made_with=made_with("tradeoff_figures"),
     shell:
-        'brownpipe figures {input:q} --output "$(dirname {output.table:q})" --report {output.page:q} 2> {log:q}'
+        'brownpipe figures {input:q} --output "$(dirname {output.table:q})" --page {output.page:q} 2> {log:q}'
 
 
 # As rule all does for the study, this asks for every file of the trade-off, and shows its answer at each run.

@@ -42,12 +42,12 @@ def write(
     folder: str | Path,
     record: Record,
     names: Sequence[str] | None = None,
-    report: str | Path | None = None,
+    page: str | Path | None = None,
     replay: Fragment | None = None,
 ) -> list[Path]:
     """Write the products of a record into a folder; of the figures only `names`, if given. Return the paths.
 
-    report: file of the page with all of them. replay: one run, replayed in the page of a study. Raises FigureError as
+    page: file of the page with all of them. replay: one run, replayed in the page of a study. Raises FigureError as
     `render` does.
     """
     if is_tradeoff(dataset):
@@ -59,13 +59,13 @@ def write(
         write_file(Path(folder) / SUMMARY, (summary(dataset) + closing_lines(record)).encode())
         paths.append(Path(folder) / SUMMARY)
     paths.append(write_record(folder, record, [path.name for path in paths]))
-    if report is not None:
-        name = Path(report).name
+    if page is not None:
+        name = Path(page).name
         if is_tradeoff(dataset):
             contents = tradeoff_page.page(dataset, drawings, record, name)
         else:
             record = record | ({} if replay is None else {"replay": replay.run})
             contents = study_page.page(dataset, drawings, record, name, replay and replay.text)
-        write_file(report, stamped(contents, name, record))
-        paths.append(Path(report))
+        write_file(page, stamped(contents, name, record))
+        paths.append(Path(page))
     return paths

@@ -42,6 +42,7 @@ REMARKS = {
     OLDER: "intact, but made by another version of brownpipe: {}",
 }
 PAGE = "report.html"  # made with the figures
+PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".html")  # files of `brownpipe figures`, which have no seals
 SHOWN = 3  # files that a remark names
 
 
@@ -121,6 +122,8 @@ def verify_file(path: str | Path) -> None:
             raise StorageError(f"{path}: was damaged or edited after it was written; {again}")
     elif path.suffix == ".nc":
         read_dataset(path)
+    elif path.is_file() and path.suffix.lower() in PRODUCTS:
+        raise WrongFileError(f"{path}: must be verified where the study made it, as {CHECKSUMS} there lists it")
     else:
         read_trajectories(path)
 

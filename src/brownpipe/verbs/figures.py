@@ -20,7 +20,7 @@ def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
     add("--output", required=True, metavar="FOLDER", help="folder for the figures, tables and the summary")
-    add("--report", metavar="FILE.html", help="also write a page with all results, in one file")
+    add("--page", metavar="FILE.html", help="also write a page with all results, in one file")
     add("--replay", metavar="RUN.h5", help="one run (simulate --record all,events), replayed in this page")
     names = f"some of {', '.join(FIGURES)} (default: all)"
     add("--figures", nargs="+", choices=FIGURES, metavar="NAME", help=names)
@@ -41,14 +41,14 @@ def figures(arguments: Namespace) -> int:
     output = folder(arguments.output)
     dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
     refuse_unwritable(output, arguments.figures or FIGURES)
-    report = arguments.report and writable(arguments.report, arguments.dataset, kinds=PAGE)
-    if arguments.replay and not report:
-        raise RequestError("--replay: is shown in the page of --report, which must be given, too")
+    page = arguments.page and writable(arguments.page, arguments.dataset, kinds=PAGE)
+    if arguments.replay and not page:
+        raise RequestError("--replay: is shown in a page; must be given together with --page")
     if arguments.replay and is_tradeoff(dataset):
         raise RequestError(f"--replay: {arguments.dataset} is a trade-off, whose page replays no run")
     replay = _replay(arguments.replay, record) if arguments.replay else None
     with progress.shown("figures"):
-        files = write(dataset, output, record, report=report, replay=replay)
+        files = write(dataset, output, record, page=page, replay=replay)
     write_checksums(output, [*files, arguments.dataset])
     return DONE
 
