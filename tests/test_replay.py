@@ -38,11 +38,18 @@ def listed(disks, boundary):
     return parse_scene({"box": box, "duration": 4.0, "sample_interval": 0.1, "disks": disks}, "listed.yaml")
 
 
+CHANNEL = {
+    "box": {"x": [-50.0, 50.0], "y": [-1.0, 2.0], "boundary": "reflecting"},
+    "duration": 4.0,
+    "sample_interval": 0.5,
+    "disks": [LISTED[0] | {"velocity": [12.0, 0.5]}, LISTED[1], LISTED[1] | {"position": [49.0, 0.0]}],
+}
 SCENES = {
     "walls": lambda: make_scene("walls", 40),
     "periodic": lambda: make_scene("periodic", 40, boundary="periodic", disks=UNEQUAL, duration=3.0),
     "equilibrated": lambda: make_scene("later", 40, equilibrate={"time": 0.3, "tracer": "pinned"}),
     "listed": lambda: listed(LISTED, "reflecting"),
+    "channel": lambda: parse_scene(CHANNEL, "channel.yaml"),
     "one disk across the edges": lambda: listed(LISTED[:1], "periodic"),
 }
 WITH_BROWSER = pytest.mark.skipif(browser.CHROMIUM is None, reason="chromium is not installed")
@@ -310,6 +317,26 @@ def test_a_disk_that_reaches_over_an_edge_is_drawn_at_the_opposite_one_too(chrom
     chromium.value(f"document.querySelectorAll('.brownpipe-replay')[1].brownpipe.go({ensemble.times[k]})")
     (colour,) = chromium.value(f"({COLOURS})(1, [[{x + scene.box.width - 0.6 * scene.radius[i]}, {y}]])")
     assert colour == [*([0xDA] * 3 if scene.radius[i] == 0.1 else [0xA9] * 3), 255]
+
+
+@WITH_BROWSER
+def test_the_picture_follows_the_tracer_along_a_channel(chromium, tmp_path, runs):
+    path, ensemble = tmp_path / "channel.html", runs["channel"].ensemble
+    shown = replay.replay_of(runs["channel"], "runs.h5")
+    path.write_bytes(replay.replay_page(shown))
+    assert "follows the tracer along the box of 100 x 3" in path.read_text()
+    chromium.show(path)
+    canvas = "document.querySelector('canvas').getBoundingClientRect()"
+    assert chromium.value(f"{canvas}.width / {canvas}.height") == pytest.approx(replay.ELONGATION, rel=0.1)
+    in_view = []
+    for k in (0, -1):
+        time, position = (values[k] for values in (ensemble.times, ensemble.whole[SEED].position))
+        chromium.value(f"document.querySelector('.brownpipe-replay').brownpipe.go({time})")
+        seen = chromium.value(f"({COLOURS})(0, {(position + np.array([0.0, 0.15])).tolist()})")
+        in_view.append([colour[3] > 0 for colour in seen])
+        (beside,) = chromium.value(f"({COLOURS})(0, {[(position[0] + np.array([0.0, 0.35])).tolist()]})")
+        assert beside[:3] == [0xB5, 0xDA, 0xF0], "the tracer's face"
+    assert in_view == [[True, True, False], [True, False, True]]
 
 
 @WITH_BROWSER

@@ -66,8 +66,16 @@
     return context;
   }
 
+  // The part of the box that is shown: all of it or, of a very long box, a window that follows the tracer.
+  const limited = (side) => Math.min(side, run.elongation * Math.min(width, height));
+  const seen = {left, bottom, width: limited(width), height: limited(height)};
+  function follow([x, y]) {
+    seen.left = Math.min(Math.max(x - seen.width / 2, left), left + width - seen.width);
+    seen.bottom = Math.min(Math.max(y - seen.height / 2, bottom), bottom + height - seen.height);
+  }
+
   const margin = 3;  // for the walls [pixels]
-  const toX = (x) => margin + (x - left) * scale, toY = (y) => margin + (bottom + height - y) * scale;
+  const toX = (x) => margin + (x - seen.left) * scale, toY = (y) => margin + (seen.bottom + seen.height - y) * scale;
 
   function circle(pen, x, y, i) {
     pen.beginPath();
@@ -108,16 +116,17 @@
   }
 
   function drawBox(state) {
-    const wide = part("stage").clientWidth - 2 * margin;
-    scale = Math.min(wide / width, 0.68 * Math.max(500, window.innerHeight) / height);
-    const pen = fitted(box, width * scale + 2 * margin, height * scale + 2 * margin), places = inBox(state.x);
-    box.style.width = width * scale + 2 * margin + "px";
-    box.style.height = height * scale + 2 * margin + "px";
+    const room = part("stage").clientWidth - 2 * margin, places = inBox(state.x);
+    follow(places[0]);
+    scale = Math.min(room / seen.width, 0.68 * Math.max(500, window.innerHeight) / seen.height);
+    const size = [seen.width * scale + 2 * margin, seen.height * scale + 2 * margin], pen = fitted(box, ...size);
+    const whole = [toX(left), toY(bottom + height), width * scale, height * scale];
+    [box.style.width, box.style.height] = size.map((side) => side + "px");
     pen.fillStyle = colour("ground");
-    pen.fillRect(margin, margin, width * scale, height * scale);
+    pen.fillRect(...whole);
     pen.save();
     pen.beginPath();
-    pen.rect(margin, margin, width * scale, height * scale);
+    pen.rect(...whole);
     pen.clip();
     const faces = [0, 1, 2, 3, 4].map((k) => colour("face-" + k)), rim = colour("rim"), data = colour("data");
     for (let i = disks - 1; i >= 0; i--) {  // the tracer last, on top
@@ -132,7 +141,7 @@
     pen.strokeStyle = colour("ink");
     pen.lineWidth = run.periodic ? 1.5 : 2 * margin - 2;
     pen.setLineDash(run.periodic ? [6, 4] : []);
-    pen.strokeRect(margin, margin, width * scale, height * scale);
+    pen.strokeRect(...whole);
   }
 
   // Ring the disks that have collided within the last 0.25 s of the replay; the ring fades.

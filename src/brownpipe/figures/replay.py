@@ -30,6 +30,7 @@ MOST_BYTES = 75_000  # of the numbers of a replay: 100 kB as base64
 MOST_DISKS = 1000
 WORST = 1e-3  # departure from the recorded samples that single precision may cause [smallest radius]
 RECORD = "all,events"  # what `--record` must be given
+ELONGATION = 6.0  # longer side of the picture over the shorter one at most; of longer boxes a part is shown
 BESIDE = Path(__file__)  # the style and the script have the same name
 
 
@@ -248,11 +249,20 @@ def _says(replay: Replay) -> str:
     bound = 10.0 ** np.ceil(np.log10(max(replay.departure, 1e-15)))
     exact = f"positions differ from the recorded ones by less than {bound:.0e} of the smallest radius"
     what = f"Disks move straight from one collision to the next, so this is the run itself at any speed: {exact}."
+    box = replay.scene.box
+    if longer_than_shown(replay.scene):
+        what += f" The picture follows the tracer along the box of {box.width:g} x {box.height:g}."
     if is_whole(replay):
         return f"{what} All numbers are in the scene's reduced units."
     count = f"{len(replay.flight.time):,} of {replay.collisions:,} collisions"
     part = f"The replay has the first {count} and ends at {replay.end:.3g}; the run ends at {replay.scene.duration:g}."
     return f"{what} {part} All numbers are in the scene's reduced units."
+
+
+def longer_than_shown(scene: Scene) -> bool:
+    """Whether a box is too long for all of it to be shown."""
+    sides = (scene.box.width, scene.box.height)
+    return max(sides) > ELONGATION * min(sides)
 
 
 def is_whole(replay: Replay) -> bool:
@@ -274,6 +284,7 @@ def _data(replay: Replay) -> dict[str, Any]:
     return {
         "box": [*box.origin, box.width, box.height],
         "periodic": box.periodic,
+        "elongation": ELONGATION,
         "species": species,
         "end": replay.end,
         "bits": 8 * flight.time.itemsize,
