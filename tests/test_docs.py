@@ -164,10 +164,22 @@ def test_the_gallery_has_every_study_with_a_small_figure():
     text, linked = gallery.page()
     names = sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
     assert sorted(re.findall(r"^## (\w+)$", text, re.MULTILINE)) == names
-    assert sorted(path.stem for path in gallery.FIGURES.iterdir()) == names
-    assert max(path.stat().st_size for path in gallery.FIGURES.iterdir()) <= gallery.MOST_BYTES
+    pictures = sorted(gallery.FIGURES.glob("*.png"))
+    assert [path.stem for path in pictures] == sorted(gallery.times()) == names
+    assert max(path.stat().st_size for path in pictures) <= gallery.MOST_BYTES
     assert all(path.is_file() for path in linked.values())
     assert text.count(" runs in ") == len(names)
+
+
+def test_the_time_of_a_study_is_that_of_all_its_jobs(elsewhere, monkeypatch):
+    monkeypatch.setattr(gallery, "TIMES", Path("times.csv"))
+    for job, seconds in (("simulate/s/N6/exact/0-9", 70.25), ("figures/small", 2.5)):
+        table = Path(f"results/small/benchmarks/{job}.tsv")
+        table.parent.mkdir(parents=True)
+        table.write_text(f"s\th:m:s\tmax_rss\n{seconds}\t0:00:00\t-\n")
+    Path("times.csv").write_text("cooling,5.0\nsmall,9.0\n")
+    gallery.note_time(ROOT / "config" / "small.yaml")
+    assert gallery.times() == {"cooling": 5.0, "small": 72.8}
 
 
 @pytest.mark.slow

@@ -2,10 +2,11 @@
 
     python docs/_ext/gallery.py CORES      run all studies, and draw their figures for the gallery
 
-Results are in results/STUDY of this folder, figures of the gallery in docs/gallery/. They are reduced to a width and a
-number of colours with which they stay below 100 kB.
+Results are in results/STUDY of this folder. Figures of the gallery are in docs/gallery/, reduced to a width and a
+number of colours with which they stay below 100 kB, and so is a table of the time that each study took.
 """
 
+import csv
 import io
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from pathlib import Path
 
 from PIL import Image
 
+from brownpipe.formatting import in_time
 from brownpipe.study import Study, read_study
 from brownpipe.study.workload import describe_workload
 from markdown_text import plain
@@ -21,6 +23,7 @@ from markdown_text import plain
 ROOT = Path(__file__).parents[2]
 STUDIES = sorted((ROOT / "config").glob("*.yaml"))
 FIGURES = ROOT / "docs" / "gallery"
+TIMES = FIGURES / "times.csv"  # study, seconds
 SHOWN = {  # the figure that answers the question of a study; otherwise the first one of its figures
     "spreading": "displacement_distribution",
     "diffusion": "diffusion",
@@ -45,8 +48,9 @@ def page() -> tuple[str, dict[str, Path]]:
     """Return the page of all studies, and the files that it links."""
     ordered = sorted(STUDIES, key=lambda file: ORDER.index(file.stem) if file.stem in ORDER else len(ORDER))
     head = (
-        "# Gallery\n\nThe studies in `config/`, each with one of its figures. Costs are those that `brownpipe check"
-        " config/STUDY.yaml` foresees for one core; the figures were drawn by `make gallery`.\n"
+        "# Gallery\n\nThe studies in `config/`, each with one of its figures, as drawn by `make gallery`. The time of a"
+        " study is the sum over its jobs, on a virtual machine with two cores; the expected workload is that of"
+        " `brownpipe check config/STUDY.yaml`.\n"
     )
     linked = {f"gallery/{file.stem}.png": FIGURES / f"{file.stem}.png" for file in STUDIES}
     linked |= {f"files/config/{file.name}": file for file in STUDIES}
@@ -69,7 +73,7 @@ def _section(file: Path) -> str:
     return (
         f"(study-{name})=\n\n## {name}\n\n{plain(purpose)}\n\n```sh\n{_command(name)}\n```\n\n"
         f"![{_shown(name, study)} of the study {name}](gallery/{name}.png)\n\n"
-        f"{plain(describe_workload(study))}. Figures: {figures}. The file:"
+        f"It took {in_time(times()[name])}. Expected: {plain(describe_workload(study))}. Figures: {figures}. The file:"
         f" [config/{file.name}](files/config/{file.name})\n"
     )
 
@@ -100,6 +104,19 @@ def reduced(png: bytes) -> bytes:
     return written.getvalue()
 
 
+def times() -> dict[str, float]:
+    """Return the time that each study took [s]."""
+    return {name: float(seconds) for name, seconds in csv.reader(TIMES.read_text().splitlines())}
+
+
+def note_time(file: Path) -> None:
+    """Add up the times of the jobs of a study, as Snakemake has noted them, and enter their sum into the table."""
+    tables = sorted(Path("results", file.stem, "benchmarks").rglob("*.tsv"))
+    jobs = [job for table in tables for job in csv.DictReader(table.read_text().splitlines(), delimiter="\t")]
+    entered = {**(times() if TIMES.exists() else {}), file.stem: sum(float(job["s"]) for job in jobs)}
+    TIMES.write_text("".join(f"{name},{seconds:.1f}\n" for name, seconds in sorted(entered.items())))
+
+
 def draw(file: Path) -> None:
     """Write the figure of a study from its results in this folder."""
     folder = "tradeoff" if file.stem in TRADEOFFS else "figures"
@@ -118,3 +135,4 @@ if __name__ == "__main__":
     for study_file in STUDIES:
         run(study_file, sys.argv[1])
         draw(study_file)
+        note_time(study_file)
