@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import read_scene
-from brownpipe.scene.reading import read_yaml
+from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study import read_study
 
 SCENES = Path(__file__).parent / "scenes"

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from brownpipe.errors import RequestError
 from brownpipe.scene import Disk, Scene, Species, parse_scene, read_scene, scene_yaml
 from brownpipe.scene.packing import most_disks
-from brownpipe.scene.reading import read_yaml
+from brownpipe.scene.yaml_file import read_yaml
 
 CONFIG = Path(__file__).parent.parent / "config"
 BOX = {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": "reflecting"}

@@ -13,6 +13,7 @@ from brownpipe.errors import DONE, RequestError
 from brownpipe.scene import read_scene, reading
 from brownpipe.scene.scene_file import MOST_BYTES
 from brownpipe.scene.schema import scene_schema
+from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study import read_study
 from brownpipe.study.schema import study_schema
 from brownpipe.study.study_file import RENAMED_KEYS
@@ -118,7 +119,7 @@ def test_whole_examples_are_accepted(kind, mapping, folder):
 @pytest.mark.parametrize("file", SCENES + STUDIES, ids=lambda file: file.stem)
 def test_every_file_that_is_there_is_accepted(file):
     kind = "study" if file in STUDIES else "scene"
-    assert ACCEPTS[kind](reading.read_yaml(file, MOST_BYTES))
+    assert ACCEPTS[kind](read_yaml(file, MOST_BYTES))
 
 
 # -- the same keys, bounds and words --------------------------------------------------------------------------------

@@ -268,12 +268,13 @@ def mistake_in_configfiles(arguments: Sequence[str]) -> str | None:
     """
     from brownpipe.errors import RequestError
     from brownpipe.scene import reading
+    from brownpipe.scene.yaml_file import read_yaml
     from brownpipe.study import read_study
     from brownpipe.study.study_file import MOST_STUDY_BYTES
 
     for path in configfiles(arguments):
         try:
-            mapping = reading.read_yaml(path, MOST_STUDY_BYTES)
+            mapping = read_yaml(path, MOST_STUDY_BYTES)
             if not isinstance(mapping, dict):
                 read_study(path)  # raises
             elif RUNS_PYTHON in mapping:

@@ -11,6 +11,7 @@ from brownpipe.scene import reading, sample_times
 from brownpipe.scene.packing import ROUND_OFF, most_disks, overlap
 from brownpipe.scene.reading import Entry, must_be, refuse
 from brownpipe.scene.scene import Box, Disk, Scene, Species, Velocities, as_mapping
+from brownpipe.scene.yaml_file import read_yaml, yaml_text
 
 MOST_BYTES = 64 * 2**20  # of a scene file: some 500,000 explicit disks
 MOST_DISKS = 10_000_000
@@ -36,12 +37,12 @@ def read_scene(path: str | Path, particles: int | None = None) -> Scene:
 
     Raises RequestError, one line, for anything wrong with the file or the scene.
     """
-    return parse_scene(reading.read_yaml(path, MOST_BYTES), str(path), particles)
+    return parse_scene(read_yaml(path, MOST_BYTES), str(path), particles)
 
 
 def scene_yaml(scene: Scene) -> str:
     """Return the text of a scene file, with every default written out; `read_scene` returns an equal scene from it."""
-    return reading.yaml_text(as_mapping(scene))
+    return yaml_text(as_mapping(scene))
 
 
 def parse_scene(mapping: object, where: str, particles: int | None = None, name: str | None = None) -> Scene:

@@ -15,8 +15,9 @@ from brownpipe.engines.units import frame_of
 from brownpipe.errors import RequestError
 from brownpipe.formatting import in_bytes, in_time
 from brownpipe.quoting import in_lines
-from brownpipe.scene import Scene, parse_scene, reading
+from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.scene_file import MOST_BYTES, is_study
+from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_count import assumed_runs
 from brownpipe.study.study import REFERENCE
@@ -28,7 +29,7 @@ FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 
 def describe(path: str, particles: int | None = None) -> str:
     """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
-    mapping = reading.read_yaml(path, MOST_BYTES)
+    mapping = read_yaml(path, MOST_BYTES)
     if isinstance(mapping, dict) and is_study(mapping):
         if particles is not None:
             raise RequestError(f"{path}: --particles is for scenes; a study says for itself")

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from brownpipe.errors import RequestError
 from brownpipe.formatting import in_time
-from brownpipe.scene import Scene, reading
+from brownpipe.scene import Scene
 from brownpipe.scene.seeds import MOST_SEEDS
+from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.storage.checksums import write_sealed_text
 from brownpipe.study.pilot import pilot_seconds, run_pilot
 from brownpipe.study.study import REFERENCE, Study
@@ -50,7 +51,7 @@ def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run
         needed = {case_title(case): runs_needed(case, study) for case in study.cases}
         plan = request | {"needed": needed, "runs": max(needed.values())}
         if not dry_run:
-            write_sealed_text(path, f"{COMMENT}\n\n{reading.yaml_text(plan)}")
+            write_sealed_text(path, f"{COMMENT}\n\n{yaml_text(plan)}")
     return _with_runs(study, plan["runs"])
 
 
@@ -101,7 +102,7 @@ def is_plan(path: str | Path) -> bool:
 def _stored_plan(path: str | Path) -> dict:
     """Return the contents of the plan file; empty if there is none, it cannot be read or it contradicts itself."""
     try:
-        plan = reading.read_yaml(path, 2**20) if os.path.exists(path) else {}
+        plan = read_yaml(path, 2**20) if os.path.exists(path) else {}
     except RequestError:
         return {}
     if not isinstance(plan, dict):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from brownpipe.errors import RequestError, StorageError
 from brownpipe.quoting import shell_path, shell_word
-from brownpipe.scene.reading import read_yaml, yaml_text
+from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.storage.checksums import MOST_BYTES, read_sealed_text, write_sealed_text
 
 NAME = "run.yaml"

@@ -25,6 +25,7 @@ from brownpipe.scene.scene_file import MOST_BYTES, MOST_DISKS, is_study
 from brownpipe.scene.scene_file import REQUIRED as SCENE_KEYS
 from brownpipe.scene.schema import key_names, scene_schema
 from brownpipe.scene.seeds import MOST_SEEDS, read_seeds
+from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study.study import EngineUse, Study
 
 MOST_STUDY_BYTES = 2**20  # larger files are refused
@@ -64,7 +65,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     `overrides` replaces top-level keys; seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError,
     one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
     """
-    mapping, file = reading.read_yaml(path, MOST_STUDY_BYTES), str(path)
+    mapping, file = read_yaml(path, MOST_STUDY_BYTES), str(path)
     if isinstance(mapping, dict) and not is_study(mapping) and mapping.keys() & set(SCENE_KEYS):
         raise RequestError(
             f"{path}: is a scene, not a study; run it with brownpipe simulate {shell_path(path)}, or list it in a study"
@@ -191,7 +192,7 @@ def _scenes(entry: Entry, folder: Path) -> tuple[Path, ...]:
 def _refuse_unreadable(item: Entry, path: Path) -> None:
     """Refuse the path of a scene file, for the reason that `read_yaml` gives."""
     try:
-        reading.read_yaml(path, MOST_BYTES)
+        read_yaml(path, MOST_BYTES)
     except RequestError as error:
         refuse(item, reading.shortened(str(error)))
 
@@ -202,7 +203,7 @@ def _cases(scenes: tuple[Path, ...], particles: Entry) -> tuple[Scene, ...]:
     counts = [reading.integer(entry, 0, MOST_DISKS) for entry in entries] or [None]
     if len(set(counts)) < len(counts):
         must_be(particles, "particle counts that differ")
-    mappings = [(reading.read_yaml(path, MOST_BYTES), str(path)) for path in scenes]
+    mappings = [(read_yaml(path, MOST_BYTES), str(path)) for path in scenes]
     return tuple(parse_scene(mapping, path, count) for mapping, path in mappings for count in counts)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from brownpipe.engines import Engine
 from brownpipe.provenance import made_with, versions
-from brownpipe.scene import reading
+from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.storage import write_file
 from brownpipe.study.study import REFERENCE
 from brownpipe.study.study_file import MOST_STUDY_BYTES
@@ -16,7 +16,7 @@ OF_THE_OTHER = ("tolerance", "target", "observable", "instead_of")
 
 def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int, batch: int) -> dict:
     """Return the contents of a study file at `path`: the scenes of another study with so many runs of one engine."""
-    mapping = reading.read_yaml(study_file, MOST_STUDY_BYTES)
+    mapping = read_yaml(study_file, MOST_STUDY_BYTES)
     assert isinstance(mapping, dict)  # as `study_file` has been read as a study before
     scenes = mapping["scenes"] if isinstance(mapping["scenes"], list) else [mapping["scenes"]]
     folder = Path(path).resolve().parent

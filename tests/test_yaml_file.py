@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from brownpipe.scene.reading import read_yaml
+from brownpipe.scene.yaml_file import read_yaml
 
 
 @pytest.mark.parametrize(
