@@ -10,7 +10,7 @@ import numpy as np
 
 SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt depends on dt by round-off
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
-EACH = ("scene", "particles", "engine")
+EACH = ("scene", "particles", "engine")  # the labels of a case
 TIME = (*EACH, "time")
 AREA, RATE, SPEED2 = "length^2", "length^2/time", "length^2/time^2"
 

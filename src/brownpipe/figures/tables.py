@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from brownpipe.analysis.variables import EACH
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from xarray import Dataset
 
-EACH = ("scene", "particles", "engine")  # the labels of a case
 PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 
 

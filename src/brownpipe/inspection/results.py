@@ -19,7 +19,7 @@ from brownpipe.tradeoff import is_tradeoff
 if TYPE_CHECKING:
     from xarray import Dataset
 
-HEALTH = {"energy_drift": "worst energy drift", "worst_overlap": "worst overlap"}
+SHOWN_HEALTH = {"energy_drift": "worst energy drift", "worst_overlap": "worst overlap"}  # columns of the table
 
 
 def describe(dataset: Dataset) -> list[str]:
@@ -49,7 +49,7 @@ def _of_cases(dataset: Dataset) -> Iterator[str]:
     """
     cases = cases_of(dataset)
     diffusion = f"D, t in {dataset.window.values[0]}"
-    header = ("scene", "N", "engine", "runs", "failed", heading_of_msd(cases), diffusion, *HEALTH.values())
+    header = ("scene", "N", "engine", "runs", "failed", heading_of_msd(cases), diffusion, *SHOWN_HEALTH.values())
     yield from aligned(list(zip(header, *map(_row, cases), strict=True)))
     yield from legend_of_estimates(dataset)
     yield from missing_runs(cases)
@@ -59,7 +59,7 @@ def _row(case: Dataset) -> tuple[str, ...]:
     """One line of the table, cell by cell."""
     label = (str(case[name].item()) for name in EACH)
     counts = (str(int(case[name])) for name in ("runs", "failed_runs"))
-    return (*label, *counts, *estimates_of(case), *(_worst(case, name) for name in HEALTH))
+    return (*label, *counts, *estimates_of(case), *(_worst(case, name) for name in SHOWN_HEALTH))
 
 
 def _worst(case: Dataset, name: str) -> str:
