@@ -230,6 +230,19 @@ def test_a_size_that_is_not_stored_is_refused_before_it_is_taken(name, change, v
         assert ended.seconds < 5
 
 
+def test_a_variable_with_the_same_dimension_twice_is_refused(valid, tmp_path, recwarn):
+    path = tmp_path / "study.nc"
+    path.write_bytes((valid / "study.nc").read_bytes())
+    with h5py.File(path, "r+") as file:
+        axes = file["msd"].dims
+        axes[1].detach_scale(axes[1][0])
+        axes[1].attach_scale(axes[0][0])
+    path.write_bytes(hostile.resealed(path.read_bytes()))
+    with pytest.raises(StorageError, match=r"has a variable with the same dimension twice \(/msd\)"):
+        storage.read_dataset(path)
+    assert not recwarn.list
+
+
 # -- parts and links that are planted -------------------------------------------------------------------------------
 
 

@@ -145,6 +145,8 @@ def _scales(file: h5py.File, item: h5py.Dataset, paths: dict[int, str]) -> list[
         raise StorageError(f"has no list of dimensions ({item.name})")
     found = [file[scales[0]] for scales in item.attrs["DIMENSION_LIST"]]
     addresses = [address_of(scale) for scale in found]
+    if len({*addresses}) < len(addresses):  # xarray would warn only
+        raise StorageError(f"has a variable with the same dimension twice ({item.name})")
     for address, scale in zip(addresses, found, strict=True):
         if address not in paths:
             paths[address] = scale.name
