@@ -293,6 +293,32 @@ def changed_bytes(contents, random):
     return bytes(contents)
 
 
+def changed_metadata(contents, random, folder):
+    """Some bytes changed where most are HDF5's own, with a valid seal and, if the file can be read, a valid digest."""
+    with h5py.File.in_memory(contents) as file:
+        ours = np.frombuffer(contents, np.uint8) > 0
+        datasets = []
+        file.visititems(lambda _, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
+        for item in datasets:
+            if item.chunks is not None:
+                item.id.chunk_iter(lambda chunk: _clear(ours, chunk.byte_offset, chunk.size))
+            elif item.id.get_offset() is not None:
+                _clear(ours, item.id.get_offset(), item.id.get_storage_size())
+    (seal,) = files.SEAL.finditer(contents)
+    _clear(ours, seal.start(), seal.end() - seal.start())
+    changed = bytearray(contents)
+    for place in random.choices(np.flatnonzero(ours).tolist(), k=random.choice([1, 1, 2, 4])):
+        changed[place] = random.choice([0, 1, 127, 128, 255, changed[place] ^ 1 << random.randrange(8)])
+    sealed = Path(folder) / "sealed"
+    ended = in_child(lambda: sealed.write_bytes(resealed(bytes(changed))) * 0, folder)  # HDF5 may crash
+    blank = changed[: seal.start()] + files.BLANK_SEAL.encode() + changed[seal.end() :]
+    return sealed.read_bytes() if ended.status == 0 else files.seal(bytes(blank))
+
+
+def _clear(flags, start, size):
+    flags[start : start + size] = False
+
+
 def changed_yaml(contents, random):
     """A scene or study with one or several values replaced by strange ones."""
     if random.random() < 0.3:

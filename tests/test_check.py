@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -196,7 +197,7 @@ def test_a_collision_costs_more_where_disks_cross_more_cells_between(name, phi):
     """docs/benchmarks.md: 2.5, 3.7 and 4.9 million pair collisions per second at phi = 0.14, 0.5 and 0.7, N = 1000; the
     forecast is made for a machine that is busy with other work, up to 1.5 times slower."""
     scene = read_scene(CONFIG / "scenes" / f"{name}.yaml")
-    one = forecast.of_run(scene)
+    one = forecast.of_run(replace(scene, duration=10 * scene.duration))  # the start of a run does not matter
     assert scene.packing_fraction == pytest.approx(phi, abs=0.005)
     microseconds = 1e6 * one.seconds / one.pair_collisions
     lower = {0.03: 0.6, 0.14: 0.4, 0.7: 0.2}[phi]

@@ -130,8 +130,10 @@ def test_no_change_of_a_file_leads_to_more_than_one_line(valid, faults, tmp_path
         done = ["bytes"]
         if path.suffix == ".yaml":
             contents = hostile.changed_yaml(contents, faults.random)
-        elif faults.random.random() < 0.9:
+        elif (kind := faults.random.random()) < 0.6:
             contents, done = hostile.changed_tree(contents, faults.random, path)
+        elif kind < 0.9:
+            contents, done = hostile.changed_metadata(contents, faults.random, tmp_path), ["metadata"]
         else:
             contents = hostile.changed_bytes(contents, faults.random)
         path.write_bytes(contents)

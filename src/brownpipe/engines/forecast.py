@@ -26,7 +26,8 @@ from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
 START_UP = 0.9  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
-EACH_RUN = 2.5e-4  # CPU seconds to draw an initial state and to store what is recorded
+EACH_RUN = 1.5e-4  # CPU seconds to begin a run, and to store what is recorded
+SECONDS_PER_DISK = 1.2e-6  # CPU seconds to draw the initial state of one disk, list it, and predict its first event
 SECONDS_PER_COLLISION = 2.5e-7  # CPU seconds, with a disk or a wall
 SECONDS_PER_CROSSING = 2e-7  # CPU seconds for a disk that moves by the distance of neighbours
 DISKS = (1e3, 1e4, 1e5, 1e6)  # numbers of disks: the larger, the less of their data fits the processor's cache
@@ -88,7 +89,7 @@ def of_run(
     every_disk = measures.needs_every_disk(scene, observables, average)
     disks_recorded = 1 + (scene.particles if every_disk or "all" in record else 0)
     working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * len(scene.times) * disks_recorded
-    seconds = EACH_RUN + SECONDS_PER_BLOCK * scene.particles * blocks(time, mixture)
+    seconds = EACH_RUN + (SECONDS_PER_DISK + SECONDS_PER_BLOCK * blocks(time, mixture)) * scene.particles
     seconds += slower * SECONDS_PER_COLLISION * events
     seconds += slower * SECONDS_PER_CROSSING * time * crossing_rate(scene, mixture)
     if every_disk or "all" in record:
