@@ -29,12 +29,13 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums of matrix products in an order 
 import h5py
 import numpy as np
 
+from brownpipe import observables
 from brownpipe.cli import main as brownpipe
 
 STEPS = [f"timestep --precision {p} --collisions {c}" for p in ("double", "single") for c in ("at_contact", "late")]
 ENGINES = ("exact", *STEPS, "langevin --friction enskog", "langevin --friction boltzmann")
 RECORDS = {"exact": "all,events", "timestep": "all", "langevin": "tracer"}  # as much as each can record
-ALL = "square_displacement,velocity_autocorrelation,species_energy,velocity_distribution,pair_distribution"
+ALL = ",".join(observables.OBSERVABLES)
 DONE, FAILED, WRONG = 0, 1, 2  # exit status of the command line
 STATUS = "exit status"  # stands among the datasets of a file
 HASHED = ("particles", "observables")  # groups of a trajectory file

@@ -14,8 +14,9 @@ import yaml
 
 from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
 from brownpipe.cli import build_parser
-from brownpipe.interface import simulate
-from brownpipe.observables import ARRAYS, OBSERVABLES
+from brownpipe.figures.catalogue import FIGURES
+from brownpipe.interface import plot, simulate
+from brownpipe.observables import ARRAYS, OBSERVABLES, of_tracer
 from brownpipe.scene.schema import scene_schema
 from brownpipe.storage.layout import MEANING
 from brownpipe.study.schema import study_schema
@@ -120,15 +121,29 @@ def test_the_tables_of_keys_have_the_keys_of_the_schema(kind):
 def test_the_tables_of_keys_have_their_words(kind):
     schema = dict(keys_of(KINDS[kind]))
     rows = {key: "".join(cells) for key, *cells in rows_of(kind)}
-    words = {key: words_of(schema[key]) for key in rows}
+    words = {key: words_of(schema[key]) - (OBSERVABLES.keys() if key == "observables" else set()) for key in rows}
     assert sum(map(len, words.values())) > 5
     assert [word for key in rows for word in words[key] if not re.search(rf"`\[?{word}\]?`", rows[key])] == []
 
 
+def test_the_table_of_observables_has_all_with_their_arrays():
+    table = CONFIGURATION.partition("| observable | arrays")[2].partition("\n\n")[0]
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", table, re.MULTILINE))
+    assert list(rows) == list(OBSERVABLES)
+    for name, row in rows.items():
+        assert [array for array in OBSERVABLES[name].arrays[1:] if f"`{array}`" not in row] == []
+    (average,) = [row for key, *row in rows_of("study") if key == "average"]
+    assert {name for name in OBSERVABLES if f"`{name}`" in "".join(average)} == set(of_tracer(OBSERVABLES)[0])
+
+
+def test_the_docstring_of_plot_has_every_figure():
+    assert [name for name in FIGURES if not re.search(rf"\b{name}\b", plot.__doc__)] == []
+
+
 def words_of(schema):
-    """The words that a value may be, also as one of a list; the names of observables have a table of their own."""
+    """The words that a value may be, also as one of a list."""
     inner = [*schema.get("anyOf", ()), *([schema["items"]] if "items" in schema else ())]
-    own = {word for word in schema.get("enum", ()) if isinstance(word, str)} - OBSERVABLES.keys()
+    own = {word for word in schema.get("enum", ()) if isinstance(word, str)}
     return own.union(*map(words_of, inner))
 
 

@@ -74,6 +74,7 @@ def rendered(dataset, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("brownpipe.figures.drawing.image_bytes", kept)
         render(dataset, folder)
+    assert len(figures) == len(NAMES), "with_measures of synthetic.py must add the variables of every figure"
     return folder, dict(zip(NAMES, figures, strict=True))
 
 
@@ -634,6 +635,18 @@ def test_no_axis_says_its_units_are_reduced(as_it_is):
 
 
 @pytest.mark.slow
+def test_the_legend_of_msd_names_only_what_is_drawn(dataset):
+    """Few runs have no interval; <v0^2> may be unknown before the runs."""
+    without = {name: np.nan * dataset[name] for name in ("msd_low", "msd_high", "initial_square_speed")}
+    labels = [
+        [text.get_text() for axes in made("msd", data)[1][:2] for text in axes.get_legend().get_texts()]
+        for data in (dataset, dataset.assign(without))
+    ]
+    said = [[any(word in label for label in legend) for word in ("95 % band", "ballistic")] for legend in labels]
+    assert said == [[True, True], [False, False]]
+    assert not any("nan" in label for label in labels[1])
+
+
 def test_msd_table_is_the_dataset(dataset, folder):
     table = [row for row in rows(folder / "msd.csv") if row["scene"] == "hot"]
     case = dataset.sel(scene="hot", particles=20, engine="exact")

@@ -10,7 +10,7 @@ from hashlib import sha256
 import numpy as np
 import pytest
 
-from brownpipe import provenance
+from brownpipe import observables, provenance
 from brownpipe.cli import main
 from brownpipe.engines import DEFINITIONS
 from brownpipe.errors import DONE
@@ -23,7 +23,7 @@ equilibrate: {time: 0.5, tracer: free}
 duration: 1.0
 samples: {per_decade: 8, first: 0.01}
 """
-OBSERVABLES = "square_displacement,velocity_autocorrelation,species_energy,velocity_distribution,pair_distribution"
+OBSERVABLES = ",".join(observables.OBSERVABLES)
 RUNS = ["simulate", "scene.yaml", "--seeds", "0-11", "--observables", OBSERVABLES]
 STUDY = [
     [*RUNS, "--record", "all", "--output", "exact.h5"],

@@ -207,7 +207,7 @@ def test_logarithmic_times_of_a_few_decades():
     assert explicit(duration=20.0, samples={"per_decade": 1}).times[1] == 20.0 * 1e-4
 
 
-def test_scenes_without_logarithmic_times_keep_their_digests():
+def test_digests_of_the_notes_scenes_do_not_change():
     """As published with the first results: files are found by them."""
     digests = [read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml").digest for end in ("", "_thermal")]
     assert [digest[:16] for digest in digests] == ["b6cea58f932097a2", "9c381c577af2d9a3"]

@@ -107,7 +107,9 @@ def test_the_schemas_are_valid_and_in_docs(kind, capsys):
     assert main(["schema", kind]) == DONE
     printed = capsys.readouterr().out
     assert json.loads(printed) == SCHEMAS[kind]
-    assert (ROOT / "docs" / "schema" / f"{kind}.json").read_text() == printed, "brownpipe schema makes it"
+    assert (ROOT / "docs" / "schema" / f"{kind}.json").read_text() == printed, (
+        f"brownpipe schema {kind} > docs/schema/{kind}.json"
+    )
 
 
 @pytest.mark.parametrize(("kind", "mapping"), EXAMPLES, ids=range(len(EXAMPLES)))
@@ -216,7 +218,9 @@ def test_the_examples_above_have_every_key(kind):
     given = [one.keys() for example_kind, mapping in EXAMPLES if example_kind == kind for one in mappings_in(mapping)]
     known = [(key, set(together)) for key, together in keys_of(SCHEMAS[kind]) if key not in RENAMED_KEYS]
     assert known
-    assert [key for key, together in known if not any(key in keys and keys <= together for keys in given)] == []
+    assert [key for key, together in known if not any(key in keys and keys <= together for keys in given)] == [], (
+        "no file of EXAMPLES has these keys"
+    )
 
 
 # -- what the schema refuses, the reader refuses --------------------------------------------------------------------

@@ -202,7 +202,10 @@ def test_replaced_particles_and_engines():
             "fit_windows=[[00.1,1]]",
             "--config: fit_windows[0][0]: 00.1: a number must not start with a superfluous zero",
         ),
-        ("mass=2", "unknown key 'mass'; it is a key of scenes: write it in a scene file, and that under scenes"),
+        (
+            "mass=2",
+            "unknown key 'mass'; it is a key of scenes: write it in a scene file, and list that file under scenes",
+        ),
         ("duration=2", "unknown key 'duration'; it is a key of scenes: write it in a scene file"),
         ("radius=0.2", "unknown key 'radius'; it is a key of scenes"),
     ],

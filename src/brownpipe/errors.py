@@ -39,7 +39,10 @@ class BrownpipeError(Exception):
 
 
 class RequestError(BrownpipeError, ValueError):
-    """A scene, study, option or seed is not valid. Nothing has been computed or written."""
+    """A scene, study, option or seed is not valid. Nothing is written.
+
+    Raised in a run, it ends the whole batch. RunError and PlacementError end that run alone.
+    """
 
     exit_status = WRONG_REQUEST
 

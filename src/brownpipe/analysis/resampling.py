@@ -167,18 +167,20 @@ def degrees(sums: Sums) -> np.ndarray:
     return _or_nan(sums.weight - 1)[:, None]
 
 
-def studentized(runs: int, value: np.ndarray, error: np.ndarray, shift: np.ndarray, variance: np.ndarray) -> Estimate:
+def studentized(
+    runs: int, value: np.ndarray, error: np.ndarray, shift: np.ndarray, square_error: np.ndarray
+) -> Estimate:
     """Return the Estimate of `value` (...) with standard error `error` (...), its interval by the bootstrap-t.
 
     shift: (B, ...) value of each replicate minus `value`.
-    variance: (B, ...) square of the replicate's own standard error; where it is 0, t = 0 is assumed.
+    square_error: (B, ...) square of the replicate's own standard error; where it is 0, t = 0 is assumed.
 
     NaN ends below FEWEST_FOR_INTERVAL runs.
     """
     if runs < FEWEST_FOR_INTERVAL:
         return Estimate(value, error, *np.full((2, *np.shape(value)), np.nan))
-    varies = variance > 0.0
-    t = np.where(varies, shift / np.sqrt(np.where(varies, variance, 1.0)), 0.0)
+    varies = square_error > 0.0
+    t = np.where(varies, shift / np.sqrt(np.where(varies, square_error, 1.0)), 0.0)
     t.sort(axis=0)
     tail = (REPLICATES + 1) // 40
     return Estimate(value, error, value - t[-tail] * error, value - t[tail - 1] * error)

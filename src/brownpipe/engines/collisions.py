@@ -41,7 +41,7 @@ def meets(b: float, d: float) -> bool:
 
 @kernel
 def delay(b: float, c: float, d: float) -> float:
-    """Return the time until a pair that `meets` touches, eqs. (1)-(3) multiplied by their conjugate.
+    """Return the time until a pair that `meets` touches, eq. (1) multiplied by its conjugate.
 
     A pair that overlaps by round-off (c < 0, of order 1e-16 sigma^2) collides now; eq. (1) taken literally would give a
     negative time, and the disks would pass through each other.

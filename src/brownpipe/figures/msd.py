@@ -40,7 +40,7 @@ def draw(cases: list[Dataset]) -> Figure:
     axes[0, 0].set_ylim(0, top)
     msd = np.concatenate([case.msd.values for case in cases])
     if (msd > 0).any():
-        log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, msd.max() * MARGIN)
+        log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, max(msd.max() * MARGIN, top))
     heads(axes[0], map(title_of, cases))
     return figure
 
@@ -51,7 +51,8 @@ def _linear(axes: Axes, case: Dataset, top: float) -> None:
     end = t[-1]
     smooth = np.linspace(0, end, 201)
     final = plus_minus(case.msd[-1], case.msd_standard_error[-1])
-    label = f"{int(case.runs):,} runs, 95 % band: MSD({end:g}) = {final}"
+    with_band = ", 95 % band" if case.msd_low.notnull().any() else ""
+    label = f"{int(case.runs):,} runs{with_band}: MSD({end:g}) = {final}"
     every = -(-t.size // MOST_DOTS)
     band(axes, t, case, "msd", DATA, linestyle="", marker="o", markersize=3, markevery=every, label=label)
     for fit in fits_of(case)[:1]:
@@ -63,8 +64,9 @@ def _linear(axes: Axes, case: Dataset, top: float) -> None:
     square_speed = float(case.initial_square_speed)
     ballistic = theory.ballistic_msd(smooth, square_speed)
     seen = ballistic <= top
-    label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
-    axes.plot(smooth[seen], ballistic[seen], color=GREY, linestyle=DOTTED, label=label)
+    if seen.any():  # NaN: unknown before the runs
+        label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
+        axes.plot(smooth[seen], ballistic[seen], color=GREY, linestyle=DOTTED, label=label)
     axes.set_xlim(0, 1.01 * end)
 
 
@@ -102,7 +104,7 @@ def _diffusing(case: Dataset) -> Iterator[tuple[float, str]]:
 
 
 def _diffuses(case: Dataset, time: float) -> bool:
-    """Return whether the MSD at this time is far below that of ballistic flight."""
+    """Return whether the MSD at this time is far below that of ballistic flight; False if that is unknown (NaN)."""
     ballistic = float(theory.ballistic_msd(time, float(case.initial_square_speed)))
     return float(np.interp(time, case.time.values, case.msd.values)) < FORGOTTEN * ballistic
 

@@ -109,7 +109,7 @@ def must_be(entry: Entry, allowed: str, hint: str = "") -> NoReturn:
     refuse(entry, f"must be {allowed}, not {shown(entry.value)}{hint}")
 
 
-def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] | None = None) -> dict[str, Entry]:
+def fields(entry: Entry, required: tuple[str, ...], optional: Mapping[str, object] | None = None) -> dict[str, Entry]:
     """Return the entries of a mapping by key, with defaults for optional keys; refuse unknown and missing keys."""
     allowed = (*required, *(optional or {}))
     if not isinstance(entry.value, dict):
@@ -125,7 +125,7 @@ def fields(entry: Entry, required: tuple[str, ...], optional: dict[str, object] 
     for key in required:
         if key not in entry.value:
             refuse(entry.part(key, None), "missing; must be given")
-    return {key: entry.part(key, value) for key, value in ((optional or {}) | entry.value).items()}
+    return {key: entry.part(key, value) for key, value in (dict(optional or {}) | entry.value).items()}
 
 
 def items(entry: Entry, length: int | None = None, what: str = "a list") -> list[Entry]:
@@ -212,7 +212,7 @@ def _number_hint(value: object) -> str:
         return "; with the sign - for minus"
     if NUMBER.fullmatch(text.replace(",", ".", 1)):
         return "; with a decimal point"
-    if re.fullmatch(rf"({NUMBER.pattern}) ?[^\W\d]+", text):
+    if re.fullmatch(rf"({NUMBER.pattern}) ?[^\W\d]\S*", text):
         return "; without a unit: all quantities are in reduced units"
     return ""
 

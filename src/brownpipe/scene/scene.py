@@ -76,7 +76,10 @@ class Disk:
 
 @dataclass(frozen=True)
 class Velocities:
-    """Normal distribution of the initial velocity components: one of the two widths is given."""
+    """Normal distribution of the initial velocity components: one of the two widths is given.
+
+    Theory relies on it, wherever `scene.velocities` is read.
+    """
 
     standard_deviation: float | None  # the same for all disks [length/time]
     temperature: float | None  # kT [energy]; the variance is kT/m
@@ -167,6 +170,6 @@ def as_mapping(scene: Scene) -> dict:
     return common | {
         "particles": scene.particles,
         "disks": disks,
-        "velocities": asdict(scene.velocities),
+        "velocities": asdict(scene.velocities),  # a new field must be left out at its default: it changes all digests
         "equilibrate": {"time": scene.equilibrate, "tracer": scene.tracer_while_equilibrating},
     }

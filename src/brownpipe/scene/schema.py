@@ -2,7 +2,7 @@
 
 A schema accepts every file that the reader accepts. The reader also checks what a schema cannot express, such as
 overlaps. Bounds and words are those of the reader; `tests/test_schema.py` compares keys, bounds and words with what the
-reader asks for while it reads, so that a new key without its entry here fails.
+reader asks for while it reads, so that a new key without its entry here or in an example there fails.
 """
 
 from typing import Any

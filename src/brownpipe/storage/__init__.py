@@ -9,7 +9,7 @@ times, N disks, E collisions:
             box/                     edges (2,), origin (2,); attributes dimension, boundary (none: walls, or periodic)
             id (S,)                  the seeds
             position/                value (T, S, 2), its scales time (T,), seed (S,), component (2,); step (T,)
-            velocity/, image/        as position/, if recorded; unwrapped position = position + image * edges
+            image/                   as position/, in a periodic box; unwrapped position = position + image * edges
         seed_00017/                  all disks of one run, if recorded
             box/, id (N,), radius (N,), mass (N,)
             position/, velocity/     value (T, N, 2), its scales time (T,), disk (N,), component (2,); step (T,)

@@ -139,7 +139,7 @@ def _refuse_keys_of_scenes(entry: Entry) -> None:
     """Refuse a key at the head of a study that belongs into a scene."""
     unknown = set(entry.value if isinstance(entry.value, dict) else ()) - {*DEFAULTS, "name"}
     for key in sorted(unknown & key_names(scene_schema())):
-        hint = "it is a key of scenes: write it in a scene file, and that under scenes"
+        hint = "it is a key of scenes: write it in a scene file, and list that file under scenes"
         refuse(entry, f"unknown key '{key}'; {hint}", at=entry.part(key, ""))
 
 

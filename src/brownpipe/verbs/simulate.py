@@ -26,7 +26,7 @@ def add_arguments(add: Callable) -> None:
 
     add("scene", metavar="SCENE", help="scene file (YAML)")
     add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
-    add("--seeds", default="0", help="0-2399, 17 or 3,5,9 (default: 0)")
+    add("--seeds", default="0", help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)")
     _add_engines(add)
     what = "tracer (default), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what).words = RECORDS

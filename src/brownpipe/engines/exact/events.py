@@ -5,8 +5,9 @@ from there. It stores one next event. For every pair of neighbours at least one 
 later than their collision, so that the earliest event of all is always correct (B. D. Lubachevsky, J. Comput. Phys. 94,
 255 (1991)). A pair event whose partner has changed course since it was predicted is stale: the disk only predicts anew.
 
-Time is divided into blocks, at whose ends all disks are brought to the same time. TIME and event times are counted from
-the beginning of the block, so that their round-off does not grow with the duration of a run.
+Simulated time is divided into blocks (those of `analysis` are blocks of seeds), at whose ends all disks are brought to
+the same time. TIME and event times are counted from the beginning of the block, so that their round-off does not grow
+with the duration of a run.
 """
 
 import math

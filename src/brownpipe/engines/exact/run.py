@@ -41,7 +41,7 @@ class PreparedScene(NamedTuple):
 
 
 class RunState(NamedTuple):
-    """A run at its beginning or at the end of a block, in the engine's units and order.
+    """A run at its beginning or at the end of a block, all but `events` in the engine's units and order.
 
     The fields have the same names in checkpoint files (`checkpoint.pack`).
     """
@@ -123,11 +123,11 @@ def evolve(
     return RunResult(tracer_track(scene, frame, recorder), whole_track(scene, frame, recorder), joined(logs), report)
 
 
-def uninterrupted(stages: Generator[RunState, None, Outcome]) -> Outcome:
+def uninterrupted(states: Generator[RunState, None, Outcome]) -> Outcome:
     """Run a generator of states to its end; return its result."""
     while True:
         try:
-            next(stages)
+            next(states)
         except StopIteration as end:
             return end.value
 

@@ -17,7 +17,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines.batch import RunResult, add_run, new_batch
+from brownpipe.engines.batch import RunResult, add_run, making_run, new_batch
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import simulation as exact
@@ -62,9 +62,11 @@ def simulate(
     mass = scene.mass
     compile_all([_call()])
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
-        path = _path(scene, mass, seed, weights)
-        report: dict[str, float | np.uint8] = {"friction_rate": gamma, "failed": np.uint8(not is_known(scene, path))}
-        add_run(batch, column, RunResult(folded(scene, path), None, None, report))
+        with making_run(batch, column):
+            path = _path(scene, mass, seed, weights)
+            failed = np.uint8(not is_known(scene, path))
+            report: dict[str, float | np.uint8] = {"friction_rate": gamma, "failed": failed}
+            add_run(batch, column, RunResult(folded(scene, path), None, None, report))
     return batch.ensemble
 
 
