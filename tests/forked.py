@@ -19,7 +19,10 @@ import tempfile
 from functools import cache
 from typing import NamedTuple
 
-IMPORTED = ("snakemake.cli", "snakemake.report", "numpy", "yaml", "requests", "platformdirs", "pygments", "jinja2")
+IMPORTED = (
+    *("snakemake.cli", "snakemake.profiles", "snakemake.report.html_reporter", "snakemake.storage", "smart_open"),
+    *("numpy", "pandas", "h5py", "yaml", "requests", "platformdirs", "pygments", "jinja2"),
+)
 LONGEST = 300  # seconds, then a process is ended by SIGALRM
 
 
