@@ -9,9 +9,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from snakemake.cli import parse_config
-from snakemake.common.configfile import load_configfile
-from snakemake.exceptions import format_exception_to_string
 from snakemake_interface_common.exceptions import WorkflowError
 from snakemake_interface_logger_plugins.common import LogEvent
 
@@ -260,6 +257,8 @@ def test_the_folder_of_notes_is_there_before_a_study_is_running_and_until_its_en
     ],
 )
 def test_a_file_that_snakemake_cannot_read_as_a_study(content, message, monkeypatch, tmp_path):
+    from snakemake.common.configfile import load_configfile
+
     path = tmp_path / "study.yaml"
     if content is not None:
         path.write_bytes(content)
@@ -275,6 +274,9 @@ def test_a_file_that_snakemake_cannot_read_as_a_study(content, message, monkeypa
 
 @pytest.mark.parametrize("entry", ["box.x=3", "seeds", "9=1"])
 def test_a_key_that_snakemake_refuses(entry, monkeypatch):
+    from snakemake.cli import parse_config
+    from snakemake.exceptions import format_exception_to_string
+
     with pytest.raises(ValueError, match="Invalid config definition") as refused:
         parse_config([entry])
     handler, screen = display(monkeypatch)

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from snakemake.cli import parse_config
 
 from brownpipe.engines import Engine, recorded
 from brownpipe.errors import RequestError
@@ -150,6 +149,8 @@ def test_what_is_measured_in_the_runs(tmp_path):
 
 def replaced(*entries):
     """The study with keys replaced as on the command line of Snakemake, which reads numbers in lists as text."""
+    from snakemake.cli import parse_config
+
     return read_study(CONFIG / "small.yaml", from_command_line(parse_config(entries)))
 
 
