@@ -1,6 +1,7 @@
 """What all tests need: one thread each, an order that keeps all cores busy, Ctrl-C, and random faults."""
 
 import gc
+import importlib
 import os
 import random
 import signal
@@ -17,6 +18,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Hundreds of processes are started. If none of them may store its compiled source, each takes 0.2 s of CPU more.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+# In a new environment no package is compiled to byte code yet. Processes that import the same packages at the same time
+# would each compile all of them; so one begins with packages that the other imports last.
+if os.environ.get("PYTEST_XDIST_WORKER") == "gw1":
+    for name in ("numba", "matplotlib.figure", "hypothesis"):
+        importlib.import_module(name)
 
 gc.set_threshold(50_000)  # with all the packages in memory the usual 700 take 6 % of the CPU time
 
