@@ -348,22 +348,43 @@ def test_the_answer_is_printed_by_what_makes_it(study):
 
 @pytest.fixture(scope="module")
 def of_two_engines(tmp_path_factory):
-    """A study of one case by two engines, and what was printed meanwhile."""
+    """A study of one case by two engines with a tolerance in place of seeds, and what was printed meanwhile."""
     folder = write_study(tmp_path_factory.mktemp("two") / "study")
     engines = "engines: [exact, {name: langevin, friction: enskog}]\n"
-    (folder / "study.yaml").write_text(f"scenes: scenes/thermal.yaml\nseeds: 20\nfigures: [health]\n{engines}")
-    return folder, snakemake(folder, "--cores", "1")
+    (folder / "study.yaml").write_text(f"scenes: scenes/thermal.yaml\ntolerance: 20%\nfigures: [health]\n{engines}")
+    dry = snakemake(folder, "--dry-run")
+    assert not (folder / "results").exists()
+    return folder, dry, snakemake(folder, "--cores", "1")
+
+
+def settled(folder):
+    """The number of runs that was determined."""
+    return yaml.safe_load((folder / "results/study/plan.yaml").read_text())["runs"]
 
 
 def test_a_study_of_two_engines(of_two_engines):
-    folder, printed = of_two_engines
-    files = {str(file.relative_to(folder / "results/study/simulate")) for file in folder.rglob("0-19.h5")}
-    assert files == {f"thermal/N10/{label}/0-19.h5" for label in ("exact", "langevin-enskog")}
-    assert re.search(r"^thermal +10 +exact +20 ", printed, re.MULTILINE)
-    assert re.search(r"^thermal +10 +langevin-enskog +20 ", printed, re.MULTILINE)
-    log = (folder / "results/study/logs/simulate/thermal/N10/langevin-enskog/0-19.log").read_text()
+    folder, _, printed = of_two_engines
+    runs, results = settled(folder), folder / "results" / "study"
+    files = {str(file.relative_to(results / "simulate")) for file in results.rglob(f"0-{runs - 1}.h5")}
+    assert files == {f"thermal/N10/{label}/0-{runs - 1}.h5" for label in ("exact", "langevin-enskog")}
+    assert re.search(rf"^thermal +10 +exact +{runs} ", printed, re.MULTILINE)
+    assert re.search(rf"^thermal +10 +langevin-enskog +{runs} ", printed, re.MULTILINE)
+    log = (results / f"logs/simulate/thermal/N10/langevin-enskog/0-{runs - 1}.log").read_text()
     assert "langevin is rough here" in log
     assert planned(folder) == NOTHING
+
+
+def test_a_tolerance_takes_one_command_and_its_dry_run_no_pilot(of_two_engines):
+    """The pilot is announced on the screen before anything else, and is not run again."""
+    folder, dry, printed = of_two_engines
+    assert "brownpipe: the study study: 25 runs assumed; pilot runs, some " in dry
+    assert "/thermal/N10/exact/0-24.h5" in dry
+    announced = "determine how many runs a tolerance of 20 % of msd needs"
+    assert printed.index(announced) < printed.index(" runs in 2 jobs of up to ")
+    # all files are those of the runs determined, and of the run replayed
+    assert {file.name for file in folder.rglob("*.h5")} == {f"0-{settled(folder) - 1}.h5", "0-0.h5"}
+    again = snakemake(folder, "--dry-run")
+    assert announced not in again and "assumed" not in again
 
 
 def test_another_figure_of_a_finished_study_is_drawn(of_two_engines, tmp_path):
@@ -394,21 +415,6 @@ def test_what_is_measured_in_the_runs_is_passed_on(study, monkeypatch):
     with h5py.File(study / "results/study/simulate/hot/N8/exact/0-9.h5") as file:
         assert file["observables/run/species_energy"].shape == (10, 11, 2)
         assert "observables/run/square_displacement" in file and "particles/tracer" not in file
-
-
-def test_a_tolerance_takes_one_command_and_its_dry_run_no_pilot(tmp_path):
-    """The pilot is announced on the screen before anything else, and is not run again."""
-    folder = write_study(tmp_path / "study")
-    (folder / "study.yaml").write_text("scenes: scenes/hot.yaml\ntolerance: 20%\nfigures: [health]\n")
-    dry = snakemake(folder, "--dry-run")
-    assert "brownpipe: the study study: 25 runs assumed; pilot runs, some " in dry
-    assert "/hot/N10/exact/0-24.h5" in dry and not (folder / "results").exists()
-    first, second = snakemake(folder, "--cores", "1"), snakemake(folder, "--dry-run")
-    announced = "determine how many runs a tolerance of 20 % of msd needs"
-    assert first.index(announced) < first.index(" runs in 1 jobs of up to ")
-    number = yaml.safe_load((folder / "results/study/plan.yaml").read_text())["runs"]
-    assert {file.name for file in folder.rglob("*.h5")} == {f"0-{number - 1}.h5", "0-0.h5"}  # and the run replayed
-    assert planned(folder) == NOTHING and announced not in second and "assumed" not in second
 
 
 @pytest.mark.promise(
