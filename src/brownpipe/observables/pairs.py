@@ -18,7 +18,7 @@ FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
 MOST_COUNTS = 1_000_000  # bins of all histograms of a run
 MOST_SPECIES = 1000  # with more, their pairs alone fill the memory
 SECONDS_PER_HISTOGRAM = 4e-5  # CPU seconds, and
-SECONDS_PER_PAIR = 9e-8  # for a pair of disks closer than the end of the histogram,
+SECONDS_PER_PAIR = 5.5e-8  # for a pair of disks closer than the end of the histogram,
 SECONDS_PER_RING = 1.4e-7  # for a bin of distance around a lone disk between walls
 SAMPLES_AT_ONCE = 16  # samples whose rings are intersected with the box in one call, three times as fast as one by one
 
@@ -95,8 +95,8 @@ def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray | int]:
         disks, distance = close_pairs(scene, sample, number * width)
         column = (distance / width).astype(np.int64)
         inside = column < number
-        a, b = species.label[disks[inside]].T
-        counts += np.bincount(row[a, b] * number + column[inside], minlength=len(counts))
+        a, b = species.label.take(disks.T)
+        counts += np.bincount((row[a, b] * number + column)[inside], minlength=len(counts))
     arrays: dict[str, np.ndarray | int] = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": len(position)}
     lone = lone_pairs(scene, species)
     return arrays | ({"pair_expected": expected_pairs(scene, species, lone, position)} if lone else {})
@@ -148,7 +148,9 @@ def close_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.nd
         inside[inside >= size] = 0.0  # as the remainder of -1e-17 is
     tree = cKDTree(inside, boxsize=size if scene.box.periodic else None)
     pair = tree.query_pairs(reach * (1 + 1e-9), output_type="ndarray")
-    apart = inside[pair[:, 0]] - inside[pair[:, 1]]
+    a, b = pair.T
+    dx, dy = (x.take(a) - x.take(b) for x in inside.T)  # (Q,) each; much faster than inside[a] - inside[b]
     if scene.box.periodic:
-        apart -= size * np.rint(apart / size)
-    return pair, np.sqrt(np.sum(apart**2, axis=1))
+        dx -= scene.box.width * np.rint(dx / scene.box.width)
+        dy -= scene.box.height * np.rint(dy / scene.box.height)
+    return pair, np.sqrt(dx * dx + dy * dy)
