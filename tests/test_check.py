@@ -7,6 +7,8 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import cache
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -155,16 +157,13 @@ def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
     assert np.isclose(found["wall_collisions"].mean(), expected.wall_collisions, rtol=0.12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", list(OBSERVABLES))
-@pytest.mark.parametrize("scene", ["harrison2020", "dilute"])
-def test_expected_price_of_an_observable_is_near_the_real_one(scene, name):
-    """CPU time of runs with the observable relative to those without, by turns, so that a slow machine divides out.
+@cache
+def seconds_of_runs(path):
+    """Median CPU seconds of ten runs without observables, (), and with each alone, (name,).
 
-    Within a factor of 2: the forecast is off by up to 30 %, and medians of seven repetitions differ by 10 to 20 % from
-    one measurement to the next on a machine with other work: some three standard errors are left.
+    By turns, so that a slow machine divides out.
     """
-    scene, taken = read_scene(CONFIG / "scenes" / f"{scene}.yaml"), {(): [], (name,): []}
+    scene, taken = read_scene(path), {(): []} | {(name,): [] for name in OBSERVABLES}
     for names in taken:
         exact.simulate(scene, [0], observables=names)
     for _ in range(7):
@@ -172,7 +171,21 @@ def test_expected_price_of_an_observable_is_near_the_real_one(scene, name):
             begun = time.process_time()
             exact.simulate(scene, range(10), observables=names)
             seconds.append(time.process_time() - begun)
-    found = np.median(taken[name,]) / np.median(taken[()])
+    return {names: np.median(seconds) for names, seconds in taken.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(OBSERVABLES))
+@pytest.mark.parametrize("scene", ["harrison2020", "dilute"])
+def test_expected_price_of_an_observable_is_near_the_real_one(scene, name):
+    """CPU time of runs with the observable relative to those without.
+
+    Within a factor of 2: the forecast is off by up to 30 %, and medians of seven repetitions differ by 10 to 20 % from
+    one measurement to the next on a machine with other work: some three standard errors are left.
+    """
+    path = CONFIG / "scenes" / f"{scene}.yaml"
+    scene, taken = read_scene(path), seconds_of_runs(path)
+    found = taken[name,] / taken[()]
     expected = forecast.of_run(scene, observables=(name,)).seconds / forecast.of_run(scene).seconds
     assert found / 2 < expected < found * 2
 
@@ -263,14 +276,18 @@ def around_a_tracer(count):
     return scene
 
 
-def share_failed(scene, seeds):
-    failed = 0
-    for seed in seeds:
-        try:
-            draw(scene, seed)
-        except RequestError:
-            failed += 1
-    return failed / len(seeds)
+def fails(scene, seed):
+    try:
+        draw(scene, seed)
+    except RequestError:
+        return True
+    return False
+
+
+def at_least(number, scene, seeds):
+    """Whether so many of the runs fail; no more are drawn than it takes to know."""
+    failed = (seed for seed in seeds if fails(scene, seed))
+    return len([*islice(failed, number)]) == number
 
 
 PLACED = {  # numbers of disks of which nearly all and nearly no runs are placed: measured with 15 to 60 other seeds
@@ -292,8 +309,8 @@ def test_placement_is_foreseen_to_fail_where_it_does(name):
     """
     mapping, sparse, dense = PLACED[name]
     sparse, dense = (parse_scene(mapping(count), f"{name}.yaml") for count in (sparse, dense))
-    assert share_failing(sparse) < 0.04 and share_failed(sparse, range(500, 510)) <= 0.2
-    assert share_failing(dense) > 0.9 and share_failed(dense, range(500, 510)) >= 0.7
+    assert share_failing(sparse) < 0.04 and not at_least(3, sparse, range(500, 510))
+    assert share_failing(dense) > 0.9 and at_least(7, dense, range(500, 510))
 
 
 def test_a_lattice_a_list_and_a_lone_disk_always_find_a_place():
@@ -364,11 +381,11 @@ def sampled(samples, particles=30, boundary="reflecting"):
 
 MEMORY = {  # scene, runs, record, observables
     "samples of the tracer": (sampled(1_000_000), 1, "tracer", ()),
-    "whole tracks": (sampled(1000, 2000), 2, "tracer,all", ()),
-    "many runs": (sampled(5000), 500, "tracer", ()),
+    "whole tracks": (sampled(1000, 1000), 2, "tracer,all", ()),
+    "many runs": (sampled(5000), 350, "tracer", ()),
     "all disks in an observable": (sampled(1000, 1500), 1, "none", ("species_energy",)),
     "many disks": (sampled(1, 300_000, "periodic") | {"disks": crowd(300_000, 0.02)["disks"]}, 1, "tracer", ()),
-    "collisions": (crowd(1000, side=40.0, placement="lattice", duration=500.0), 1, "tracer,events", ()),
+    "collisions": (crowd(1000, side=40.0, placement="lattice", duration=300.0), 1, "tracer,events", ()),
 }
 
 
