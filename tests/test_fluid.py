@@ -18,13 +18,14 @@ from test_exact import P, W, box, crowded, make, species
 def test_every_disk_gets_its_share_of_the_energy():
     """In a walled box every disk has P(KE < e) = 1 - (1 - e/E)^(N-1), whatever its mass: Kolmogorov-Smirnov.
 
-    The runs begin far from that: equal velocities in distribution, masses 1 to 20. 2,000 runs of some 200 collisions,
-    of which each gives one value for a disk. False alarm: 1e-6 for each of the 15 disks.
+    The runs begin far from that: equal velocities in distribution, masses 1 to 20. Of 200 runs each gives 10 values for
+    a disk, 250 to 640 collisions apart: the correlation of a value and the next was measured as 0.000(5) for each
+    disk. False alarm: 1e-6 for each of the 15 disks.
     """
     for kinds in ([(4, 0.2, 1.0)], [(2, 0.2, 1.0), (3, 0.1, 5.0)], [(1, 0.3, 20.0), (2, 0.2, 1.0), (3, 0.1, 3.0)]):
-        scene = make(box(2, 2, W), kinds, 60.0)
-        runs = simulate(scene, range(2000), {"all"}).whole.values()
-        energy = np.array([scene.mass * np.sum(run.velocity[-1] ** 2, axis=1) for run in runs])  # (S, N)
+        scene = make(box(2, 2, W), kinds, 300.0, sample_interval=30.0)
+        runs = simulate(scene, range(200), {"all"}).whole.values()
+        energy = np.concatenate([np.sum(run.velocity[1:] ** 2, axis=2) for run in runs]) * scene.mass  # (2000, N)
         n = scene.particles
         law = 1 - (1 - energy / energy.sum(axis=1, keepdims=True)) ** (n - 1)
         for disk in range(n):
