@@ -1,8 +1,10 @@
 """The price list as a user starts it: a study with a tolerance instead of seeds, from scenes to figures."""
 
 import csv
+import os
 import re
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -21,13 +23,27 @@ engines:
   - {name: timestep, time_step: 0.03, scenes: full}
   - {name: langevin, friction: boltzmann, scenes: full, seeds: 300}
 """
+BROWNPIPE = f"""\
+#!{sys.executable}
+import sys
+from brownpipe.cli import main
+if sys.argv[1] == "tradeoff":
+    from brownpipe.tradeoff import timing
+    timing.LEAST /= 10
+sys.exit(main())
+"""
 pytestmark = pytest.mark.slow
 
 
 def snakemake(folder, *words, study="prices"):
-    """What snakemake printed."""
+    """What snakemake printed. Runs are timed for a tenth of the usual time: how precisely is not tested here."""
+    program = folder / "bin" / "brownpipe"
+    program.parent.mkdir(exist_ok=True)
+    program.write_text(BROWNPIPE)
+    program.chmod(0o755)
     words = [*SNAKEMAKE[len(PROGRAM) :], *words, "--directory", folder, "--configfile", folder / f"{study}.yaml"]
-    done = forked.snakemake(*words, cwd=folder, env=environment())
+    path = f"{program.parent}{os.pathsep}{environment()['PATH']}"
+    done = forked.snakemake(*words, cwd=folder, env=environment(PATH=path))
     assert done.returncode == 0, done.printed
     return done.printed
 
