@@ -349,9 +349,10 @@ def test_gsd_refuses_what_it_would_round_to_nothing(length, tmp_path, capsys, mo
     assert ase.io.read("far.xyz", 1).positions[1, 0] == length
 
 
-@pytest.mark.parametrize("form", ["gsd", "xyz", "csv"])
-def test_memory_is_that_of_a_sample(form, tmp_path):
-    scene = make_scene("long", 40, 20.0, boundary="periodic")
+@pytest.mark.parametrize(("form", "duration"), [("gsd", 8.0), ("xyz", 8.0), ("csv", 20.0)])
+def test_memory_is_that_of_a_sample(form, duration, tmp_path):
+    """It was 0.22, 0.25 and 0.34 of the memory of all samples."""
+    scene = make_scene("long", 40, duration, boundary="periodic")
     trajectories = read_trajectories(written(tmp_path / "long.h5", scene, [0]))
     stored = sum(values.nbytes for values in trajectories.ensemble.whole[0])
     target = str(tmp_path / f"long.{form}")
