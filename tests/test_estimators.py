@@ -372,31 +372,36 @@ def test_points_have_no_structure(boundary):
         assert np.isnan(g[0]).all()  # one tracer makes no pair
 
 
+@pytest.fixture(scope="module")
+def off_centre():
+    """A gas of points around a tracer near a corner: the scene, and the arrays of 1,000 snapshots."""
+    scene = gas("reflecting", number=40, tracer={"radius": 1.5, "mass": 1.0})
+    return scene, snapshots(scene, held=(1.6, 2.2), runs=1000)
+
+
 @pytest.mark.slow
-def test_points_around_a_tracer_off_centre_have_no_structure():
+def test_points_around_a_tracer_off_centre_have_no_structure(off_centre):
     """Relative to a gas around where the tracer is, whose errors say how far from 1; not to two uniform points.
 
     4 standard errors in some 185 bins: 1 % of all seeds would fail. Those with next to no pair
     are left out.
     """
-    scene = gas("reflecting", number=40, tracer={"radius": 1.5, "mass": 1.0})
-    seen = snapshots(scene, held=(1.6, 2.2), runs=1000)
+    scene, seen = off_centre
     expected = seen["pair_expected"].sum(axis=0)
     enough = expected[1] > 50
     assert enough.sum() > 180
     g, error = g_of(scene, seen)
     assert (np.abs(g - 1)[1, enough] < 4 * error[1, enough]).all()
     np.testing.assert_allclose(error[1, enough], 1 / np.sqrt(expected[1, enough]), rtol=0.2)  # Poisson's
-    seen.pop("pair_expected")
-    uniform, _ = g_of(scene, seen)
+    uniform, _ = g_of(scene, {name: seen[name] for name in ("pair_counts", "pair_snapshots")})
     assert (np.abs(uniform - 1)[1, enough] > 4 * error[1, enough]).sum() > 50
     assert np.array_equal(uniform[2], g[2])  # the gas among itself
 
 
-def test_contact_value_around_a_tracer_off_centre():
+def test_contact_value_around_a_tracer_off_centre(off_centre):
     """A gas of points has 1 at contact, too, though walls cut the ring of contact around the tracer."""
-    scene = gas("reflecting", number=40, tracer={"radius": 1.5, "mass": 1.0})
-    found = found_of(pairs.ESTIMATOR, case_of(scene), snapshots(scene, held=(1.6, 2.2), runs=1000))
+    scene, seen = off_centre
+    found = found_of(pairs.ESTIMATOR, case_of(scene), seen)
     values = pairs.ESTIMATOR.estimate(case_of(scene), found)
     assert values["contact_value_standard_error"][1] < 0.1
     assert values["contact_value"][1] == pytest.approx(1, abs=4 * values["contact_value_standard_error"][1])
