@@ -39,12 +39,9 @@ class Reference(types.Type):
     def __init__(self, record: str, fields: tuple[tuple[str, types.Type], ...]) -> None:
         self.record, self.fields = record, fields
         text = ", ".join(f"{name}: {kind}" for name, kind in fields)
-        # The name of a type is part of every function's name: short, and different for different fields.
+        # Numba makes the name part of every function's name, and hashes and compares types by it thousands of times:
+        # it is short, and different for different fields.
         super().__init__(f"{record}.{hashlib.sha256(text.encode()).hexdigest()[:16]}")
-
-    @property
-    def key(self) -> tuple:
-        return self.record, self.fields
 
 
 def by_reference(record: type[Record]) -> type[Record]:
