@@ -1,6 +1,7 @@
 """Kernels are compiled once, whoever needs them, and correctly."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -8,13 +9,15 @@ import time
 from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numba
 import numpy as np
 import pytest
+from numba.core.compiler import Compiler, DefaultPassBuilder, Flags
 
-from brownpipe.engines import inlining, kernel_cache, kernels
+from brownpipe.engines import inlining, kernel_cache, kernels, passes
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all, one_compiler
 from brownpipe.engines.records import by_reference, local_copy
@@ -225,6 +228,26 @@ def work(outer):
         outer.inner.values[k] += 1.0
         total += outer.values[k]
     return total
+
+
+def machine_code(options):
+    """The assembly of `work`, compiled with these options, without its names, which number the functions."""
+    record = Outer(2.0, Inner(3, np.arange(4.0)), None, np.zeros(4))
+    compiled = numba.njit(**options)(work.py_func)
+    compiled(record)
+    (text,) = compiled.inspect_asm().values()
+    return re.sub(r"\b_ZN\S+|\d{6,}", "", text).splitlines()
+
+
+@pytest.mark.slow
+def test_the_passes_left_out_change_no_machine_code():
+    if not inlining.is_tested():
+        pytest.skip("with this version of Numba all passes are run")
+    state = SimpleNamespace(func_ir=None, flags=Flags())
+    assert {kind.__name__ for kind, _ in DefaultPassBuilder.define_nopython_pipeline(state).passes} > passes.LEFT_OUT
+    ours = machine_code(kernels.OPTIONS)
+    assert ours == machine_code(kernels.OPTIONS | {"pipeline_class": Compiler})
+    assert len(ours) > 100
 
 
 def test_a_record_is_passed_by_reference():

@@ -17,7 +17,7 @@ from numba import types
 from numba.core.cpu import CPUContext, CPUTargetOptions
 from numba.extending import intrinsic, register_jitable
 
-from brownpipe.engines import inlining, kernel_cache
+from brownpipe.engines import inlining, kernel_cache, passes
 
 inlining.install()
 config: Any = numba.config  # Numba sets its attributes from the environment, unseen by type checkers
@@ -29,6 +29,8 @@ config: Any = numba.config  # Numba sets its attributes from the environment, un
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
 if hasattr(CPUTargetOptions, "_nrt"):
     OPTIONS["_nrt"] = False
+if inlining.is_tested():
+    OPTIONS["pipeline_class"] = passes.KernelCompiler
 
 
 def _defer_blas() -> None:
