@@ -266,6 +266,25 @@ def test_a_kernel_called_from_python_is_python():
     assert part(None, Outer(2.0, Inner(3, [1, 2]), None, None), 1) == 7.0
 
 
+def test_machine_code_is_loaded_without_all_that_could_be_compiled(tmp_path, monkeypatch):
+    def made():
+        dispatcher = kernels.entry_point(work.py_func)
+        dispatcher._cache = kernel_cache.DiskCache(tmp_path, work.py_func)
+        return dispatcher
+
+    def refresh(context):
+        raise AssertionError("looks for functions that compiled code may call")
+
+    record = Outer(2.0, Inner(3, np.arange(4.0)), None, np.zeros(4))
+    assert made()(record) == 24.0
+    monkeypatch.setattr(type(work.targetctx), "refresh", refresh)
+    monkeypatch.setattr(inlining, "TESTED", ((0, 0), (99, 0)))
+    assert made()(record) == 32.0
+    monkeypatch.setattr(inlining, "TESTED", ((0, 0), (0, 0)))
+    with pytest.raises(AssertionError, match="looks for"):
+        made()(record)
+
+
 @kernels.kernel
 def says(number):
     """What prints needs an environment."""
