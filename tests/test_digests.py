@@ -96,8 +96,8 @@ def test_a_package_that_a_module_begins_to_import_is_found(tmp_path):
     ):
         with open(two, "a") as file:
             file.write(f"{line}\n")
-        provenance.sources.cache_clear()
-        provenance.packages.cache_clear()
+        for function in (provenance.sources, provenance.packages, provenance._statements):
+            function.cache_clear()
         found.append(provenance.packages("one", folder=tmp_path))
     provenance.sources.cache_clear()
     with_numba = ("llvmlite", "numba", "numpy")

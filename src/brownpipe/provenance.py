@@ -103,13 +103,19 @@ def _members(folder: Path, name: str) -> list[str]:
 def _imported(folder: Path, file: Path) -> tuple[str, ...]:
     """Return the modules that a file imports, or imports names from."""
     modules = []
-    for package, names, module in IMPORT.findall(file.read_text(encoding="utf-8")):
+    for package, names, module in _statements(file):
         if _top(package or module) != NAME:
             continue
         for name in re.findall(r"(\w+)(?: as \w+)?", names):
             modules.append(f"{package}.{name}" if _file(folder, f"{package}.{name}") else package)
         modules += [module] if module else []
     return tuple(modules)
+
+
+@cache
+def _statements(file: Path) -> list[tuple[str, str, str]]:
+    """Return the import statements of a file: package and names of `from`, and module of `import`; others are empty."""
+    return IMPORT.findall(file.read_text(encoding="utf-8"))
 
 
 def _top(module: str) -> str:
@@ -124,8 +130,7 @@ def packages(*modules: str, folder: Path = PACKAGE) -> tuple[str, ...]:
     """
     waiting = []
     for file in sources(*modules, folder=folder):
-        imports = IMPORT.findall(file.read_text(encoding="utf-8"))
-        tops = {_top(package or module) for package, _, module in imports}
+        tops = {_top(package or module) for package, _, module in _statements(file)}
         waiting += [DISTRIBUTIONS.get(top, top) for top in tops - sys.stdlib_module_names - {NAME}]
     found: set[str] = set()
     while waiting:
@@ -144,6 +149,7 @@ def _requirements(name: str) -> tuple[str, ...]:
     return tuple(match[1] for line in requires(name) or () if (match := REQUIREMENT.match(line)))
 
 
+@cache
 def _file(folder: Path, module: str) -> Path | None:
     """Return the file of a module below the folder of the package, None if there is none."""
     path = folder.joinpath(*module.split(".")[1:])
