@@ -17,7 +17,7 @@ docs/theory.md, section 5.
 
 import math
 from fractions import Fraction
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -146,8 +146,8 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
         return float(gammaincc(ones / 2 + 1, x / 2))
     if ones < 0:
         return float(gammaincc(0.5, x / (2 * first))) if first > 0.0 else float(x <= 0.0)
-    angle = np.pi / 2 * (np.arange(ANGLES) + 0.5) / ANGLES
-    weight = 2 * (first * cos(angle) ** 2 + second * sin(angle) ** 2)
+    cos2, sin2 = _squares()
+    weight = 2 * (first * cos2 + second * sin2)
     end = np.minimum(np.divide(x, weight, out=np.full(ANGLES, INTEGRAL_END), where=weight > 0.0), INTEGRAL_END)
     beyond = exp(-end)  # the two squares alone exceed x
     if ones == 0:
@@ -157,6 +157,13 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
     at = end[:, None] * (1 - root * root)
     inner = exp(-at) * gammaincc(ones / 2, np.maximum(x - weight[:, None] * at, 0.0) / 2)
     return float((beyond + end * (inner * weights * root).sum(axis=1)).mean())
+
+
+@cache
+def _squares() -> tuple[np.ndarray, np.ndarray]:
+    """Return cos^2 and sin^2, (ANGLES,) each, at the middle of equal parts of a right angle."""
+    angle = np.pi / 2 * (np.arange(ANGLES) + 0.5) / ANGLES
+    return cos(angle) ** 2, sin(angle) ** 2
 
 
 @lru_cache(maxsize=64)
