@@ -436,9 +436,7 @@ def test_a_job_that_needs_more_memory_than_there_is_is_named_with_the_batch_that
     report(tmp_path, sampled(100_000), "large")
     study = {"scenes": ["small.yaml", "large.yaml"], "seeds": "5-1004", "batch": 500}
     (caution,) = cautions(report(tmp_path, study, "study"))
-    start = (
-        "the job large/N30/exact/500-999.h5 needs some 4 GB of memory for its 500 runs, and this machine has 1 GB;"
-    )
+    start = "the job large/N30/exact/500-999.h5 needs some 4 GB of memory for its 500 runs, and this machine has 1 GB;"
     assert caution.startswith(start)
     (fits,) = re.findall(r"must be at most `batch: (\d+)`$", caution)
     assert cautions(report(tmp_path, study | {"batch": int(fits)}, "study")) == []
