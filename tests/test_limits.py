@@ -9,14 +9,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from snakemake_interface_logger_plugins.common import LogEvent
 
+import hostile
 from brownpipe import errors
 from brownpipe.cli import main
 from brownpipe.engines import compiled, compiling
-from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
-from brownpipe.storage import files
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, WrongFileError
+from brownpipe.storage import admission, files, hdf5, read_dataset, read_trajectories
 from test_failures import CROWD
 from test_screen import begin, display, send
 from test_workflow import snakemake
@@ -75,6 +77,33 @@ RANGES = {  # from where Python starts to where all is enough
     "RLIMIT_FSIZE": (0, 100_000),
     "RLIMIT_CPU": (1, 3),
 }
+
+
+@pytest.mark.promise("too little memory while an intact file is read", "The file is not called damaged.")
+def test_a_lack_of_memory_is_not_taken_for_a_damaged_file(expected, monkeypatch):
+    def without_memory(_):
+        raise KeyError("Unable to synchronously open object (memory allocation failed for chunk)")  # by HDF5
+
+    monkeypatch.setattr(admission, "address_of", without_memory)
+    for read, name in ((read_dataset, "a.nc"), (read_trajectories, "a.h5")):
+        with pytest.raises((MemoryError, WrongFileError), match=r"^$|does not fit into memory"):
+            read(expected / name)
+
+
+@LIMITED
+def test_hdf5_is_not_called_without_memory(expected, tmp_path):
+    """It may crash then. (Tried with 110 limits from 245 to 300 MB: 2 crashes, and 6 intact files called damaged.)"""
+    nodes = {"values": hdf5.Node(np.zeros(2**10), {})}
+
+    def call():
+        for function, argument in ((read_dataset, expected / "a.nc"), (hdf5.to_bytes, nodes)):
+            with pytest.raises(MemoryError):
+                function(argument)
+        return DONE
+
+    read_dataset(expected / "a.nc")
+    ended = hostile.in_child(call, tmp_path, memory=20 * MB)
+    assert ended.status == DONE, ended
 
 
 @LIMITED

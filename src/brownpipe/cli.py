@@ -46,6 +46,9 @@ def main(argv: list[str] | None = None) -> int:
     if has_limited_memory():
         sys.unraisablehook = _complain
     if argv is None:
+        os.environ.setdefault(
+            "OPENBLAS_NUM_THREADS", "1"
+        )  # no verb gains from more; without memory for them it sends SIGINT
         gc.set_threshold(GARBAGE)
         atexit.register(gc.freeze)
     with interrupts.ending_process():

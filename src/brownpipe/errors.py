@@ -13,6 +13,7 @@ NO_MEMORY = (  # what libraries say, besides MemoryError, where the address spac
     "Could not find/load shared object",
     "can't start new thread",
     "can't load unicodedata",
+    "memory allocation failed",
     "Memory allocation still failed",
     "std::bad_alloc",
     "LLVM ERROR",
@@ -94,14 +95,23 @@ def has_limited_memory() -> bool:
     return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
 
 
-def _is_short_of_memory() -> bool:
+def _is_short_of_memory(needed: int = SHORT_OF_MEMORY) -> bool:
     """Whether a limit of address space is nearly reached: what libraries say then need not be about memory."""
     try:
         if has_limited_memory():
-            mmap.mmap(-1, SHORT_OF_MEMORY).close()
+            mmap.mmap(-1, needed).close()
     except (OSError, MemoryError):
         return True
     return False
+
+
+def refuse_lack_of_memory(size: int) -> None:
+    """Raise MemoryError if there is no address space for `size` bytes and some more.
+
+    Called before HDF5 is: where it finds no memory it may crash, or call an intact file damaged.
+    """
+    if _is_short_of_memory(SHORT_OF_MEMORY + size):
+        raise MemoryError
 
 
 def leave_time_for_a_last_line() -> None:

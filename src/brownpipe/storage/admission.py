@@ -15,7 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from brownpipe.errors import BrownpipeError, StorageError, WrongFileError
+from brownpipe.errors import BrownpipeError, StorageError, WrongFileError, ran_out_of_memory, refuse_lack_of_memory
 
 DEEPEST = 10  # levels of groups; a trajectory file has 4
 MOST_EXPANSION = 1100  # of gzip: 1032, at most
@@ -122,6 +122,7 @@ class Contents:
 @contextmanager
 def opened(image: bytes) -> Iterator[Contents]:
     """Open the bytes of an HDF5 file. Whatever cannot be decoded or understood raises StorageError."""
+    refuse_lack_of_memory(2 * len(image))
     with understood(), h5py.File.in_memory(image) as file:
         yield Contents(file, len(image))
 
@@ -136,6 +137,8 @@ def understood() -> Iterator[None]:
     except MemoryError:
         raise WrongFileError("does not fit into memory") from None
     except MALFORMED as error:
+        if ran_out_of_memory(error):
+            raise MemoryError from error
         cause = " ".join(str(error).split())[:100]
         raise StorageError(f"is sealed, but not laid out as by brownpipe ({type(error).__name__}: {cause})") from error
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
+from brownpipe.errors import refuse_lack_of_memory
 from brownpipe.storage.admission import Contents, Items, opened
 
 CHUNK_BYTES = 2**18
@@ -69,7 +70,9 @@ def to_bytes(nodes: Mapping[str, Node | Link], compress: bool = True, track_orde
     """Return the bytes of an HDF5 file with these nodes. Equal nodes give equal bytes: no time stamps are stored.
 
     With `track_order`, readers find nodes and attributes in the order given here, otherwise in that of their names.
+    Raises MemoryError if the address space is limited to too little for another copy of all values.
     """
+    refuse_lack_of_memory(sum(np.asarray(node.value).nbytes for node in nodes.values() if isinstance(node, Node)))
     with h5py.File.in_memory(block_size=2**20, track_order=track_order) as file:
         for path, node in nodes.items():
             _create(file, path, node, compress, track_order)
