@@ -152,7 +152,8 @@ def other_type(file, name, random):
     elif kind == "table":
         values = np.zeros(values.shape, [("a", "f8", (2,)), ("b", "S3")])
     else:
-        values = np.zeros(values.shape, kind) if values.dtype.kind in "OS" else values.astype(kind)
+        with np.errstate(all="ignore"):
+            values = np.zeros(values.shape, kind) if values.dtype.kind in "OS" else values.astype(kind)
     _replace(file, name, data=values)
 
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import weakref
 from pathlib import Path
@@ -14,6 +15,8 @@ from pathlib import Path
 import pytest
 
 from brownpipe import interrupts
+from brownpipe.cli import main
+from brownpipe.errors import WRONG_REQUEST
 from brownpipe.storage.files import read_sealed
 
 SLACK = 15.0  # s for a busy machine to end a process or to start one
@@ -68,6 +71,15 @@ def test_an_exception_that_python_would_ignore_is_raised_again(lose):
         lost()
     assert done == ["continued"]
     assert (signal.getsignal(signal.SIGINT), sys.unraisablehook) == usual
+
+
+def test_without_memory_for_a_thread_the_verb_says_so(monkeypatch, capsys):
+    def no_memory(_):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", no_memory)
+    assert main(["inspect", "absent.h5"]) == WRONG_REQUEST
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_ctrl_c_in_llvmlite_is_heeded_afterwards():

@@ -129,7 +129,8 @@ def ending_process() -> Iterator[None]:
         with heeded():
             _heeding[0].ends_process = True
             waker = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-            threading.Thread(target=_watch, args=(_heeding[0], reading, ended), daemon=True).start()
+            with suppress(RuntimeError):  # there is no memory for a thread, and soon a message about that
+                threading.Thread(target=_watch, args=(_heeding[0], reading, ended), daemon=True).start()
             yield
     finally:
         ended.set()
