@@ -21,9 +21,11 @@ from brownpipe import interrupts
 from brownpipe.completion import bash_script
 from brownpipe.errors import (
     FAILED,
+    LEAST_MEMORY,
     WRONG_REQUEST,
     BrownpipeError,
     has_limited_memory,
+    has_too_little_memory,
     leave_time_for_a_last_line,
     limits,
     ran_out_of_memory,
@@ -60,6 +62,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def _status(argv: list[str]) -> int:
     """Run one verb; return the exit status, after one line on stderr for an error."""
+    if has_too_little_memory():
+        return say(f"out of memory{limits()}; must be at least {LEAST_MEMORY // 2**20} MB", FAILED)
     try:
         signal.signal(signal.SIGXCPU, _stop_at_limit)
         leave_time_for_a_last_line()

@@ -20,6 +20,7 @@ NO_MEMORY = (  # what libraries say, besides MemoryError, where the address spac
 )
 LAST_SECONDS = 2  # of CPU time; longer than a call of a kernel
 SHORT_OF_MEMORY = 32_000_000  # bytes of address space
+LEAST_MEMORY = 512 * 2**20  # bytes of address space; with less some libraries crash, or never return (OpenBLAS)
 LIMITS = {  # of a process: what is limited, its unit, how many of the system's units that is, and the command
     resource.RLIMIT_AS: ("address space", "MB", 2**20, "ulimit -v"),
     resource.RLIMIT_CPU: ("CPU time", "s", 1, "ulimit -t"),
@@ -93,6 +94,11 @@ def ran_out_of_memory(error: BaseException) -> bool:
 def has_limited_memory() -> bool:
     """Whether the address space of this process is limited."""
     return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+
+
+def has_too_little_memory() -> bool:
+    """Whether the address space of this process is limited to less than the libraries need to be loaded."""
+    return has_limited_memory() and resource.getrlimit(resource.RLIMIT_AS)[0] < LEAST_MEMORY
 
 
 def _is_short_of_memory(needed: int = SHORT_OF_MEMORY) -> bool:
