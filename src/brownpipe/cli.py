@@ -48,9 +48,8 @@ def main(argv: list[str] | None = None) -> int:
     if has_limited_memory():
         sys.unraisablehook = _complain
     if argv is None:
-        os.environ.setdefault(
-            "OPENBLAS_NUM_THREADS", "1"
-        )  # no verb gains from more; without memory for them it sends SIGINT
+        # No verb gains from threads of OpenBLAS; without memory for them it sends SIGINT to its own process.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         gc.set_threshold(GARBAGE)
         atexit.register(gc.freeze)
     with interrupts.ending_process():

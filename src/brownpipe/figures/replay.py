@@ -250,7 +250,7 @@ def _says(replay: Replay) -> str:
     exact = f"positions differ from the recorded ones by less than {bound:.0e} of the smallest radius"
     what = f"Disks move straight from one collision to the next, so this is the run itself at any speed: {exact}."
     box = replay.scene.box
-    if longer_than_shown(replay.scene):
+    if _is_longer_than_shown(replay.scene):
         what += f" The picture follows the tracer along the box of {box.width:g} x {box.height:g}."
     if is_whole(replay):
         return f"{what} All numbers are in the scene's reduced units."
@@ -259,7 +259,7 @@ def _says(replay: Replay) -> str:
     return f"{what} {part} All numbers are in the scene's reduced units."
 
 
-def longer_than_shown(scene: Scene) -> bool:
+def _is_longer_than_shown(scene: Scene) -> bool:
     """Whether a box is too long for all of it to be shown."""
     sides = (scene.box.width, scene.box.height)
     return max(sides) > ELONGATION * min(sides)
