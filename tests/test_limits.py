@@ -82,7 +82,7 @@ RANGES = {  # from where Python starts to where all is enough
 @LIMITED
 @pytest.mark.parametrize("verb", ["inspect", "aggregate"])
 def test_where_the_libraries_cannot_be_loaded_nothing_is_tried(verb):
-    """With 284 to 299 MB OpenBLAS never returned: it waits for memory for ever when SciPy is imported."""
+    """At three limits from 283 to 300 MB OpenBLAS never returned: it waits for memory when SciPy is imported."""
     done = limited({"RLIMIT_AS": 300 * MB}, [verb, "a.h5"])
     said = "brownpipe: out of memory (address space is limited to 300 MB by ulimit -v); must be at least 512 MB\n"
     assert (done.returncode, done.stderr) == (FAILED, said)
