@@ -244,6 +244,36 @@ def test_more_room_for_one_run_leaves_the_others_alone(monkeypatch):
     assert same == [False, True, True]
 
 
+CHANGES = {  # of one array of a checkpoint
+    "longer": lambda array: np.resize(array, (len(np.atleast_1d(array)) + 1, *array.shape[1:])),
+    "one number": lambda array: np.resize(array, ()),
+    "other numbers": lambda array: np.zeros(array.shape, "f4"),
+    "a table": lambda array: np.zeros(array.shape, [("a", "f8", (2,)), ("b", "S3")]),
+}
+
+
+@pytest.mark.parametrize("name", ["walls-everything", "periodic-mixture", "free"])
+def test_an_array_that_is_missing_or_another(name, tmp_path):
+    """Found by random changes: without the positions of the unfinished run, an error of Python.
+
+    Of the same kind: without the times of the collisions of a finished run, a result without these collisions.
+    """
+    scene, record = CASES[name]
+    kept = []
+    simulate(scene, SEEDS, record, Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays))))
+    intact = next(arrays for arrays in kept if arrays["done"] == 1 and "run.slots" in arrays)
+    for at, array in intact.items():
+        changed = {change: intact | {at: function(array)} for change, function in CHANGES.items()}
+        changed["missing"] = {other: intact[other] for other in intact if other != at}
+        for change, arrays in changed.items():
+            alike = change != "missing" and arrays[at].shape == array.shape
+            if alike and (arrays[at].dtype == array.dtype or at == "observables"):  # whose names the file decides
+                continue
+            print(at, change)
+            with pytest.raises(StorageError, match=r"delete (it|the checkpoint) to begin anew"):
+                simulate(scene, SEEDS, record, from_checkpoint(arrays))
+
+
 # -- from the command line ------------------------------------------------------------------------------------------
 
 SCENE = """

@@ -6,12 +6,14 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from brownpipe.engines.batch import Batch
 from brownpipe.engines.exact.run import RunState, never
 from brownpipe.engines.recording import SAMPLES
 from brownpipe.engines.state import Ensemble, Events, Track, blank
 from brownpipe.errors import StorageError
 
 Record = TypeVar("Record", bound=NamedTuple)
+Layout = tuple[np.dtype, tuple[int, ...]]  # type and shape of an array
 
 
 class Checkpoints(NamedTuple):
@@ -27,17 +29,18 @@ NO_CHECKPOINTS = Checkpoints(never, lambda _: None)
 
 
 def complete(
-    ensemble: Ensemble,
+    batch: Batch,
     make_run: Callable[[int, RunState | None, Callable[[], bool]], Iterable[RunState]],
     checkpoints: Checkpoints,
 ) -> None:
-    """Make all runs of an ensemble, after those in the stored checkpoint, and store checkpoints when they are due.
+    """Make all runs of a batch, after those in the stored checkpoint, and store checkpoints when they are due.
 
     `make_run(column, stored, due)` fills one column of the ensemble. It continues from the stored state of this run, if
     there is one, and yields the run's state at the end of a block when a checkpoint is due.
+    Raises StorageError if the stored checkpoint is not one of such a batch.
     """
-    finished, stored = (0, None) if checkpoints.stored is None else _unpacked(checkpoints.stored, ensemble)
-    runs = len(ensemble.seeds)
+    ensemble, runs = batch.ensemble, len(batch.ensemble.seeds)
+    finished, stored = (0, None) if checkpoints.stored is None else _unpacked(checkpoints.stored, batch)
     for column in range(finished, runs):
         for state in make_run(column, stored, checkpoints.due):
             checkpoints.store(pack(ensemble, column, state))
@@ -73,36 +76,71 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     return arrays
 
 
-def _unpacked(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunState | None]:
-    """Do the same as `unpack`; raise StorageError for arrays that are not those of `pack` for such an ensemble."""
+def _unpacked(arrays: dict[str, np.ndarray], batch: Batch) -> tuple[int, RunState | None]:
+    """Do the same as `unpack`; raise StorageError for arrays that are not those of `pack` for such a batch."""
     try:
-        finished, state = unpack(arrays, ensemble)
-        if not 0 <= finished <= len(ensemble.seeds) or (state is not None and not 0 < state.slots <= MOST_SLOTS):
-            raise ValueError("number of runs")
-        logs = [*ensemble.events.values(), *([state.events] if state is not None and state.events is not None else [])]
-        if not all(map(_is_log, logs)) or not all(_is_track(track, ensemble) for track in ensemble.whole.values()):
-            raise ValueError("shapes")
-    except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
-        wrong = "the checkpoint does not fit the scene and the seeds"
-        raise StorageError(f"{wrong} ({type(error).__name__}); delete it to begin anew") from error
+        batch.stopped.update(_stopped_in(arrays))
+        expected = _expected(arrays, batch)
+        wrong = [name for name in arrays.keys() | expected if _layout(arrays.get(name)) != expected.get(name)]
+        finished, state = (0, None) if wrong else unpack(arrays, batch.ensemble)
+        if state is not None and not 0 < state.slots <= MOST_SLOTS:
+            wrong = ["run.slots"]
+    except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
+        wrong = [type(error).__name__]
+    if wrong:
+        unfit = f"the checkpoint does not fit the scene and the seeds ({min(wrong)})"
+        raise StorageError(f"{unfit}; delete it to begin anew")
     return finished, state
 
 
-def _is_log(events: Events) -> bool:
-    """Whether the arrays of collisions have the types and shapes of `state.Events`."""
-    if any(values is None or values.ndim == 0 for values in events):
-        return False
-    count = len(events.time)
-    shapes = [(values.shape, values.dtype) for values in events]
-    disks, numbers = np.dtype(np.int32), np.dtype(float)
-    return shapes == [((count,), numbers), ((count,), disks), ((count,), disks), ((count, 2), numbers)]
+def _expected(arrays: dict[str, np.ndarray], batch: Batch) -> dict[str, Layout]:
+    """Return the layout of each array that `pack` has for such a batch.
+
+    The arrays themselves say how many runs are finished, which of them stopped, what observables they have, how many
+    collisions there were and whether a run is unfinished; the arrays of its state are for `run.evolve` to compare.
+    Raises KeyError for a missing array, and IndexError, TypeError or ValueError for one that says nothing of the kind.
+    """
+    ensemble, finished = batch.ensemble, arrays["done"].item()
+    if not 0 <= finished <= len(ensemble.seeds):
+        raise ValueError("number of runs")
+    expected: dict[str, Layout] = {"done": (np.dtype(int), ())}
+    if ensemble.tracer is not None:
+        tracer = _named("tracer", ensemble.tracer.of(slice(finished)))
+        expected |= {name: (values.dtype, values.shape) for name, values in tracer.items()}
+    if finished:
+        expected["observables"] = (arrays["observables"].dtype, (finished,))
+    if batch.stopped:
+        expected["stopped"] = (np.dtype(np.uint8), arrays["stopped"].shape)
+    for seed in set(ensemble.seeds[:finished].tolist()) - batch.stopped.keys():
+        expected |= _layouts_of_whole(f"whole.{seed}", batch) if "all" in batch.record else {}
+        expected |= _layouts_of_log(f"events.{seed}", arrays) if "events" in batch.record else {}
+    if "run.slots" in arrays:
+        absent = {"samples", "events"} if batch.scene.box.periodic else {"samples", "events", "image"}
+        names = [*(name for name in RunState._fields if name not in absent), *(f"samples.{name}" for name in SAMPLES)]
+        expected |= {f"run.{name}": (arrays[f"run.{name}"].dtype, arrays[f"run.{name}"].shape) for name in names}
+        expected |= {"run.equilibrating": (np.dtype(bool), ()), "run.slots": (np.dtype(int), ())}
+        if "events" in batch.record and not arrays["run.equilibrating"].item():
+            expected |= _layouts_of_log("run.events", arrays)
+    return expected
 
 
-def _is_track(track: Track, ensemble: Ensemble) -> bool:
-    """Whether the arrays of a whole run have one shape (T, N, 2)."""
-    shapes = {values.shape for values in track if values is not None}
-    (shape,) = shapes if len(shapes) == 1 else [()]
-    return len(shape) == 3 and shape[0] == len(ensemble.times) and shape[2] == 2
+def _layouts_of_whole(group: str, batch: Batch) -> dict[str, Layout]:
+    """Return the layouts of the trajectories of all disks in one run."""
+    shape = (len(batch.ensemble.times), batch.scene.particles, 2)
+    layouts = {f"{group}.{name}": (np.dtype(float), shape) for name in ("position", "velocity")}
+    return layouts | ({f"{group}.image": (np.dtype(np.int32), shape)} if batch.scene.box.periodic else {})
+
+
+def _layouts_of_log(group: str, arrays: dict[str, np.ndarray]) -> dict[str, Layout]:
+    """Return the layouts of a log of as many collisions as it has times."""
+    count = arrays[f"{group}.time"].shape[0]
+    times, disks, impulses = (np.dtype(float), (count,)), (np.dtype(np.int32), (count,)), (np.dtype(float), (count, 2))
+    return {f"{group}.time": times, f"{group}.a": disks, f"{group}.b": disks, f"{group}.impulse": impulses}
+
+
+def _layout(array: np.ndarray | None) -> Layout | None:
+    """Return the type and shape of an array; None if there is none."""
+    return None if array is None else (array.dtype, array.shape)
 
 
 def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunState | None]:
@@ -124,11 +162,13 @@ def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunS
     return finished, _run_state(arrays) if "run.progress" in arrays else None
 
 
-def stopped_in(checkpoints: Checkpoints) -> dict[int, str]:
-    """Return why runs of a stored batch could not go on, by seed."""
-    if checkpoints.stored is None or "stopped" not in checkpoints.stored:
-        return {}
-    return {int(seed): reason for seed, reason in json.loads(checkpoints.stored["stopped"].tobytes()).items()}
+def _stopped_in(arrays: dict[str, np.ndarray]) -> dict[int, str]:
+    """Return why runs of a stored batch could not go on, by seed.
+
+    Raises AttributeError, RecursionError or ValueError for other text.
+    """
+    stored = json.loads(arrays["stopped"].tobytes()) if "stopped" in arrays else {}
+    return {int(seed): str(reason) for seed, reason in stored.items()}
 
 
 def _run_state(arrays: dict[str, np.ndarray]) -> RunState:

@@ -164,7 +164,7 @@ def _to_last_sample(
 def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: list[Events]) -> RunState:
     """Return a run at the end of a block, as views of the arrays of its workspace and recorder."""
     return start._replace(
-        motion=w.disk.reshape(-1, ws.ROW)[:, ws.MOTION],
+        motion=_moving(w),
         image=w.image,
         progress=w.progress,
         count=w.count,
@@ -172,6 +172,11 @@ def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: lis
         samples={name: getattr(recorder, name)[: w.progress[ws.SAMPLE]] for name in SAMPLES},
         events=joined(logs),
     )
+
+
+def _moving(w: ws.Workspace) -> np.ndarray:
+    """Return positions and velocities (N, 4) of all disks, a view of the workspace."""
+    return w.disk.reshape(-1, ws.ROW)[:, ws.MOTION]
 
 
 def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Events]:
@@ -195,24 +200,29 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
 
 def _refuse_unfit(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> None:
     """Raise StorageError for a stored state with which the kernels, which check no index, would leave their arrays."""
-    n, grid = len(w.disk) // ws.ROW, w.grid
-    fit = state.motion.shape == state.first.shape == (n, 4)
-    for motion in (state.motion, state.first) if fit else ():
-        x, y = motion[:, 0] - grid.x, motion[:, 1] - grid.y
-        inside = (np.abs(x) <= 2 * grid.width) & (np.abs(y) <= 2 * grid.height)  # a disk may lead its box by a block
-        fit &= motion.dtype == float and bool(np.isfinite(motion).all() and inside.all())
+    rows = _moving(w)
+    fit = _alike(state.motion, rows) and _alike(state.first, rows)
+    fit = fit and _in_box(state.motion, w.grid) and _in_box(state.first, w.grid)
     if fit and state.progress is not None:
-        samples, block = state.progress[[ws.SAMPLE, ws.BLOCK]] if len(state.progress) == ws.PROGRESS else (-1, -1)
-        idle = [ws.LOGGED, ws.OVERFLOW, ws.BLOCK_BEGUN]
-        arrays = (state.progress, state.count, state.tally) + (() if w.image is None else (state.image,))
-        of_workspace = (w.progress, w.count, w.tally) + (() if w.image is None else (w.image,))
-        fit = all(_alike(one, other) for one, other in zip(arrays, of_workspace, strict=True))
-        fit &= 0 <= samples < len(recorder.block) and 0 <= block <= recorder.block[samples]
-        fit &= not state.progress[idle].any() and state.samples is not None
-        for name, rows in (state.samples or {}).items() if fit else ():
-            fit &= _alike(rows, getattr(recorder, name)[:samples])
+        names = ["progress", "count", "tally", *([] if w.image is None else ["image"])]
+        fit = all(_alike(getattr(state, name), getattr(w, name)) for name in names) and _progress_fits(state, recorder)
     if not fit:
         raise StorageError("the stored state of the run does not fit its scene; delete the checkpoint to begin anew")
+
+
+def _progress_fits(state: RunState, recorder: ws.Recorder) -> bool:
+    """Whether a run with this state is between two blocks, and has as many samples as it says."""
+    samples, block = state.progress[[ws.SAMPLE, ws.BLOCK]]
+    between = not state.progress[[ws.LOGGED, ws.OVERFLOW, ws.BLOCK_BEGUN]].any()
+    fit = between and 0 <= samples < len(recorder.block) and 0 <= block <= recorder.block[samples]
+    return fit and all(_alike(rows, getattr(recorder, name)[:samples]) for name, rows in state.samples.items())
+
+
+def _in_box(motion: np.ndarray, grid: ws.Grid) -> bool:
+    """Whether all numbers are finite and all positions within two boxes: a disk may lead its box by a block."""
+    x, y = motion[:, 0] - grid.x, motion[:, 1] - grid.y
+    inside = (np.abs(x) <= 2 * grid.width) & (np.abs(y) <= 2 * grid.height)
+    return bool(np.isfinite(motion).all() and inside.all())
 
 
 def _alike(one: np.ndarray | None, other: np.ndarray) -> bool:

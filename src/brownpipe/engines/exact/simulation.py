@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Generator, Sequence
 from brownpipe.engines.batch import add_run, making_run, new_batch
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.exact import equilibration, run
-from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, complete, stopped_in
+from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, complete
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.exact.run import RunState, beginning, evolve, prepare_scene
 from brownpipe.engines.initial_state import draw
@@ -59,6 +59,5 @@ def simulate(
             result = yield from evolve(prepared, start, scene.times, batch.needed_record, due)
             add_run(batch, column, result)
 
-    batch.stopped.update(stopped_in(checkpoints))
-    complete(batch.ensemble, make_run, checkpoints)
+    complete(batch, make_run, checkpoints)
     return batch.ensemble
