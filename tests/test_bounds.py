@@ -38,9 +38,15 @@ class Checked(np.ndarray):
 
 
 def _refuse_outside(array, index):
-    for axis, i in enumerate(index if isinstance(index, tuple) else (index,)):
-        if isinstance(i, int | np.integer) and not 0 <= i < array.shape[axis]:
-            raise IndexError(f"index {i} of axis {axis} with size {array.shape[axis]}")
+    for axis, given in enumerate(index if isinstance(index, tuple) else (index,)):
+        if isinstance(given, slice):
+            inside = (given.start or 0) >= 0 and (given.stop is None or given.stop <= array.shape[axis])
+        elif isinstance(given, int | np.integer) or (isinstance(given, np.ndarray) and given.dtype.kind in "iu"):
+            inside = np.all((given >= 0) & (given < array.shape[axis]))
+        else:  # a mask, None or ...
+            continue
+        if not inside:
+            raise IndexError(f"index {given} of axis {axis} with size {array.shape[axis]}")
 
 
 def checked(record):
@@ -122,7 +128,7 @@ def test_every_index_lies_within_its_array(engine):
 def test_an_index_outside_is_seen():
     """The instrument itself: both ends of each axis."""
     array = checked(np.zeros((3, 2)))
-    array[2, 1] = array[-3:, 0].sum()
-    for outside in (-1, 3, (0, 2), (0, -1)):
+    array[2, 1] = array[0:3, 0].sum()
+    for outside in (-1, 3, (0, 2), (0, -1), slice(1, 4), slice(-1, 2), np.array([0, 3])):
         with pytest.raises(IndexError):
             array[outside]

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from numba.core.compiler import Compiler, DefaultPassBuilder, Flags
 
-from brownpipe.engines import inlining, kernel_cache, kernels, passes
+from brownpipe.engines import indices, inlining, kernel_cache, kernels, passes
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all, one_compiler
 from brownpipe.engines.records import by_reference, local_copy
@@ -293,7 +293,8 @@ def says(number):
 
 
 def test_other_peoples_compiled_functions_work_as_ever(capfd):
-    """Ufuncs, functions that only compiled functions can call, and kernels that print."""
+    """Ufuncs, functions that only compiled functions can call, kernels that print, and indices from the end."""
+    indices.install()
 
     @numba.vectorize(["float64(float64)"])
     def twice(x):
@@ -307,8 +308,13 @@ def test_other_peoples_compiled_functions_work_as_ever(capfd):
     def outer(n):
         return inner(n) + says(n)
 
+    @numba.njit
+    def last_but(array, n):
+        return array[-1 - n]
+
     assert twice(np.arange(3.0)).tolist() == [0.0, 2.0, 4.0]
     assert outer(10) == 55 + 11
+    assert last_but(np.arange(5.0), 1) == 3.0
     assert capfd.readouterr().out == "kernel 10\n"
 
 

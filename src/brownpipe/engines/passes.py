@@ -11,6 +11,8 @@ With versions of Numba that `inlining` was not tested with, all passes are run.
 from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import PassManager
 
+from brownpipe.engines import indices
+
 LEFT_OUT = {
     "DumpParforDiagnostics",
     "FindLiterallyCalls",
@@ -29,7 +31,8 @@ class KernelCompiler(Compiler):
     """Numba's compiler without the passes of LEFT_OUT."""
 
     def define_pipelines(self) -> list[PassManager]:
-        """Return the passes, in a list of one."""
+        """Return the passes, in a list of one. Called for every function before it is compiled."""
+        indices.install()
         (usual,) = super().define_pipelines()
         needed = PassManager(usual.pipeline_name)
         needed.passes = [(kind, about) for kind, about in usual.passes if kind.__name__ not in LEFT_OUT]
