@@ -130,7 +130,7 @@ def soil(w):
         w.lists.centre[:], w.lists.neighbour[:] = random.random(2 * len(disk)), 3
     for array in (w.link, w.cell, w.bucket, w.current_disk, w.candidate, w.progress, w.count):
         array[:] = random.integers(0, len(disk), array.shape)
-    for array in (w.current_time, w.quadratic, w.tally):
+    for array in (w.current_time, w.tally):
         array[:] = random.random(array.shape)
     if w.image is not None:
         w.image[:] = 7

@@ -12,6 +12,8 @@ equations and measures the difference between their printed form and this one.
 
 import math
 
+import numpy as np
+
 from brownpipe.engines.kernels import kernel
 
 # At contact x*x + y*y is sigma^2 except for its last bits. Floating-point numbers lie twice as far apart just above a
@@ -46,7 +48,7 @@ def delay(b: float, c: float, d: float) -> float:
     A pair that overlaps by round-off (c < 0, of order 1e-16 sigma^2) collides now; eq. (1) taken literally would give a
     negative time, and the disks would pass through each other.
     """
-    return max(c, 0.0) / (math.sqrt(d) - b)
+    return np.maximum(c, 0.0) / (np.sqrt(d) - b)
 
 
 @kernel

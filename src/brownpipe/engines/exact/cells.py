@@ -17,6 +17,7 @@ import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.disks import position
+from brownpipe.engines.fours import copy_four
 from brownpipe.engines.kernels import kernel, prefetch
 
 # -- which cell -----------------------------------------------------------------------------------------------------
@@ -175,14 +176,14 @@ def leave(big: ws.BigDisks | None, w: ws.Workspace, i: int) -> None:
 
 
 @kernel
-def three_cells(middle: int, step: int) -> range:
-    """Return the range of a cell, the one a step before it and the one a step after it."""
-    return range(middle - step, middle + 2 * step, step)
+def three_cells(middle: int, step: int) -> tuple[int, int, int]:
+    """Return a cell between the cells one step before and one step after it."""
+    return middle - step, middle, middle + step
 
 
 @kernel
-def rows_around(w: ws.Workspace, cell: int) -> range:
-    """Return the range of the middle cells of the three rows around a cell."""
+def rows_around(w: ws.Workspace, cell: int) -> tuple[int, int, int]:
+    """Return the middle cells of the three rows around a cell."""
     return three_cells(cell, w.grid.columns + 2)
 
 
@@ -205,16 +206,14 @@ def steps(w: ws.Workspace, event: int) -> tuple[int, int]:
 def gather_three(w: ws.Workspace, middle: int, step: int, m: int) -> int:
     """Append the disks of three cells to the m candidates; return their new number.
 
-    The first three entries of a cell are always copied, valid or not: most cells have fewer disks, and a loop over the
-    actual number would mispredict its end.
+    Of each cell the first four entries are copied at once, valid or not. Few cells have more disks.
     """
     for cell in three_cells(middle, step):
-        first = cell * w.grid.slots
-        n = w.cell[first]
-        for j in range(3):
-            w.candidate[m + j] = w.cell[first + 1 + j]
-        for j in range(3, n):
-            w.candidate[m + j] = w.cell[first + 1 + j]
+        first = cell * w.grid.slots + 1
+        n = w.cell[first - 1]
+        copy_four(w.candidate, m, w.cell, first)
+        for j in range(4, n):
+            w.candidate[m + j] = w.cell[first + j]
         m += n
     return m
 

@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from brownpipe.engines.batch import Batch
+from brownpipe.engines.exact.layout import LEAST_SLOTS
 from brownpipe.engines.exact.run import RunState, never
 from brownpipe.engines.recording import SAMPLES
 from brownpipe.engines.state import Ensemble, Events, Track, blank
@@ -83,7 +84,7 @@ def _unpacked(arrays: dict[str, np.ndarray], batch: Batch) -> tuple[int, RunStat
         expected = _expected(arrays, batch)
         wrong = [name for name in arrays.keys() | expected if _layout(arrays.get(name)) != expected.get(name)]
         finished, state = (0, None) if wrong else unpack(arrays, batch.ensemble)
-        if state is not None and not 0 < state.slots <= MOST_SLOTS:
+        if state is not None and not LEAST_SLOTS <= state.slots <= MOST_SLOTS:
             wrong = ["run.slots"]
     except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
         wrong = [type(error).__name__]

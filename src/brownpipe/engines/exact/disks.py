@@ -7,6 +7,7 @@ import numpy as np
 
 from brownpipe.engines.collisions import shares
 from brownpipe.engines.exact import workspace as ws
+from brownpipe.engines.fours import four, four_columns
 from brownpipe.engines.kernels import kernel
 
 
@@ -57,8 +58,8 @@ def shifted(shift: np.ndarray | None, candidate: int, x: float, y: float) -> tup
     """Return the position of the candidate whose disk is at (x, y): periodic images are displaced by a box."""
     if shift is None:
         return x, y
-    image = candidate >> ws.DISK_BITS
-    return x + shift[image, 0], y + shift[image, 1]
+    a = ws.SHIFT_ROW * (candidate >> ws.DISK_BITS)
+    return x + shift[a], y + shift[a + 1]
 
 
 @kernel
@@ -86,3 +87,34 @@ def move(w: ws.Workspace, i: int, now: float) -> None:
     a = ws.ROW * i
     w.disk[a + ws.X], w.disk[a + ws.Y] = position(w, i, now)
     w.disk[a + ws.TIME] = now
+
+
+# -- four disks at a time, see `engines.fours` ------------------------------------------------------------------------
+
+
+@kernel
+def four_disks(w: ws.Workspace, k: np.ndarray, now: float) -> tuple[np.ndarray, ...]:
+    """Return position at the time now, velocity, time of the next pair collision and radius of four disks."""
+    x, y, vx, vy = four_columns(w.disk, ws.ROW * k)
+    time, pair_time, _, radius = four_columns(w.disk, ws.ROW * k + ws.TIME)
+    dt = now - time
+    return x + vx * dt, y + vy * dt, vx, vy, pair_time, radius
+
+
+@kernel
+def four_contact_distances(mass: np.ndarray | None, w: ws.Workspace, i: int, radius: np.ndarray) -> np.ndarray:
+    """Return sigma of disk i and four others, as of `contact_distance`."""
+    if mass is None:
+        return four(w.grid.sigma)
+    return w.disk[ws.ROW * i + ws.RADIUS] + radius
+
+
+@kernel
+def four_shifted(
+    shift: np.ndarray | None, candidate: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions of four candidates, as of `shifted`."""
+    if shift is None:
+        return x, y
+    across, up, _, _ = four_columns(shift, (candidate >> ws.DISK_BITS) * ws.SHIFT_ROW)
+    return x + across, y + up

@@ -18,9 +18,20 @@ from brownpipe.engines.collisions import delay, encounter, exchange, meets, wall
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.audit import audit_place
-from brownpipe.engines.exact.disks import apply_impulse, contact_distance, mass_of, move, radius_of, relative_motion
+from brownpipe.engines.exact.disks import (
+    apply_impulse,
+    four_contact_distances,
+    four_disks,
+    four_shifted,
+    mass_of,
+    move,
+    position,
+    radius_of,
+    relative_motion,
+)
 from brownpipe.engines.exact.prefetch import prefetch_upcoming
 from brownpipe.engines.exact.sampling import take_sample
+from brownpipe.engines.fours import any_of, four, four_entries, four_from, least, where
 from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import local_copy
 
@@ -31,34 +42,36 @@ from brownpipe.engines.records import local_copy
 def earliest(w: ws.Workspace, i: int, now: float, candidates: np.ndarray, first: int, m: int) -> None:
     """Store the earliest collision of disk i with m candidates as its pair event, if earlier than the one it has.
 
-    The candidates are candidates[first : first + m]. `w.candidate`, which may be the same array, is overwritten.
-
-    The first of two passes, free of branches, keeps the candidates on a course to touch; the second takes the square
-    roots. Skip a partner whose own next collision is earlier: it will be re-predicted then and will find disk i.
+    The candidates are candidates[first : first + m]. Four at a time are considered, in place of the last ones perhaps
+    disk i itself, which it never meets. Each of the `best` is the earliest of every fourth candidate, `chosen` its
+    index. Skip a partner whose own next collision is earlier: it will be re-predicted then and will find disk i.
     """
-    disk, quadratic = w.disk, w.quadratic
-    n = 0
-    for j in range(m):
-        candidate = candidates[first + j]
+    disk, a = w.disk, ws.ROW * i
+    x_i, y_i = position(w, i, now)
+    vx_i, vy_i, pair_time = disk[a + ws.VX], disk[a + ws.VY], disk[a + ws.PAIR_TIME]
+    best, chosen, index = four(pair_time), four(first), four_from(first)
+    nearest = w.tally[ws.NEAREST]
+    for j in range(first, first + m, 4):
+        candidate = four_entries(candidates, j, first + m, i)
         k = candidate & ws.DISK_MASK
-        x, y, u, v = relative_motion(w, i, candidate, now)
-        sigma = contact_distance(w.mass, w, i, k)
-        b, c, d = encounter(x, y, u, v, sigma)
-        w.candidate[n] = candidate
-        quadratic[3 * n], quadratic[3 * n + 1], quadratic[3 * n + 2] = b, c, d
-        n += meets(b, d)
-        if (c < w.tally[ws.NEAREST] * (sigma * sigma)) & (k != i):
-            w.tally[ws.NEAREST] = c / (sigma * sigma)
-    best, partner = disk[ws.ROW * i + ws.PAIR_TIME], w.candidate[0]
-    for j in range(n):
-        time = now + delay(quadratic[3 * j], quadratic[3 * j + 1], quadratic[3 * j + 2])
-        sooner = (time < best) & (time <= disk[ws.ROW * (w.candidate[j] & ws.DISK_MASK) + ws.PAIR_TIME])
-        best = time if sooner else best
-        partner = w.candidate[j] if sooner else partner
-    if best < disk[ws.ROW * i + ws.PAIR_TIME]:
-        disk[ws.ROW * i + ws.PAIR_TIME] = best
-        w.link[ws.ROW * i + ws.PARTNER] = partner
-        w.link[ws.ROW * i + ws.PARTNER_CHANGES] = disk[ws.ROW * (partner & ws.DISK_MASK) + ws.CHANGES]
+        x_k, y_k, vx_k, vy_k, pair_time_k, radius_k = four_disks(w, k, now)
+        x, y = four_shifted(w.shift, candidate, x_k - x_i, y_k - y_i)
+        sigma = four_contact_distances(w.mass, w, i, radius_k)
+        b, c, d = encounter(x, y, vx_k - vx_i, vy_k - vy_i, sigma)
+        time = now + delay(b, c, d)
+        sooner = meets(b, d) & (time < best) & (time <= pair_time_k)
+        best, chosen = where(sooner, time, best), where(sooner, index, chosen)
+        index = index + 4.0
+        closer = (c < nearest * (sigma * sigma)) & (k != i)
+        if any_of(closer):
+            nearest = least(where(closer, c / (sigma * sigma), four(nearest)))
+            w.tally[ws.NEAREST] = nearest
+    time = least(best)
+    if time < pair_time:
+        partner = candidates[int(least(where(best <= time, chosen, four(math.inf))))]  # of several, the first
+        disk[a + ws.PAIR_TIME] = time
+        w.link[a + ws.PARTNER] = partner
+        w.link[a + ws.PARTNER_CHANGES] = disk[ws.ROW * (partner & ws.DISK_MASK) + ws.CHANGES]
 
 
 @kernel

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from brownpipe import theory
+from brownpipe.engines import fours
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.calendar import BUCKET_WORDS
 from brownpipe.engines.units import PATH_PER_BLOCK, Frame, common_radius, power_of_two, thermal_speed
@@ -16,7 +17,7 @@ LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than 
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
 FITS_CACHE = 20_000  # disks; with more, prefetching upcoming events and a shorter ring of buckets are faster
 MOST_DEFERRED = 64  # deferred insertions at most: more than the events of a bucket schedule
-MOST_SLOTS = 64  # of a cell, at the first try
+LEAST_SLOTS, MOST_SLOTS = 8, 64  # of a cell, at the first try; four disks are copied at once
 CACHE_LINE = 64  # bytes
 
 
@@ -41,7 +42,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     grid = grid._replace(slots=slots or _slots(scene, radius, common, grid))
     calendar = _calendar(scene, thermal_speed(scene) * frame.time / frame.length, common, grid, half)
     candidates = 9 * grid.slots + 8 if big is None else grid.slots * (len(big.reach) + 9) + 9 * big.number + 8
-    shift = np.array([(a, u) for u in (0, 1, -1) for a in (0, 1, -1)]) * (grid.width, grid.height)
+    shift = np.array([(a * grid.width, u * grid.height, 0.0, 0.0) for u in (0, 1, -1) for a in (0, 1, -1)]).ravel()
     current = n + n // 8 + 16  # one event of every disk, and some outdated ones before they must be removed
     disk, link = aligned(ws.ROW * n, np.float64), aligned(ws.ROW * n, np.uint32)
     disk[ws.RADIUS :: ws.ROW] = radius
@@ -64,7 +65,6 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         if n >= FITS_CACHE
         else None,
         candidate=np.zeros(candidates, np.uint32),
-        quadratic=np.zeros(3 * candidates),
         progress=np.zeros(ws.PROGRESS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
         tally=np.zeros(ws.TALLY),
@@ -98,7 +98,7 @@ def _slots(scene: Scene, radius: np.ndarray, common: float, grid: ws.Grid) -> in
     most = 1.5 * (1.6 * common / smallest) ** 2
     reached = (grid.cell_width + 2 * smallest) * (grid.cell_height + 2 * smallest)
     most = max(most, _smallest_disks_on(scene, smallest, reached)) + 2.0
-    return int(min(max(8, 4 * math.ceil(most / 4)), MOST_SLOTS))
+    return int(min(max(LEAST_SLOTS, 4 * math.ceil(most / 4)), MOST_SLOTS))
 
 
 def _smallest_disks_on(scene: Scene, smallest: float, area: float) -> float:
@@ -154,7 +154,7 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
 def _empty_lists(half: float, wide: bool | None, n: int) -> ws.NeighbourLists:
     """Return empty neighbour lists of n disks."""
     words = ws.WIDE_LIST_WORDS if wide else ws.LIST_WORDS
-    return ws.NeighbourLists(half, wide, np.zeros(2 * n), aligned(words * n, np.uint32))
+    return ws.NeighbourLists(half, wide, np.zeros(2 * n), aligned(words * n + fours.SIZE, np.uint32))
 
 
 def _big_disks(grid: ws.Grid, radius: np.ndarray, common: float, periodic: bool) -> ws.BigDisks | None:

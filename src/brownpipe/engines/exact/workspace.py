@@ -41,6 +41,7 @@ PAIR, LEFT, RIGHT, DOWN, UP, WALL = 0, 1, 2, 3, 4, 4
 # A candidate for a collision is a disk or a periodic image of it: disk + (image << DISK_BITS); image 0 is the disk.
 DISK_BITS = 28
 DISK_MASK = (1 << DISK_BITS) - 1
+SHIFT_ROW = 4  # the displacement of image n begins at shift[SHIFT_ROW * n]
 # Words of a neighbour list, the first of which is the number of neighbours: one or two cache lines.
 LIST_WORDS, WIDE_LIST_WORDS = 16, 32
 # `tally`: time within the block, smallest (r^2 - sigma^2)/sigma^2 of any pair, largest distance of a disk outside its
@@ -102,7 +103,7 @@ class NeighbourLists(NamedTuple):
     half: float  # half the side of a square
     wide: bool | None  # True: a list has WIDE_LIST_WORDS; None: LIST_WORDS
     centre: np.ndarray  # (2 N,) float64, of each disk's square
-    neighbour: np.ndarray  # (words of a list * N,) uint32: the number of neighbours, and the neighbours (candidates)
+    neighbour: np.ndarray  # (words of a list * N + 4,) uint32: the number of neighbours, and these (candidates)
 
 
 @by_reference
@@ -125,7 +126,7 @@ class Workspace(NamedTuple):
     mass: np.ndarray | None  # (N,) float64; None: all disks have mass 1 and the same radius
     cell: np.ndarray  # (cells * slots,) uint32
     image: np.ndarray | None  # (2 N,) int32, how often each disk has left a periodic box to the right and upwards
-    shift: np.ndarray | None  # (9, 2) float64, displacement of each periodic image; None: walls
+    shift: np.ndarray | None  # (36,) float64, displacement (x, y, 0, 0) of each periodic image; None: walls
     big: BigDisks | None
     lists: NeighbourLists | None
     bucket: np.ndarray  # (16 * buckets,) uint32
@@ -133,7 +134,6 @@ class Workspace(NamedTuple):
     current_disk: np.ndarray  # (n,) uint32
     deferred: Deferred | None  # None: few disks, whose buckets are in the cache
     candidate: np.ndarray  # (m,) uint32, scratch: disks that disk i may touch
-    quadratic: np.ndarray  # (3 m,) float64, scratch: (b, c, d) of `collisions.encounter` for each candidate
     progress: np.ndarray  # (PROGRESS,) int64
     count: np.ndarray  # type: ignore[assignment]  # (COUNTS,) int64; hides tuple.count
     tally: np.ndarray  # (TALLY,) float64
