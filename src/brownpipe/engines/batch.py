@@ -128,6 +128,8 @@ def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float |
 
 def _without_infinity(value: np.ndarray | float | np.uint8) -> np.ndarray | float | np.uint8:
     """Return an observable with NaN where it overflows in the scene's units."""
+    if isinstance(value, float | int):
+        return math.nan if math.isinf(value) else value
     return np.where(np.isinf(value), np.nan, value)[()] if np.isinf(value).any() else value
 
 

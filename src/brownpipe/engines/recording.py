@@ -57,10 +57,11 @@ def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, wall_imp
 
     `wall_impulses` (4,) are the total impulses >= 0 given by the walls left, right, bottom and top.
     """
-    before, after = (float(np.sum(mass * np.sum(v * v, axis=1))) for v in (first, last))
-    left, right, bottom, top = wall_impulses
-    missing = np.sum(mass[:, None] * (last - first), axis=0) - (left - right, bottom - top)
-    scale = float(np.sum(mass * np.sqrt(np.sum(first * first, axis=1)))) + left + right + bottom + top
+    square, square_after = (v[:, 0] * v[:, 0] + v[:, 1] * v[:, 1] for v in (first, last))
+    before, after = float((mass * square).sum()), float((mass * square_after).sum())
+    left, right, bottom, top = wall_impulses.tolist()
+    missing = (mass[:, None] * (last - first)).sum(axis=0) - (left - right, bottom - top)
+    scale = float((mass * np.sqrt(square)).sum()) + left + right + bottom + top
     return Conservation(
         twice_energy=before,
         energy_drift=(after - before) / before if before > 0 else 0.0,
@@ -95,28 +96,42 @@ def report(
         "worst_overlap": worst_overlap,
         "momentum_residual": conserved.momentum_residual,
         "failed": np.uint8(not sound),
-        "kinetic_energy": float(represented(0.5 * conserved.twice_energy, frame.mass, speed, speed)),
-        "virial": float(represented(float(impulses[0]), frame.mass, speed, frame.length)),
+        "kinetic_energy": represented(0.5 * conserved.twice_energy, frame.mass, speed, speed),
+        "virial": represented(float(impulses[0]), frame.mass, speed, frame.length),
         **(further or {}),
     }
     if not scene.box.periodic:
-        values["wall_impulse"] = float(represented(float(impulses[1:].sum()), frame.mass, speed))
+        values["wall_impulse"] = represented(float(impulses[1:].sum()), frame.mass, speed)
     return values
 
 
-def represented(value: ArrayLike, *units: float) -> Any:
-    """Return value * product(units), rounded once; NaN where the result overflows or underflows (0 stays 0).
+def represented(value: float, *units: float) -> float:
+    """Return value * product(units), rounded once; NaN if the result overflows or underflows (0 stays 0).
 
     Intermediate products may be beyond the range of floating-point numbers.
     """
-    mantissa, exponent = np.frexp(value)
+    mantissa, exponent = math.frexp(value)
+    for unit in units:
+        part, power = math.frexp(unit)
+        mantissa, exponent = mantissa * part, exponent + power
+    try:
+        product = math.ldexp(mantissa, exponent)
+    except OverflowError:
+        return math.nan
+    lost = not math.isfinite(product) or (abs(product) < SMALLEST_NORMAL and value != 0.0)
+    return math.nan if lost else product
+
+
+def each_represented(values: np.ndarray, *units: float) -> np.ndarray:
+    """Return `represented` of each number of an array."""
+    mantissa, exponent = np.frexp(values)
     for unit in units:
         part, power = math.frexp(unit)
         mantissa, exponent = mantissa * part, exponent + power
     with np.errstate(over="ignore", under="ignore"):
         product = np.ldexp(mantissa, exponent)
-    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST_NORMAL) & (np.asarray(value) != 0.0))
-    return np.where(lost, np.nan, product)[()]
+    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST_NORMAL) & (values != 0.0))
+    return np.where(lost, np.nan, product)
 
 
 def images_fit(scene: Scene, frame: Frame, crossings: int, path: float) -> bool:

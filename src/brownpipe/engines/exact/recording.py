@@ -6,7 +6,7 @@ from collections.abc import Collection
 import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.recording import all_finite, conservation, images_fit, report, represented, sample_arrays
+from brownpipe.engines.recording import all_finite, conservation, each_represented, images_fit, report, sample_arrays
 from brownpipe.engines.state import HEALTH_BOUND, Events
 from brownpipe.engines.units import Frame
 from brownpipe.errors import RequestError
@@ -46,7 +46,7 @@ def logged(recorder: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
     time = (recorder.log_block[:n] * w.calendar.block + recorder.log_time[:n]) * frame.time
     pair = recorder.log_pair[:n]
     disks = np.where(pair >= 0, frame.order[np.maximum(pair, 0)], pair).astype(np.int32)  # < 0: a wall
-    impulse = represented(recorder.log_impulse[:n], frame.mass, frame.length / frame.time)
+    impulse = each_represented(recorder.log_impulse[:n], frame.mass, frame.length / frame.time)
     return Events(time, disks[:, 0], disks[:, 1], impulse)
 
 
@@ -63,11 +63,11 @@ def report_of(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) ->
     that are not finite. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
     disks = w.disk.reshape(-1, ws.ROW)
-    mass, last = np.ones(len(disks)), disks[:, ws.VX : ws.VX + 2]
-    if w.mass is not None:
-        moving = np.isfinite(w.mass)
-        mass, first, last = w.mass[moving], first[moving], last[moving]
-    pinned = len(mass) < len(disks)
+    mass, last = np.ones(len(disks)) if w.mass is None else w.mass, disks[:, ws.VX : ws.VX + 2]
+    moving = np.isfinite(mass)
+    pinned = not moving.all()
+    if pinned:
+        mass, first, last = mass[moving], first[moving], last[moving]
     conserved = conservation(mass, first, last, w.tally[ws.WALL_IMPULSE :])
     overlap = _worst_overlap(w)
     residual = 0.0 if pinned else conserved.momentum_residual

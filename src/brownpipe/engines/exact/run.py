@@ -184,7 +184,8 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
 
     Cells, event queue and neighbour lists are left alone, as the next block builds them anew.
     """
-    _refuse_unfit(state, w, recorder)
+    if state.progress is not None:
+        _refuse_unfit(state, w, recorder)
     begin(w, state.motion)
     if state.progress is None:
         return []
@@ -203,10 +204,9 @@ def _refuse_unfit(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> No
     rows = _moving(w)
     fit = _alike(state.motion, rows) and _alike(state.first, rows)
     fit = fit and _in_box(state.motion, w.grid) and _in_box(state.first, w.grid)
-    if fit and state.progress is not None:
-        names = ["progress", "count", "tally", *([] if w.image is None else ["image"])]
-        fit = all(_alike(getattr(state, name), getattr(w, name)) for name in names) and _progress_fits(state, recorder)
-    if not fit:
+    names = ["progress", "count", "tally", *([] if w.image is None else ["image"])]
+    fit = fit and all(_alike(getattr(state, name), getattr(w, name)) for name in names)
+    if not (fit and _progress_fits(state, recorder)):
         raise StorageError("the stored state of the run does not fit its scene; delete the checkpoint to begin anew")
 
 
