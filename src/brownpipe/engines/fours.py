@@ -51,6 +51,12 @@ def copy_four(target: np.ndarray, at: int, source: np.ndarray, first: int) -> No
     target[at : at + SIZE] = source[first : first + SIZE]
 
 
+def replace_in_four(array: np.ndarray, first: int, old: int, new: int) -> None:
+    """Replace a value by another one in four entries of a uint32 array, from `first` on."""
+    entries = array[first : first + SIZE]
+    entries[entries == old] = new
+
+
 def where(condition: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the numbers of one four where a condition holds, elsewhere those of the other; both of floats."""
     return np.where(condition, one, other)
@@ -207,6 +213,14 @@ def _four_columns(builder: ir.IRBuilder, array: ir.Value, index: ir.Value) -> li
 def _copy_four(builder: ir.IRBuilder, target: ir.Value, at: ir.Value, source: ir.Value, first: ir.Value) -> None:
     values = builder.load(_vector_at(builder, source, first), align=4)
     builder.store(values, _vector_at(builder, target, at), align=4)
+
+
+@_instructions(replace_in_four, signature(types.void, WORDS, types.int64, types.uint32, types.uint32))
+def _replace_in_four(builder: ir.IRBuilder, array: ir.Value, first: ir.Value, old: ir.Value, new: ir.Value) -> None:
+    address = _vector_at(builder, array, first)
+    values = builder.load(address, align=4)
+    is_old = builder.icmp_unsigned("==", values, _spread(builder, old))
+    builder.store(builder.select(is_old, _spread(builder, new), values), address, align=4)
 
 
 @_instructions(any_of, signature(types.boolean, TRUTHS))

@@ -16,6 +16,7 @@ import numpy as np
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.disks import contact_distance, position, shifted
+from brownpipe.engines.fours import replace_in_four
 from brownpipe.engines.kernels import kernel, prefetch
 
 
@@ -56,13 +57,15 @@ def add(lists: ws.NeighbourLists, w: ws.Workspace, i: int, candidate: int) -> No
 
 @kernel
 def remove(lists: ws.NeighbourLists, i: int, candidate: int) -> None:
-    """Remove a candidate from the list of disk i; the last one of the list takes its place."""
+    """Remove a candidate from the list of disk i; the last one of the list takes its place.
+
+    The first four entries include the number of neighbours, which is written last.
+    """
     first = words(lists.wide) * i
     n = lists.neighbour[first]
     last = lists.neighbour[first + n]
-    for j in range(first + 1, first + n):
-        if lists.neighbour[j] == candidate:
-            lists.neighbour[j] = last
+    for j in range(first, first + n, 4):
+        replace_in_four(lists.neighbour, j, candidate, last)
     lists.neighbour[first] = n - 1
 
 
