@@ -1,9 +1,10 @@
-"""Snakemake in processes forked from one that has imported it.
+"""Snakemake, and the commands of its rules, in processes forked from one that has imported what they take.
 
-The imports take most of the CPU time of a dry run. Beyond them a forked process shares nothing with another one: it has
-a folder, an environment, a module search path and arguments of its own, imports brownpipe itself, and begins and ends
-as `python -m snakemake` does. What Python reads only when it starts (PYTHONHASHSEED, TZ, the locale) is that of the
-tests; a process in which it is to be another one has to be started by `subprocess`.
+The imports take most of the CPU time of a dry run and of a short command. Beyond them a forked process shares nothing
+with another one: it has a folder, an environment, a module search path and arguments of its own, imports brownpipe
+itself, and begins and ends as `python -m snakemake` or `python -m brownpipe` does. What Python reads only when it
+starts (PYTHONHASHSEED, TZ, the locale) is that of the tests; a process in which it is to be another one has to be
+started by `subprocess`.
 """
 
 import atexit
@@ -12,18 +13,34 @@ import importlib
 import json
 import os
 import runpy
+import select
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
+import threading
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
+
+from asking import ask
 
 IMPORTED = (
     *("snakemake.cli", "snakemake.profiles", "snakemake.report.html_reporter", "snakemake.storage", "smart_open"),
     *("numpy", "pandas", "h5py", "yaml", "requests", "platformdirs", "pygments", "jinja2"),
+    *("numba", "scipy.special", "xarray", "tqdm", "matplotlib.figure", "PIL.PngImagePlugin"),
+    *("matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg"),
 )
 LONGEST = 300  # seconds, then a process is ended by SIGALRM
+PROGRAM = """\
+#!{python} -ISE
+import sys
+sys.path.append({tests!r})
+from asking import run_as
+run_as("brownpipe", {address!r}, sys.argv[1:])
+"""
 
 
 class Done(NamedTuple):
@@ -35,57 +52,102 @@ class Done(NamedTuple):
 
 def snakemake(*arguments, cwd, env) -> Done:
     """Run `python -m snakemake` with these arguments and wait for its end."""
-    server = _server()
-    with tempfile.NamedTemporaryFile("r") as output:
-        request = {"arguments": [*map(str, arguments)], "cwd": str(cwd), "env": dict(env), "output": output.name}
-        server.stdin.write(json.dumps(request) + "\n")
-        server.stdin.flush()
-        return Done(int(server.stdout.readline()), output.read())
+    with tempfile.TemporaryFile("w+") as output, open(os.devnull) as nothing:
+        streams = [nothing.fileno(), output.fileno(), output.fileno()]
+        status = ask(_folder() + "/server", "snakemake", [*map(str, arguments)], str(cwd), dict(env), streams)
+        output.seek(0)
+        return Done(status, output.read())
+
+
+def brownpipe() -> str:
+    """Return the path of a program `brownpipe` that runs in a forked process."""
+    program = Path(_folder(), "bin", "brownpipe")
+    if not program.exists():
+        program.parent.mkdir()
+        tests = str(Path(__file__).parent)
+        program.write_text(PROGRAM.format(python=sys.executable, tests=tests, address=_folder() + "/server"))
+        program.chmod(0o755)
+    return str(program)
 
 
 @cache
-def _server():
-    """The process that is forked. It ends with the tests."""
+def _folder():
+    """The folder of the socket of the process that is forked. Both are gone when the tests end."""
+    folder = tempfile.TemporaryDirectory()
     outside = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     pipe = subprocess.PIPE
-    server = subprocess.Popen([sys.executable, __file__], env=outside, stdin=pipe, stdout=pipe, text=True)
+    command = [sys.executable, __file__, folder.name + "/server"]
+    server = subprocess.Popen(command, env=outside, stdin=pipe, stdout=pipe, text=True)
+    assert server.stdout.readline() == "ready\n"
+    atexit.register(folder.cleanup)
     atexit.register(server.communicate)  # closes its standard input and waits
-    return server
+    return folder.name
 
 
-def _serve():
-    """Fork for every request, a line of JSON, and answer with the exit status. Return in forked processes alone."""
+def _serve(address):
+    """Fork for every request. Return in forked processes alone: the name of the program to become."""
     for name in IMPORTED:
         importlib.import_module(name)
     gc.freeze()  # forked processes need not search what they inherit for garbage
     gc.set_threshold(50_000)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends forked processes, and the end of the tests this one
-    while line := sys.stdin.readline():
-        child = os.fork()
-        if child == 0:
-            _become(**json.loads(line))
-            return
-        _, status = os.waitpid(child, 0)
-        print(os.waitstatus_to_exitcode(status), flush=True)
+    running = {}  # by the descriptor of a process, which is readable when it has ended: its number, who asked for it
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(address)
+        server.listen()
+        print("ready", flush=True)
+        while sys.stdin not in (ready := select.select([server, sys.stdin, *running], [], [])[0]):
+            for ended in running.keys() & ready:
+                child, connection = running.pop(ended)
+                os.close(ended)
+                _, status = os.waitpid(child, 0)
+                with connection, suppress(BrokenPipeError):  # who asked may have been killed
+                    connection.sendall(b"%d\n" % os.waitstatus_to_exitcode(status))
+            if server in ready:
+                connection, _ = server.accept()
+                child = os.fork()
+                if child == 0:
+                    return _become(connection)
+                running[os.pidfd_open(child)] = child, connection
     sys.exit()
 
 
-def _become(arguments, cwd, env, output):
-    """Make a forked process what `python -m snakemake` is when it starts, in a folder and with an environment."""
+def _become(connection):
+    """Make a forked process what `python -m PROGRAM` is when it starts; return the name of the program."""
+    with connection:
+        _, streams, _, _ = socket.recv_fds(connection, 1, 3)
+        program, arguments, cwd, env = json.loads(connection.makefile().read()).values()
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.alarm(LONGEST)
-    atexit.register(gc.freeze)
-    for stream, path in enumerate([os.devnull, output, output]):
-        file = os.open(path, os.O_RDWR | os.O_APPEND)
-        os.dup2(file, stream)
-        os.close(file)
+    for number, stream in enumerate(streams):
+        os.dup2(stream, number)
+        os.close(stream)
     os.chdir(cwd)
     os.environ.clear()
     os.environ.update(env)
-    sys.path[:1] = [cwd, *filter(None, env.get("PYTHONPATH", "").split(os.pathsep))]
+    here = [cwd] if program == "snakemake" else []  # `brownpipe` is a script elsewhere
+    sys.path[:1] = [*here, *filter(None, env.get("PYTHONPATH", "").split(os.pathsep))]
     sys.argv[1:] = arguments
+    return program
+
+
+def _run(program):
+    """Run a program as `python -m` does.
+
+    At its end what was imported is left as it is: to take it apart would copy all memory shared with the server, which
+    takes 0.1 s.
+    """
+    try:
+        runpy.run_module(program, run_name="__main__", alter_sys=True)
+    except SystemExit as end:
+        if not isinstance(end.code, int):
+            raise
+        threading._shutdown()
+        atexit._run_exitfuncs()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(end.code)
 
 
 if __name__ == "__main__":
-    _serve()
-    runpy.run_module("snakemake", run_name="__main__", alter_sys=True)
+    _run(_serve(sys.argv[1]))

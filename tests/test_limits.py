@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from snakemake_interface_logger_plugins.common import LogEvent
 
+import forked
 import hostile
 from brownpipe import errors
 from brownpipe.cli import main
@@ -261,8 +262,8 @@ def test_a_killed_worker_is_said_at_once_and_at_the_end_with_its_seeds(monkeypat
 
 
 WORKERS = """#!/bin/bash
-case "$*" in *"--seeds 2-3 "*) {} ;; esac
-exec {} -m brownpipe "$@"
+case "$*" in *"--seeds 2-3 "*) {}; exec {} -m brownpipe "$@" ;; esac
+exec {} "$@"
 """  # in place of `brownpipe`
 ENDS = {
     "kill -KILL $$": "killed, most likely as memory ran out",
@@ -284,9 +285,9 @@ def test_a_study_survives_a_killed_worker_and_runs_that_cannot_go_on(tmp_path, f
     (folder / "crowd.yaml").write_text(CROWD)
     (folder / "study.yaml").write_text("scenes: crowd.yaml\nseeds: 6\nbatch: 2\nfigures: [health]\n")
     program = folder / "bin" / "brownpipe"
-    path = {"PATH": f"{program.parent}:{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    path = {"PATH": f"{program.parent}:{Path(forked.brownpipe()).parent}:{os.environ['PATH']}"}
     end, message = faults.random.choice([*ENDS.items()])
-    program.write_text(WORKERS.format(end, sys.executable))
+    program.write_text(WORKERS.format(end, sys.executable, forked.brownpipe()))
     program.chmod(0o755)
     printed = snakemake(folder, "--cores", "1", fails=True, **path)
     line = rf"    brownpipe: seeds 2-3 of crowd 40 exact: {message}.*; the same command goes on from here"

@@ -23,14 +23,17 @@ engines:
   - {name: timestep, time_step: 0.03, scenes: full}
   - {name: langevin, friction: boltzmann, scenes: full, seeds: 300}
 """
-BROWNPIPE = f"""\
-#!{sys.executable}
+TRADEOFF = """
 import sys
 from brownpipe.cli import main
-if sys.argv[1] == "tradeoff":
-    from brownpipe.tradeoff import timing
-    timing.LEAST /= 10
+from brownpipe.tradeoff import timing
+timing.LEAST /= 10
 sys.exit(main())
+"""
+BROWNPIPE = """\
+#!/bin/bash
+if [ $1 = tradeoff ]; then exec {} -c '{}' "$@"; fi
+exec {} "$@"
 """
 pytestmark = pytest.mark.slow
 
@@ -39,7 +42,7 @@ def snakemake(folder, *words, study="prices"):
     """What snakemake printed. Runs are timed for a tenth of the usual time: how precisely is not tested here."""
     program = folder / "bin" / "brownpipe"
     program.parent.mkdir(exist_ok=True)
-    program.write_text(BROWNPIPE)
+    program.write_text(BROWNPIPE.format(sys.executable, TRADEOFF, forked.brownpipe()))
     program.chmod(0o755)
     words = [*SNAKEMAKE[len(PROGRAM) :], *words, "--directory", folder, "--configfile", folder / f"{study}.yaml"]
     path = f"{program.parent}{os.pathsep}{environment()['PATH']}"

@@ -69,27 +69,12 @@ def environment(**more):
 
 
 def snakemake(folder, *arguments, fails=False, **more):
-    """What snakemake printed."""
+    """What snakemake printed. It and the commands of its rules are forked processes."""
     words = command(folder, *arguments)[len(PROGRAM) :]
-    done = forked.snakemake(*words, cwd=folder.parent, env=environment(**more))
+    path = f"{Path(forked.brownpipe()).parent}:{environment()['PATH']}"
+    done = forked.snakemake(*words, cwd=folder.parent, env=environment(**{"PATH": path} | more))
     assert (done.returncode != 0) == fails, done.printed
     return done.printed
-
-
-def snakemake_in(folder, surroundings, *arguments):
-    """What snakemake printed in a process that began with these variables in its environment."""
-    done = subprocess.run(
-        command(folder, *arguments),
-        cwd=folder.parent,
-        env=environment(**surroundings),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
-    return done.stdout
 
 
 def planned(folder, *arguments, **more):
@@ -119,8 +104,7 @@ def contents(folder, *patterns):
 def finished(tmp_path_factory):
     """A folder in which the study was run to its end, and what was printed meanwhile."""
     folder = write_study(tmp_path_factory.mktemp("one") / "study")
-    surroundings = {"TZ": "UTC", "LC_ALL": "C", "PYTHONHASHSEED": "0"}
-    return folder, snakemake_in(folder, surroundings, "--cores", "1")
+    return folder, snakemake(folder, "--cores", "1")
 
 
 @pytest.fixture
@@ -189,7 +173,10 @@ def test_make_report_calls_snakemake_and_make_names_the_command_that_removes_a_l
 
 
 def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_language(finished, tmp_path):
-    """Every file is made far from where `finished` made its own: some before Ctrl-C, the others after it."""
+    """Every file is made far from where `finished` made its own: some before Ctrl-C, the others after it.
+
+    Here each command is a process of its own, as a user starts it.
+    """
     folder = write_study(tmp_path / "a folder of another name")
     elsewhere = {"TZ": "Asia/Kathmandu", "LC_ALL": "C.UTF-8", "LANG": "de_DE.UTF-8", "PYTHONHASHSEED": "7"}
     first = subprocess.Popen(
@@ -213,7 +200,9 @@ def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_langua
     done = len(list(folder.rglob("*.h5")))
     assert 0 < done < 4
     assert planned(folder)["simulate"] <= 4 - done + 1
-    snakemake_in(folder, elsewhere, "--cores", "2")
+    again, surroundings = command(folder, "--cores", "2"), environment(**elsewhere)
+    done = subprocess.run(again, cwd=folder.parent, env=surroundings, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
     one, two = (contents(each, *PHYSICS, *PICTURES) for each in (finished[0], folder))
     assert one.keys() == two.keys()
     assert [path for path in one if one[path] != two[path]] == []
