@@ -2,7 +2,7 @@
 
 The imports take most of the CPU time of a dry run and of a short command. Beyond them a forked process shares nothing
 with another one: it has a folder, an environment, a module search path and arguments of its own, imports brownpipe
-itself, and begins and ends as `python -m snakemake` or `python -m brownpipe` does. What Python reads only when it
+itself, and begins and ends as `python -m snakemake` or the program `brownpipe` does. What Python reads only when it
 starts (PYTHONHASHSEED, TZ, the locale) is that of the tests; a process in which it is to be another one has to be
 started by `subprocess`.
 """
@@ -39,7 +39,7 @@ PROGRAM = """\
 import sys
 sys.path.append({tests!r})
 from asking import run_as
-run_as("brownpipe", {address!r}, sys.argv[1:])
+run_as("{name}", {address!r}, sys.argv)
 """
 
 
@@ -54,20 +54,22 @@ def snakemake(*arguments, cwd, env) -> Done:
     """Run `python -m snakemake` with these arguments and wait for its end."""
     with tempfile.TemporaryFile("w+") as output, open(os.devnull) as nothing:
         streams = [nothing.fileno(), output.fileno(), output.fileno()]
-        status = ask(_folder() + "/server", "snakemake", [*map(str, arguments)], str(cwd), dict(env), streams)
+        words = ["-m", *map(str, arguments)]
+        status = ask(_folder() + "/server", "snakemake", words, str(cwd), dict(env), streams)
         output.seek(0)
         return Done(status, output.read())
 
 
-def brownpipe() -> str:
-    """Return the path of a program `brownpipe` that runs in a forked process."""
-    program = Path(_folder(), "bin", "brownpipe")
-    if not program.exists():
-        program.parent.mkdir()
-        tests = str(Path(__file__).parent)
-        program.write_text(PROGRAM.format(python=sys.executable, tests=tests, address=_folder() + "/server"))
-        program.chmod(0o755)
-    return str(program)
+@cache
+def programs() -> str:
+    """Return the folder of the programs `snakemake` and `brownpipe`, which run in forked processes."""
+    folder = Path(_folder(), "bin")
+    folder.mkdir()
+    known = {"python": sys.executable, "tests": str(Path(__file__).parent), "address": _folder() + "/server"}
+    for name in ("snakemake", "brownpipe"):
+        (folder / name).write_text(PROGRAM.format(name=name, **known))
+        (folder / name).chmod(0o755)
+    return str(folder)
 
 
 @cache
@@ -113,7 +115,7 @@ def _serve(address):
 
 
 def _become(connection):
-    """Make a forked process what `python -m PROGRAM` is when it starts; return the name of the program."""
+    """Make a forked process what Python is when it starts a program; return the name of the program."""
     with connection:
         _, streams, _, _ = socket.recv_fds(connection, 1, 3)
         program, arguments, cwd, env = json.loads(connection.makefile().read()).values()
@@ -125,20 +127,20 @@ def _become(connection):
     os.chdir(cwd)
     os.environ.clear()
     os.environ.update(env)
-    here = [cwd] if program == "snakemake" else []  # `brownpipe` is a script elsewhere
+    here = [cwd] if arguments[0] == "-m" else []  # a program lies elsewhere
     sys.path[:1] = [*here, *filter(None, env.get("PYTHONPATH", "").split(os.pathsep))]
-    sys.argv[1:] = arguments
+    sys.argv = arguments
     return program
 
 
 def _run(program):
-    """Run a program as `python -m` does.
+    """Run a program from its beginning to its end.
 
-    At its end what was imported is left as it is: to take it apart would copy all memory shared with the server, which
+    There what was imported is left as it is: to take it apart would copy all memory shared with the server, which
     takes 0.1 s.
     """
     try:
-        runpy.run_module(program, run_name="__main__", alter_sys=True)
+        runpy.run_module(program, run_name="__main__", alter_sys=sys.argv[0] == "-m")
     except SystemExit as end:
         if not isinstance(end.code, int):
             raise

@@ -1,6 +1,8 @@
 """Every benchmark runs to its end: a quick pass of each. Hashes of runs change with the numbers and nothing else."""
 
+import os
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -8,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
+import forked
 from brownpipe.tradeoff import timing
 
 ROOT = Path(__file__).parent.parent
@@ -28,9 +31,14 @@ def test_there_are_benchmarks():
 def test_a_quick_pass_reports_and_leaves_the_tables_of_docs_alone(path, monkeypatch, capfd):
     """As `python benchmarks/bench_x.py --quick` does, in the process of the tests, which has imported what it takes.
 
-    Plans time their engines for a tenth of the usual time.
+    Plans time their engines for a tenth of the usual time. The commands of a whole study are forked processes.
     """
-    before = docs()
+    before, run = docs(), subprocess.run
+
+    def forked_run(words, env=os.environ, **more):
+        return run(words, env=env | {"PATH": f"{forked.programs()}:{env['PATH']}"}, **more)
+
+    monkeypatch.setattr(subprocess, "run", forked_run)
     monkeypatch.setattr(timing, "LEAST", timing.LEAST / 10)
     monkeypatch.setattr(sys, "argv", [str(path), "--quick"])
     monkeypatch.syspath_prepend(path.parent)

@@ -285,9 +285,9 @@ def test_a_study_survives_a_killed_worker_and_runs_that_cannot_go_on(tmp_path, f
     (folder / "crowd.yaml").write_text(CROWD)
     (folder / "study.yaml").write_text("scenes: crowd.yaml\nseeds: 6\nbatch: 2\nfigures: [health]\n")
     program = folder / "bin" / "brownpipe"
-    path = {"PATH": f"{program.parent}:{Path(forked.brownpipe()).parent}:{os.environ['PATH']}"}
+    path = {"PATH": f"{program.parent}:{forked.programs()}:{os.environ['PATH']}"}
     end, message = faults.random.choice([*ENDS.items()])
-    program.write_text(WORKERS.format(end, sys.executable, forked.brownpipe()))
+    program.write_text(WORKERS.format(end, sys.executable, f"{forked.programs()}/brownpipe"))
     program.chmod(0o755)
     printed = snakemake(folder, "--cores", "1", fails=True, **path)
     line = rf"    brownpipe: seeds 2-3 of crowd 40 exact: {message}.*; the same command goes on from here"

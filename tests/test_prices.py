@@ -42,7 +42,7 @@ def snakemake(folder, *words, study="prices"):
     """What snakemake printed. Runs are timed for a tenth of the usual time: how precisely is not tested here."""
     program = folder / "bin" / "brownpipe"
     program.parent.mkdir(exist_ok=True)
-    program.write_text(BROWNPIPE.format(sys.executable, TRADEOFF, forked.brownpipe()))
+    program.write_text(BROWNPIPE.format(sys.executable, TRADEOFF, f"{forked.programs()}/brownpipe"))
     program.chmod(0o755)
     words = [*SNAKEMAKE[len(PROGRAM) :], *words, "--directory", folder, "--configfile", folder / f"{study}.yaml"]
     path = f"{program.parent}{os.pathsep}{environment()['PATH']}"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import forked
 from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, StorageError
 from brownpipe.storage.checksums import read_checksums, write_checksums
@@ -139,7 +140,7 @@ def test_any_damage_is_found_and_nothing_else(study, faults):
 @pytest.mark.slow
 def test_the_command_that_is_printed_makes_again_what_was_wrong(study, faults, capsys):
     before = contents()
-    surroundings = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    surroundings = os.environ | {"PATH": f"{forked.programs()}:{Path(sys.executable).parent}:{os.environ['PATH']}"}
     for _ in faults.tries(1):
         while not harm(faults.random):
             pass

@@ -71,7 +71,7 @@ def environment(**more):
 def snakemake(folder, *arguments, fails=False, **more):
     """What snakemake printed. It and the commands of its rules are forked processes."""
     words = command(folder, *arguments)[len(PROGRAM) :]
-    path = f"{Path(forked.brownpipe()).parent}:{environment()['PATH']}"
+    path = f"{forked.programs()}:{environment()['PATH']}"
     done = forked.snakemake(*words, cwd=folder.parent, env=environment(**{"PATH": path} | more))
     assert (done.returncode != 0) == fails, done.printed
     return done.printed
