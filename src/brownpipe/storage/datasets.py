@@ -10,7 +10,7 @@ import numpy as np
 
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.provenance import made_with, versions
-from brownpipe.storage.admission import Contents, address_of, opened
+from brownpipe.storage.admission import Contents, opened
 from brownpipe.storage.files import BLANK_SEAL, PREFIX, SEAL, read_sealed, seal, write_file
 from brownpipe.storage.hdf5 import SCALE_ATTRIBUTES, Node, some_from_bytes, to_bytes
 from brownpipe.storage.origin import installation
@@ -140,16 +140,16 @@ def _scales(file: h5py.File, item: h5py.Dataset, paths: dict[int, str]) -> list[
     if item.ndim == 0:
         return []
     attribute = h5py.h5a.open(item.id, b"DIMENSION_LIST")
-    references = h5py.check_vlen_dtype(attribute.dtype)
-    if references is None or h5py.check_ref_dtype(references) is not h5py.Reference or attribute.shape != (item.ndim,):
+    kind = h5py.check_vlen_dtype(attribute.dtype)
+    if kind is None or h5py.check_ref_dtype(kind) is not h5py.Reference or attribute.shape != (item.ndim,):
         raise StorageError(f"has no list of dimensions ({item.name})")
-    found = [file[scales[0]] for scales in item.attrs["DIMENSION_LIST"]]
-    addresses = [address_of(scale) for scale in found]
+    references = [scales[0] for scales in item.attrs["DIMENSION_LIST"]]
+    addresses = [h5py.h5o.get_info(h5py.h5r.dereference(one, file.id)).addr for one in references]
     if len({*addresses}) < len(addresses):  # xarray would warn only
         raise StorageError(f"has a variable with the same dimension twice ({item.name})")
-    for address, scale in zip(addresses, found, strict=True):
+    for address, reference in zip(addresses, references, strict=True):
         if address not in paths:
-            paths[address] = scale.name
+            paths[address] = file[reference].name
     return [paths[address] for address in addresses]
 
 
