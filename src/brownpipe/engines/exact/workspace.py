@@ -10,8 +10,8 @@ How to read a kernel
     w.link        ROW * i + ...    . | . | PARTNER | PARTNER_CHANGES | CELL_COLUMN | CELL_ROW | BUCKET | EVENT  8 uint32
     w.event_time  EVENT_ROW * i    `---'   the first 8 bytes of that row, as a float64
 
-`w.disk[ROW * i + VX]` is the x velocity of disk i. (Two-dimensional arrays cost 10 to 28 % of the speed.) Indices are
-uint32, which tells the compiler that they are not negative.
+`w.disk[ROW * i + VX]` is the x velocity of disk i. (Two-dimensional arrays cost 10 to 28 % of the speed.) No index is
+negative (see `engines.indices`). A `four` of numbers belongs to four disks (see `engines.fours`).
 
 An optional field is an argument of its own beside `w`, as in `gather(w.big, w, i)`: where the argument is
 None, Numba removes the branch behind `if big is not None` when it compiles; a branch on `w.big` would remain. Every
