@@ -10,6 +10,7 @@ table with each other: machines differ, and a busy one has less cache to itself.
 import argparse
 import math
 import multiprocessing
+import os
 import platform
 import time
 from functools import partial
@@ -57,6 +58,7 @@ class Speed(NamedTuple):
     """What was measured of a case."""
 
     rate: float  # pair collisions per CPU second
+    spread: float  # largest deviation of a stretch from that, relative
     size: float  # bytes of the workspace per disk
 
 
@@ -124,7 +126,8 @@ def speed_of(case, effort):
     rates = [go_on(w, room, max(effort.events, case.n // 4)) for _ in range(effort.stretches)]
     arrays = [array for array in (*w, *(w.big or ()), *(w.lists or ())) if isinstance(array, np.ndarray)]
     sizes = {array.ctypes.data: array.nbytes for array in arrays}  # two may be views of the same memory
-    return Speed(float(np.median(rates)), sum(sizes.values()) / case.n)
+    rate = float(np.median(rates))
+    return Speed(rate, max(abs(one / rate - 1) for one in rates), sum(sizes.values()) / case.n)
 
 
 # -- what a feature costs -------------------------------------------------------------------------------------------
@@ -259,6 +262,7 @@ def processor():
 def report(effort, speeds):
     """The results as Markdown, a line at a time; the Speed of each case is put into `speeds`."""
     yield f"# Speed of the exact engine\n\nOne core of an {processor()}; made by `make bench`.\n"
+    loads = [os.getloadavg()[0]]
     alone, whole, pairs = milliseconds_per_run(effort)
     yield (
         f"The note's scene (N = 150, t = 1): {alone:.3f} ms of CPU time per run for the engine, "
@@ -275,6 +279,13 @@ def report(effort, speeds):
             rates = [f"{speeds[case].rate / 1e6:.2f}" if case in speeds else "" for case in cases]
             size = max(speeds[case].size for case in cases if case in speeds)
             yield f"| {n} | {boundary} | {kinds} | {' | '.join(rates)} | {size:.0f} |"
+            loads.append(os.getloadavg()[0])
+    spreads = [100 * speed.spread for speed in speeds.values()]
+    yield (
+        f"\nStretches of a cell deviate from its median by at most {np.median(spreads):.0f} % in half of the cells, by "
+        f"{max(spreads):.0f} % at most.\nLoad of the machine meanwhile: {min(loads):.1f} to {max(loads):.1f} processes "
+        f"on {os.cpu_count()} hardware threads, this program included."
+    )
     yield (
         "\nCPU time of a collision with a feature that the scene does not need, relative to that without it "
         "(N = 1000, periodic,\nequal disks):\n"
