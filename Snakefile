@@ -62,6 +62,7 @@ rule all:
         summary=rules.figures.output.summary,
         dataset=rules.aggregate.output[0],
         page=rules.figures.output.page,
+    localrule: True  # on a cluster, too, its output is for the screen here
     params:
         allow_failed=study.allow_failed,
     shell:

@@ -292,6 +292,29 @@ def test_other_errors_are_shown_as_they_are(monkeypatch, tmp_path):
     assert screen.getvalue() == "IncompleteFilesException: ...\n"
 
 
+def test_a_job_that_failed_and_was_run_again_is_no_failure(monkeypatch):
+    handler, screen = display(monkeypatch)
+    begin(handler, 7)
+    error = {"rule_name": "simulate", "shellcmd": "brownpipe simulate", "log": [], "jobid": 7}
+    send(handler, LogEvent.JOB_ERROR, "Error in rule simulate", logging.ERROR, **error)
+    send(handler, message="Trying to restart job 7.")
+    begin(handler, 7)
+    send(handler, LogEvent.JOB_FINISHED, job_id=7)
+    handler.close()
+    assert "brownpipe: seeds 0-99 of : failed, is run again\n" in screen.getvalue()
+    assert "the rule simulate failed" not in screen.getvalue()
+
+
+def test_of_a_cluster_only_what_concerns_the_user_is_shown(monkeypatch):
+    handler, screen = display(monkeypatch)
+    send(handler, message="SLURM run ID: 4fd69280")
+    send(handler, message="Job 8 has been submitted with SLURM jobid 2 (log: /a/2.log).")
+    send(handler, message="Unable to guess SLURM account. Trying to proceed without.", level=logging.WARNING)
+    assert screen.getvalue() == ""
+    send(handler, message="Guessed SLURM account: physics", level=logging.WARNING)
+    assert screen.getvalue() == "Guessed SLURM account: physics\n"
+
+
 @pytest.mark.parametrize("terminal", [False, True])
 def test_nothing_is_coloured(terminal, monkeypatch):
     """On a terminal the line of progress is erased before the next one; no other control sequence is written."""

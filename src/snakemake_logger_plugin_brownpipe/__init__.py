@@ -32,6 +32,11 @@ from brownpipe.quoting import in_lines, printable
 from brownpipe.stages import Stage
 
 CHATTER = ("Assuming unrestricted", "Building DAG", "Using shell", "Select jobs", "Execute ", "Complete log", "Elapsed")
+OF_CLUSTER = re.compile(  # messages of the executor for Slurm, which are in Snakemake's log
+    r"SLURM run ID|Job \S+ has been submitted|Cleaning up SLURM"
+    r"|No SLURM account given|No account was given|Unable to guess SLURM account"
+)
+RESTART = re.compile(r"Trying to restart job (\S+)\.$")
 ANSWER_RULES = ("all", "tradeoff_figures")  # rules that print results: no progress is shown while one runs
 INTERRUPTED = "brownpipe: interrupted; the same command goes on from here"
 LOCKED = (
@@ -112,7 +117,8 @@ class LogHandler(LogHandlerBase):
         self.remarks: set[str] = set()  # shown before
         self.shown_rules: set[str] = set()  # rules that had a line of progress, if the output is no terminal
         self.ends: dict[str, int] = {}  # exit statuses of commands that failed, as a shell gives them
-        self.failures: list[str] = []  # explanations, shown at the end
+        self.failures: list[tuple[int, str]] = []  # Snakemake's number of a job and an explanation, shown at the end
+        self.titles: dict[str, str] = {}  # of all jobs that were started, by their number
         self.closed = threading.Event()
         self.interrupted = False
 
@@ -129,6 +135,7 @@ class LogHandler(LogHandlerBase):
             self.start(record.stats)
         elif event == LogEvent.JOB_INFO:
             self.running[record.jobid] = job_of(record)
+            self.titles[str(record.jobid)] = self.running[record.jobid].title
             self.show()
         elif event == LogEvent.JOB_FINISHED:
             self.finish(record.job_id)
@@ -142,6 +149,10 @@ class LogHandler(LogHandlerBase):
             self.interrupted |= text.startswith("Terminating processes on user request")
             if text.startswith("LockException"):
                 text = LOCKED.format(printable(os.environ.get("UNLOCK_COMMAND", "the same command with --unlock")))
+            if again := RESTART.match(text):
+                text = f"brownpipe: {self.titles.get(again[1], 'a job')}: failed, is run again"
+            if OF_CLUSTER.match(text):
+                return
             chatter = text.startswith(CHATTER) and not (self.failures and text.startswith("Complete log"))
             if (record.levelno > logging.INFO or not chatter) and not text.startswith(SAID_BY_FAILURES):
                 self.write(text)
@@ -170,16 +181,18 @@ class LogHandler(LogHandlerBase):
                     self.pace = None
 
     def finish(self, number: int) -> None:
-        """Count a finished job."""
+        """Count a finished job, and forget that it failed before it was run again."""
         self.listen()
         job = self.running.pop(number, None)
+        self.failures = [failure for failure in self.failures if failure[0] != number]
         if job is not None:
             self.runs_of_finished += job.runs
         self.show()
 
     def fail(self, record: Message) -> None:
         """Keep the explanation of a failed job for the end; say at once that a job was killed, as its log cannot."""
-        job = self.running.pop(getattr(record, "jobid", -1), None)
+        number = getattr(record, "jobid", -1)
+        job = self.running.pop(number, None)
         status = next((status for command, status in self.ends.items() if str(record.shellcmd) in command), FAILED)
         if record.rule_name in ANSWER_RULES:
             return  # it prints the reason itself
@@ -188,7 +201,7 @@ class LogHandler(LogHandlerBase):
             cure = f"brownpipe: {job.title if job else record.rule_name}: {cure}"
             self.write(cure)
             text += f"\n    {cure}"
-        self.failures.append(text)
+        self.failures.append((number, text))
 
     def show(self) -> None:
         """Show the progress: on a terminal in one line that is overwritten, else every LINE_INTERVAL in a new line."""
@@ -250,7 +263,7 @@ class LogHandler(LogHandlerBase):
         self.closed.set()
         with self.lock:
             self.erase()
-            for text in [INTERRUPTED] if self.interrupted else briefly(self.failures):
+            for text in [INTERRUPTED] if self.interrupted else briefly([text for _, text in self.failures]):
                 self.write(text)
             self.failures, self.interrupted = [], False
         if self.notes is not None:

@@ -50,5 +50,6 @@ rule tradeoff_figures:
         rules.tradeoff.input,
         table=rules.tradeoff_drawings.output.table,
         page=rules.tradeoff_drawings.output.page,
+    localrule: True
     shell:
         "cat {input.table:q} && echo all on one page: {input.page:q}"
