@@ -1,6 +1,6 @@
-# make study | report | tradeoff | test | test-quick | soak | bench | lint | docs | gallery | audit : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | report | tradeoff | test | test-quick | cluster-test | soak | bench | lint | docs | gallery | audit : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study report tradeoff test test-quick soak bench lint docs gallery audit ready ready_dev ready_docs has_python
+.PHONY: study report tradeoff test test-quick cluster-test soak bench lint docs gallery audit ready ready_dev ready_docs ready_cluster has_python
 SHELL := /bin/bash
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
@@ -24,6 +24,11 @@ test: ready_dev
 # Without the tests marked `slow`: studies in processes of their own, benchmarks, statistics of many runs.
 test-quick: ready_dev
 	python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder -m "not slow"
+
+# A study on a Slurm cluster of one node, which is started for it and thrown away; it installs Debian's packages slurm-wlm and munge if need be.
+cluster-test: ready_dev ready_cluster
+	@python tests/slurm.py
+	python -m pytest tests/test_cluster.py --cluster
 
 # Faults at random moments, in random bytes and inputs: 10 times as many as in the tests, from a new seed. `tests` is named because
 # pytest otherwise looks for the options beside docs/reliability.md, and does not know them.
@@ -66,6 +71,9 @@ ready_dev: has_python
 
 ready_docs: has_python
 	@$(PYTHON) workflow/set_up.py docs
+
+ready_cluster: has_python
+	@$(PYTHON) workflow/set_up.py cluster
 
 has_python:
 	@command -v $(PYTHON) > /dev/null || { echo "brownpipe: set-up: there is no $(PYTHON); needed is python3 >= 3.11" >&2; exit 1; }

@@ -259,12 +259,14 @@ def test_a_study_without_results_differs_in_nothing(study):
 
 WAITS = "import signal, sys, time; signal.signal(signal.{}, lambda *_: sys.exit(7)); print('on', flush=True); {}"
 PARENT = "import os, sys; from brownpipe import cli; from brownpipe.study import workflow;"
-PARENT += " workflow.snakemake_command = lambda *_: [sys.executable, '-c', {!r}]; sys.exit(cli.main(['run', {!r}]))"
+PARENT += (
+    " workflow.snakemake_command = lambda *_, **__: [sys.executable, '-c', {!r}]; sys.exit(cli.main(['run', {!r}]))"
+)
 
 
 @pytest.mark.parametrize(("code", "status"), [("raise SystemExit(3)", 3), ("import os; os.kill(os.getpid(), 9)", 137)])
 def test_the_exit_status_is_that_of_snakemake(capsys, study, monkeypatch, code, status):
-    monkeypatch.setattr(workflow, "snakemake_command", lambda *_: [sys.executable, "-c", code])
+    monkeypatch.setattr(workflow, "snakemake_command", lambda *_, **__: [sys.executable, "-c", code])
     assert said(capsys, "run", study)[0] == status
 
 
@@ -284,3 +286,51 @@ def test_a_signal_ends_snakemake_first(study, number, whole_group, status):
     finally:
         process.kill()
         process.communicate()
+
+
+# -- on a cluster ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def plugin(monkeypatch):
+    """Snakemake's plugin for Slurm, as if it were installed."""
+    monkeypatch.setattr(workflow, "find_spec", lambda name: name if name == "snakemake_executor_plugin_slurm" else None)
+
+
+def test_a_profile_says_where_jobs_run_and_how_many(capsys, study, started, plugin):
+    Path("my profile").mkdir()
+    Path("my profile/config.yaml").write_text("executor: slurm\n")
+    for name, folder in (("slurm", ROOT / "profiles" / "slurm"), ("my profile", Path("my profile").absolute())):
+        assert said(capsys, "run", study, "--profile", name) == (DONE, "", "")
+        assert started[-1][0][-2:] == ["--profile", str(folder)]
+    assert said(capsys, "run", study, "--profile", "slurm", "-j", "9") == (DONE, "", "")
+    assert started[-1][0][-2:] == ["--jobs", "9"]
+    assert "--cores" not in started[-1][0]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("slrum", "--profile slrum: must be a folder with config.yaml, or one of slurm"),
+        ("other", "--profile other: there is no snakemake-executor-plugin-my-queue here; install it by pip"),
+        ("empty", "empty/config.yaml: empty; must be a mapping of keys to values"),
+    ],
+)
+def test_a_profile_that_cannot_be_used(capsys, study, started, plugin, name, message):
+    for folder, text in (("other", "executor: my-queue\n"), ("empty", "")):
+        Path(folder).mkdir()
+        Path(folder, "config.yaml").write_text(text)
+    for further in ([], ["-n"]):
+        status, out, err = said(capsys, "run", study, "--profile", name, *further)
+        assert (status, out, started) == (WRONG_REQUEST, "", [])
+        assert err.startswith("brownpipe: ") and err.endswith(f"{message}\n")
+
+
+def test_a_path_that_the_jobs_of_a_cluster_could_not_read(capsys, study, started, plugin, monkeypatch):
+    """Snakemake puts paths into the commands of remote jobs between apostrophes."""
+    Path("newton's").mkdir()
+    monkeypatch.chdir("newton's")
+    status, out, err = said(capsys, "run", f"../{study}", "--profile", "slurm")
+    assert (status, out, started) == (WRONG_REQUEST, "", [])
+    assert re.fullmatch(r"brownpipe: --profile slurm: must not be given where a path has an apostrophe: .*\n", err)
+    assert said(capsys, "run", f"../{study}") == (DONE, "", "")

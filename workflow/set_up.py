@@ -3,9 +3,10 @@
     python3 workflow/set_up.py          what a study needs
     python3 workflow/set_up.py dev      the same, and what the tests and linters need
     python3 workflow/set_up.py docs     what a study needs, and what the documentation site needs
+    python3 workflow/set_up.py cluster  what a study needs, also on a cluster with Slurm
 
-The versions are those of requirements.lock, requirements-dev.lock and requirements-docs.lock; a file with another
-SHA-256 than these list is refused. Nothing is installed yet when this runs, so it uses the standard library only. A
+The versions are those of requirements.lock, requirements-dev.lock and so on; a file with another SHA-256 than these
+list is refused. Nothing is installed yet when this runs, so it uses the standard library only. A
 python3 older than OLDEST can read it, to report that it is too old.
 """
 
@@ -23,7 +24,8 @@ OLDEST = (3, 11)
 PYTHON_HERE = getattr(sys, "_base_executable", None) or sys.executable  # not an environment that may be replaced
 ENVIRONMENT = Path(".venv")
 PYTHON = str(ENVIRONMENT / "bin" / "python")
-LOCKS = {"run": Path("requirements.lock"), "dev": Path("requirements-dev.lock"), "docs": Path("requirements-docs.lock")}
+LOCKS = {"run": Path("requirements.lock")}
+LOCKS |= {name: Path(f"requirements-{name}.lock") for name in ("dev", "docs", "cluster")}
 
 INCOMPLETE = f"{PYTHON_HERE} lacks its module venv or ensurepip (Debian, Ubuntu: sudo apt install python3-venv)"
 ALTERED = re.compile(r"(?:DO NOT MATCH THE HASHES.*?|Hash mismatch for `)(\S+==[^\s`]+)", re.DOTALL)

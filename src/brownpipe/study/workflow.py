@@ -11,6 +11,7 @@ import subprocess
 import sys
 import sysconfig
 from collections.abc import Sequence
+from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 
@@ -20,7 +21,8 @@ from brownpipe import interrupts
 from brownpipe.errors import RequestError, RunError
 from brownpipe.provenance import PACKAGE
 from brownpipe.quoting import shell_word
-from brownpipe.study.study_file import read_study
+from brownpipe.scene.yaml_file import read_yaml
+from brownpipe.study.study_file import MOST_STUDY_BYTES, read_study
 
 WRITTEN = (".", "results", ".snakemake")  # folders that a study writes to
 PAGES = (".html", ".zip")  # suffixes of a report
@@ -33,13 +35,19 @@ def pipeline_folder() -> Path:
 
 
 def run_study(
-    study_file: str, cores: int | None = None, dry_run: bool = False, report: str | None = None, further: Sequence = ()
+    study_file: str,
+    cores: int | None = None,
+    dry_run: bool = False,
+    report: str | None = None,
+    further: Sequence = (),
+    profile: str | None = None,
 ) -> int:
     """Run the workflow of a study by Snakemake with results in `results/` of the current folder; return its status.
 
-    `cores`: number of jobs at the same time (None: all cores). `dry_run`: only list the jobs. `report`: HTML or ZIP
-    file for the report, written once the results are complete, also if more runs failed than the study allows, which
-    still makes the status 1. `further`: arguments for Snakemake, such as targets.
+    `cores`: number of jobs at the same time (None: all cores, or as many as the profile says). `dry_run`: only list the
+    jobs. `report`: HTML or ZIP file for the report, written once the results are complete, also if more runs failed
+    than the study allows, which still makes the status 1. `further`: arguments for Snakemake, such as targets.
+    `profile`: where the jobs run (`profile_folder`); None: on this machine.
 
     Raises RequestError for a mistake in the study or in the arguments, PermissionError if the current folder cannot be
     written to. Mistakes in keys that `further` replaces by --config are reported by Snakemake.
@@ -56,7 +64,7 @@ def run_study(
         if not os.access(folder, os.W_OK):
             where = Path.cwd() if folder == "." else folder
             raise PermissionError(f"{where}: cannot be written to; run the study from another folder")
-    command = snakemake_command(study_file, cores, further)
+    command = snakemake_command(study_file, cores, further, profile)
     environment = environment_of(study_file)
     status = _wait_for([*command, "--dry-run"] if dry_run else command, environment)
     if report is None or (status and _unfinished(command, environment)):
@@ -64,13 +72,14 @@ def run_study(
     return _wait_for([*command, "--report", report], environment) or status
 
 
-def planned_jobs(study_file: str, cores: int | None = None) -> str:
+def planned_jobs(study_file: str, cores: int | None = None, profile: str | None = None) -> str:
     """Return in one line which jobs `run_study` would run.
 
-    Raises RequestError for a mistake in the study, RunError with Snakemake's last line if it cannot plan the jobs.
+    Raises RequestError for a mistake in the study or in the profile, RunError with Snakemake's last line if it cannot
+    plan the jobs.
     """
     read_study(study_file)
-    jobs = _planned(snakemake_command(study_file, cores), environment_of(study_file))
+    jobs = _planned(snakemake_command(study_file, cores, profile=profile), environment_of(study_file))
     words = [f"{rule} {count}" for rule, count in jobs.items()]
     return f"to run: {', '.join(words)}" if words else "nothing to run: all results are there and up to date"
 
@@ -99,12 +108,42 @@ def is_changed_by(further: Sequence) -> bool:
     return any(word.startswith(("--config", "-C")) for word in further)
 
 
-def snakemake_command(study_file: str, cores: int | None = None, further: Sequence = ()) -> list[str]:
-    """Return the command that runs the workflow of a study; it does not import Python files of the current folder."""
+def snakemake_command(
+    study_file: str, cores: int | None = None, further: Sequence = (), profile: str | None = None
+) -> list[str]:
+    """Return the command that runs the workflow of a study; it does not import Python files of the current folder.
+
+    Raises RequestError for a profile that cannot be used.
+    """
+    if profile is not None and "'" in f"{Path.cwd()}{study_file}":
+        raise RequestError(f"--profile {profile}: must not be given where a path has an apostrophe: {Path.cwd()}")
     folder = pipeline_folder()
     files = ["--snakefile", folder / "Snakefile", "--configfile", study_file]
-    words = [*files, *_options_of_profile(folder), "--cores", cores or "all", *further]
+    if profile is None:
+        place = ["--cores", str(cores or "all")]
+    else:
+        place = ["--profile", str(profile_folder(profile)), *(["--jobs", str(cores)] if cores else [])]
+    words = [*files, *_options_of_profile(folder), *place, *further]
     return [sys.executable, "-P", "-m", "snakemake", *map(str, words)]
+
+
+def profile_folder(profile: str) -> Path:
+    """Return the folder of a profile of Snakemake, which says where jobs run: `profile` itself, or one of brownpipe's.
+
+    Raises RequestError if there is none, or if Snakemake's plugin for its executor is not installed.
+    """
+    own = pipeline_folder() / "profiles"
+    names = sorted(path.parent.name for path in own.glob("*/config.yaml") if path.parent.name != "default")
+    folders = [Path(profile).absolute(), *(own / name for name in names if name == profile)]
+    folder = next((folder for folder in folders if (folder / "config.yaml").is_file()), None)
+    if folder is None:
+        raise RequestError(f"--profile {profile}: must be a folder with config.yaml, or one of {', '.join(names)}")
+    options = read_yaml(folder / "config.yaml", MOST_STUDY_BYTES)
+    executor = str(options.get("executor", "local")) if isinstance(options, dict) else "local"
+    if executor != "local" and not find_spec(f"snakemake_executor_plugin_{executor.replace('-', '_')}"):
+        package = f"snakemake-executor-plugin-{executor}"
+        raise RequestError(f"--profile {profile}: there is no {package} here; install it by pip")
+    return folder
 
 
 def _options_of_profile(folder: Path) -> list[str]:

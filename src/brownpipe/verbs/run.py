@@ -17,6 +17,8 @@ def add_arguments(add: Callable) -> None:
     """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("study", metavar="STUDY", help="study file (YAML)")
     add("-j", "--cores", type=cores, metavar="N", help="jobs at the same time (default: number of cores)")
+    places = "run the jobs on a cluster: slurm, or a folder with a profile of Snakemake"
+    add("--profile", metavar="NAME", help=places).words = ("slurm",)
     listed = "only say which jobs would run, and what differs from the results that exist"
     add("-n", "--dry-run", action="store_true", help=listed)
     page = "afterwards write a page with all results (default: report.html)"
@@ -41,9 +43,10 @@ def run(arguments: Namespace) -> int:
     if arguments.verify and arguments.dry_run:
         raise RequestError("--verify: must not be given with -n, which runs nothing")
     if arguments.dry_run and not further and arguments.report is None:
-        show(planned_jobs(arguments.study, arguments.cores))
+        show(planned_jobs(arguments.study, arguments.cores, arguments.profile))
     else:
-        status = run_study(arguments.study, arguments.cores, arguments.dry_run, arguments.report, further)
+        report, profile = arguments.report, arguments.profile
+        status = run_study(arguments.study, arguments.cores, arguments.dry_run, report, further, profile)
     if status == DONE and arguments.dry_run and not is_changed_by(further):
         study = read_study(arguments.study)
         for line in changes(study):
