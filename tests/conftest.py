@@ -49,6 +49,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def pytest_addoption(parser):
     parser.addoption("--faults", type=int, default=1, help="times as many random faults as in the everyday tests")
     parser.addoption("--reliability", metavar="FILE", type=Path, help="write the page of the promises and their tests")
+    parser.addoption("--cluster", action="store_true", help="run the tests on a Slurm cluster that they start, too")
     parser.addoption("--fault-seed", type=int, help="the seed of the random faults; default: another one each time")
 
 
@@ -69,8 +70,13 @@ def pytest_unconfigure():
     gc.unfreeze()
 
 
-def pytest_collection_modifyitems(items):
-    """Bring the tests into the order of `FIRST`; within a file, and after these, it stays."""
+def pytest_collection_modifyitems(config, items):
+    """Bring the tests into the order of `FIRST`; within a file, and after these, it stays.
+
+    Those on a cluster are left out without --cluster.
+    """
+    if not config.getoption("--cluster"):
+        items[:] = [item for item in items if not item.get_closest_marker("cluster")]
     items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))
     for item in items:
         item.user_properties += [("promise", promise) for promise in promises(item)]

@@ -1,0 +1,62 @@
+"""A study on a Slurm cluster of one node, by the profile `slurm`: make cluster-test, or pytest with --cluster."""
+
+import hashlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import slurm
+
+pytestmark = pytest.mark.cluster
+STUDY = Path(__file__).parent.parent / "config" / "small.yaml"
+POLLED = ["--", "--slurm-init-seconds-before-status-checks", "1"]  # seconds between two looks at the queue, not 20
+LONGEST = 240  # seconds for a study that takes 50 on two idle cores
+
+
+def study(folder, *further):
+    """The start of a study in a folder."""
+    folder.mkdir()
+    command = [sys.executable, "-m", "brownpipe", "run", str(STUDY), *further]
+    with open(folder / "screen", "w") as screen:
+        return subprocess.Popen(command, cwd=folder, stdout=screen, stderr=screen)
+
+
+def digests(folder):
+    """The SHA-256 of all results by their path; of logs and of the times that Snakemake measures, the path alone."""
+    files = [path for path in (folder / "results").rglob("*") if path.is_file()]
+    kept = {path: path.read_bytes() if not {"logs", "benchmarks"} & {*path.parts} else b"" for path in files}
+    return {str(path.relative_to(folder)): hashlib.sha256(data).hexdigest() for path, data in kept.items()}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cluster(tmp_path_factory):
+    if why := slurm.lacking():
+        pytest.fail(f"no cluster: {why}")
+    folder = tmp_path_factory.mktemp("slurm") / "cluster"
+    folder.mkdir()
+    with slurm.cluster(folder):
+        yield
+
+
+def test_a_study_has_the_same_bytes_as_on_one_machine_though_jobs_were_killed_and_requeued(tmp_path):
+    """In a folder whose name a shell would take apart."""
+    folder = tmp_path / "a $HOME of studies"
+    running = study(folder, "--profile", "slurm", *POLLED)
+    try:
+        slurm.wait_until(lambda: len(slurm.jobs("RUNNING")) > 1)
+        killed, requeued = slurm.jobs("RUNNING")[:2]
+        slurm.said("scancel", "--signal=KILL", "--full", str(killed))
+        slurm.said("scontrol", "requeue", str(requeued))
+        status = running.wait(LONGEST)
+    finally:
+        running.terminate()
+        running.wait()
+    screen = (folder / "screen").read_text()
+    assert status == 0, screen
+    assert "eq. (18) rejected?" in screen, "the answer is printed here, not on the node"
+    assert "JobState=CANCELLED" in (shown := slurm.said("scontrol", "show", "job", str(killed))), shown
+    assert "Restarts=1" in (shown := slurm.said("scontrol", "show", "job", str(requeued))), shown
+    assert study(tmp_path / "local").wait(LONGEST) == 0
+    assert digests(folder) == digests(tmp_path / "local")
