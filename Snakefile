@@ -42,6 +42,7 @@ engines = {
 report: "workflow/report/study.rst"
 
 
+include: "workflow/rules/compile.smk"
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/aggregate.smk"
 include: "workflow/rules/figures.smk"

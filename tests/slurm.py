@@ -18,7 +18,7 @@ CONFIGURATION = Path("/etc/slurm/slurm.conf")  # where Slurm's commands look for
 OURS = "# A cluster for tests of brownpipe: while none of them runs, this file can be removed.\n"
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "squeue", "scontrol", "scancel", "sinfo", "srun", "setpriv")
 SEARCHED = f"{os.environ['PATH']}:/usr/sbin:/sbin"  # folders of programs
-PATIENCE = 30  # seconds for what takes one on an idle machine
+PATIENCE = 60  # seconds for what takes one on an idle machine
 MEMORY = 4000  # MB of the node; jobs that ask for less run at the same time
 
 # `MinJobAge`: seconds for which `squeue --states=all` shows a job that has ended. `linuxproc` follows processes by

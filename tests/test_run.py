@@ -293,7 +293,8 @@ def test_a_signal_ends_snakemake_first(study, number, whole_group, status):
 
 @pytest.fixture
 def plugin(monkeypatch):
-    """Snakemake's plugin for Slurm, as if it were installed."""
+    """Snakemake's plugin for Slurm, as if it were installed. No runs are planned."""
+    monkeypatch.setattr(workflow, "_planned", lambda *_: {})
     monkeypatch.setattr(workflow, "find_spec", lambda name: name if name == "snakemake_executor_plugin_slurm" else None)
 
 
@@ -306,6 +307,19 @@ def test_a_profile_says_where_jobs_run_and_how_many(capsys, study, started, plug
     assert said(capsys, "run", study, "--profile", "slurm", "-j", "9") == (DONE, "", "")
     assert started[-1][0][-2:] == ["--jobs", "9"]
     assert "--cores" not in started[-1][0]
+
+
+def test_on_a_cluster_the_kernels_are_compiled_before_the_first_runs(capsys, study, started, plugin, monkeypatch):
+    words = ["run", study, "--profile", "slurm", "--", "--config", "seeds=3"]
+    assert said(capsys, *words) == (DONE, "", "") and len(started) == 1
+    monkeypatch.setattr(workflow, "_planned", lambda *_: {"simulate": "6"})
+    assert said(capsys, *words) == (DONE, "", "")
+    (first, _), (then, _) = started[1:]
+    assert first[-5:] == ["compile", "--config", "seeds=3", "--until", "compile"]
+    assert then == started[0][0]
+    assert said(capsys, "run", study) == (DONE, "", "") and len(started) == 4
+    monkeypatch.setattr(workflow, "_wait_for", lambda command, _: started.append(command) or 7)
+    assert said(capsys, *words) == (7, "", "") and len(started) == 5, "what cannot be compiled is not run"
 
 
 @pytest.mark.parametrize(

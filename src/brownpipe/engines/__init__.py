@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from importlib import import_module
 from typing import NamedTuple
 
-from brownpipe.engines.compiled import seconds_to_compile
+from brownpipe.engines.compiled import KernelCall, seconds_to_compile
 from brownpipe.engines.definition import Definition
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import Cost
@@ -61,8 +61,12 @@ class Engine(NamedTuple):
 
     def seconds_to_compile(self, scene: Scene) -> dict[str, float]:
         """Return the CPU seconds to compile each kernel that has no machine code yet, by its name and types."""
+        return seconds_to_compile(self.kernel_calls(scene))
+
+    def kernel_calls(self, scene: Scene) -> list[KernelCall]:
+        """Return the calls that compile the kernels for a scene."""
         simulation = import_module(self.definition.simulation)
-        return seconds_to_compile(simulation.kernel_calls(scene, **dict(self.settings)))
+        return simulation.kernel_calls(scene, **dict(self.settings))
 
     def simulate(
         self,

@@ -66,6 +66,10 @@ def run_study(
             raise PermissionError(f"{where}: cannot be written to; run the study from another folder")
     command = snakemake_command(study_file, cores, further, profile)
     environment = environment_of(study_file)
+    if profile is not None and not dry_run and "simulate" in _planned(command, environment):
+        first = snakemake_command(study_file, cores, ["compile", *further, "--until", "compile"], profile)
+        if status := _wait_for(first, environment):
+            return status
     status = _wait_for([*command, "--dry-run"] if dry_run else command, environment)
     if report is None or (status and _unfinished(command, environment)):
         return status

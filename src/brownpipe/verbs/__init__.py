@@ -8,6 +8,7 @@ that take time are inside the functions that need them.
 from brownpipe.verbs import (
     aggregate,
     check,
+    compile,
     export,
     figures,
     inspect,
@@ -36,6 +37,7 @@ VERBS = {  # as in the help
         inspect,
         verify,
         check,
+        compile,
         schema,
     )
 }
