@@ -378,6 +378,20 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
 FAILURES = [OSError(errno.ENOSPC, "No space left on device"), OSError(errno.EROFS, "Read-only file system")]
 
 
+@pytest.mark.parametrize("number", [errno.EINVAL, errno.EOPNOTSUPP])
+def test_a_file_system_that_cannot_wait_for_folders_is_used(number, monkeypatch, tmp_path):
+    fsync = os.fsync
+
+    def of_files_alone(handle):
+        if os.path.isdir(f"/proc/self/fd/{handle}"):
+            raise OSError(number, os.strerror(number))
+        fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", of_files_alone)
+    files.write_file(tmp_path / "file", b"contents")
+    assert (tmp_path / "file").read_bytes() == b"contents"
+
+
 @pytest.mark.parametrize("call", ["fsync", "replace"])
 @pytest.mark.parametrize("failure", [*FAILURES, KeyboardInterrupt(), SystemExit(143)], ids=repr)
 def test_a_failed_write_keeps_the_old_file_and_nothing_else(call, failure, tmp_path, monkeypatch):

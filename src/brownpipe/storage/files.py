@@ -153,10 +153,16 @@ def _write_through(path: Path, contents: bytes) -> None:
 
 
 def sync(path: Path) -> None:
-    """Wait until a file is on the disk or, for a folder, the names of its files."""
+    """Wait until a file is on the disk or, for a folder, the names of its files.
+
+    Nothing is waited for where the file system cannot do this, as some of networks cannot for folders.
+    """
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
+            raise
     finally:
         os.close(handle)
 
