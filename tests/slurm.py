@@ -5,6 +5,7 @@ It needs Debian's packages slurm-wlm and munge, and root: Slurm's commands look 
     python3 tests/slurm.py      install the packages if need be; if there can be no cluster here, say why and end by 1
 """
 
+import fcntl
 import os
 import shutil
 import socket
@@ -73,43 +74,59 @@ def found(program):
 
 @contextmanager
 def cluster(folder):
-    """A running cluster with its state and logs in a folder; at the end its jobs and processes are ended."""
+    """A running cluster with its state and logs in a folder; at the end its jobs and processes are ended.
+
+    Raises BlockingIOError if another process has one here: the configuration is locked as long as it is used.
+    """
     for name in ("state", "spool"):
         (folder / name).mkdir()
     folder.chmod(0o755)
-    write_configuration(folder)
     daemons = []
-    try:
-        key, sock = folder / "munge.key", folder / "munge.socket"
-        key.write_bytes(os.urandom(128))
-        key.chmod(0o400)
-        private = [f"--{name}-file={folder}/munge.{name}" for name in ("key", "pid", "seed", "log")]
-        daemons.append(start(["munged", "--foreground", "--force", f"--socket={sock}", *private], folder))
-        wait_until(sock.exists, daemons)
-        daemons.append(start(["slurmctld", "-D"], folder))
-        daemons.append(start(["slurmd", "-D"], folder))
-        wait_until(lambda: "idle" in said("sinfo", "--noheader", "--format=%T"), daemons)
-        yield
-    finally:
-        with suppress(subprocess.SubprocessError, AssertionError):
-            cancel_all()
-        for daemon in reversed(daemons):
-            daemon.terminate()
-        for daemon in reversed(daemons):
-            try:
-                daemon.wait(10)
-            except subprocess.TimeoutExpired:
-                daemon.kill()
-                daemon.wait()
-        CONFIGURATION.unlink()
+    with open(CONFIGURATION, "a+") as configuration:
+        fcntl.flock(configuration, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            write_configuration(configuration, folder)
+            start_daemons(folder, daemons)
+            yield
+        finally:
+            with suppress(subprocess.SubprocessError, AssertionError):
+                cancel_all()
+            stop(daemons)
+            CONFIGURATION.unlink()
 
 
-def write_configuration(folder):
-    """Write the configuration of a cluster whose files are in a folder."""
+def write_configuration(configuration, folder):
+    """Write the configuration of a cluster whose files are in a folder to an open file."""
     host, cpus = socket.gethostname().partition(".")[0], os.cpu_count()
     controller, node = free_ports(2)
     values = {"host": host, "cpus": cpus, "memory": MEMORY, "controller": controller, "node": node, "folder": folder}
-    CONFIGURATION.write_text(OURS + TEXT.format(**values))
+    configuration.truncate(0)
+    configuration.write(OURS + TEXT.format(**values))
+    configuration.flush()
+
+
+def start_daemons(folder, daemons):
+    """Start the daemons of a cluster, append each to a list, and wait until the node takes jobs."""
+    key, sock = folder / "munge.key", folder / "munge.socket"
+    key.write_bytes(os.urandom(128))
+    key.chmod(0o400)
+    private = [f"--{name}-file={folder}/munge.{name}" for name in ("key", "pid", "seed", "log")]
+    daemons.append(start(["munged", "--foreground", "--force", f"--socket={sock}", *private], folder))
+    wait_until(sock.exists, daemons)
+    daemons.append(start(["slurmctld", "-D"], folder))
+    daemons.append(start(["slurmd", "-D"], folder))
+    wait_until(lambda: "idle" in said("sinfo", "--noheader", "--format=%T"), daemons)
+
+
+def stop(daemons):
+    """End the daemons, the last first."""
+    for daemon in reversed(daemons):
+        daemon.terminate()
+        try:
+            daemon.wait(10)
+        except subprocess.TimeoutExpired:
+            daemon.kill()
+            daemon.wait()
 
 
 def free_ports(count):

@@ -1,8 +1,11 @@
 """A study on a Slurm cluster of one node, by the profile `slurm`: make cluster-test, or pytest with --cluster."""
 
 import hashlib
+import os
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -20,7 +23,7 @@ def study(folder, *further):
     folder.mkdir()
     command = [sys.executable, "-m", "brownpipe", "run", str(STUDY), *further]
     with open(folder / "screen", "w") as screen:
-        return subprocess.Popen(command, cwd=folder, stdout=screen, stderr=screen)
+        return subprocess.Popen(command, cwd=folder, stdout=screen, stderr=screen, start_new_session=True)
 
 
 def digests(folder):
@@ -53,7 +56,8 @@ def test_a_study_has_the_same_bytes_as_on_one_machine_though_jobs_were_killed_an
         slurm.said("scontrol", "requeue", str(requeued))
         status = running.wait(LONGEST)
     finally:
-        running.terminate()
+        with suppress(ProcessLookupError):
+            os.killpg(running.pid, signal.SIGKILL)  # also Snakemake, which would wait for its jobs
         running.wait()
     screen = (folder / "screen").read_text()
     assert status == 0, screen
