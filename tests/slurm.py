@@ -25,6 +25,7 @@ MEMORY = 4000  # MB of the node; jobs that ask for less run at the same time
 # `MinJobAge`: seconds for which `squeue --states=all` shows a job that has ended. `linuxproc` follows processes by
 # their parents, without control groups, which a container may lack. `cred_expire`: seconds until a job that was put
 # back into the queue is started again, by default 120. `EnforcePartLimits`: a job that could never start is refused.
+# `OverMemoryKill`: a job that has more memory than it asked for is killed; this is looked at every second.
 TEXT = """\
 ClusterName=brownpipe
 SlurmctldHost={host}
@@ -45,7 +46,9 @@ SchedulerParameters=batch_sched_delay=0,sched_interval=1
 SelectType=select/cons_tres
 SelectTypeParameters=CR_Core_Memory
 AccountingStorageType=accounting_storage/none
-JobAcctGatherType=jobacct_gather/none
+JobAcctGatherType=jobacct_gather/linux
+JobAcctGatherFrequency=task=1
+JobAcctGatherParams=OverMemoryKill
 MinJobAge=3600
 EnforcePartLimits=ALL
 ReturnToService=2

@@ -33,7 +33,7 @@ from brownpipe.stages import Stage
 
 CHATTER = ("Assuming unrestricted", "Building DAG", "Using shell", "Select jobs", "Execute ", "Complete log", "Elapsed")
 OF_CLUSTER = re.compile(  # messages of the executor for Slurm, which are in Snakemake's log
-    r"SLURM run ID|Job \S+ has been submitted|Cleaning up SLURM"
+    r"SLURM run ID|Job \S+ has been submitted|Cleaning up SLURM|Job rate limit reached"
     r"|No SLURM account given|No account was given|Unable to guess SLURM account"
 )
 RESTART = re.compile(r"Trying to restart job (\S+)\.$")
