@@ -359,7 +359,7 @@ def test_common_mistakes_are_named(tmp_path, old, new, message):
             "engines: [{name: timestep, time_step: 1 ms}]",
             "time_step: must be a finite number > 0, not '1 ms'; without a",
         ),
-        ("batch: 1e2", "batch: must be an integer from 1 to 10000000, not 100.0; write 100"),
+        ("batch: 1e2", "batch: must be an integer from 1 to 10000000 or auto, not 100.0; write 100"),
     ],
 )
 def test_common_mistakes_in_a_study_are_named(tmp_path, text, message):

@@ -80,6 +80,7 @@ WHOLE_STUDY = {
 }
 EXACT = {"name": "exact", "scenes": "harrison2020", "seeds": 3}
 TOLERANT_STUDY = {"scenes": "scenes/harrison2020.yaml", "tolerance": "2%", "target": "d", "engines": [EXACT]}
+TOLERANT_STUDY |= {"batch": "auto"}
 EXAMPLES = [
     *(("scene", mapping) for mapping in (WHOLE_SCENE, BARE_SCENE, LISTED_SCENE)),
     *(("study", mapping) for mapping in (WHOLE_STUDY, TOLERANT_STUDY)),

@@ -1,18 +1,20 @@
 """The study: which runs are made, in which batches, and what is made of them."""
 
 import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brownpipe.engines import Engine, recorded
+from brownpipe.engines import Engine, forecast, recorded
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.observables import RENAMED
-from brownpipe.scene.seeds import parse_seeds, ranges, seed_text
+from brownpipe.scene.seeds import batches, parse_seeds, ranges, seed_text
 from brownpipe.study import SimulationJob, from_command_line, read_study
+from brownpipe.study.batches import LARGEST, LONGEST, SHORTEST, automatic_batches, shortest_and_longest
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -36,7 +38,7 @@ def test_default_study_is_the_note():
     assert [(case.name, case.particles) for case in study.cases] == [
         (scene, count) for scene in ("harrison2020", "harrison2020_thermal") for count in (50, 100, 150, 200)
     ]
-    assert study.batches_of(study.seeds) == [(0, 2399)]
+    assert {(job.first, job.last) for job in study.jobs()} == {(0, 2399)}
     assert (len(study.jobs()), study.engines) == (8, (Engine("exact"),))
     assert (study.ring_width, study.rings) == (0.04, 24)
     assert all(path.is_file() for path in study.scenes)
@@ -278,14 +280,73 @@ def test_a_number_is_a_count_and_a_string_names_seeds():
 @given(st.sets(st.integers(0, 100), min_size=1), st.integers(1, 20))
 @settings(max_examples=100, deadline=None)
 def test_batches_hold_each_seed_once_and_do_not_cross_multiples(seeds, batch):
-    study = small(seeds=sorted(seeds), batch=batch)
-    batches = study.batches_of(study.seeds)
-    assert [seed for first, last in batches for seed in range(first, last + 1)] == sorted(seeds)
-    assert all(first // batch == last // batch for first, last in batches)
+    found = batches(tuple(sorted(seeds)), batch)
+    assert [seed for first, last in found for seed in range(first, last + 1)] == sorted(seeds)
+    assert all(first // batch == last // batch for first, last in found)
 
 
 def test_more_seeds_leave_whole_batches_as_they_are():
-    assert small().batches_of(range(150))[:2] == small().batches_of(range(60))
+    assert set(small(seeds=60).jobs()) < set(small(seeds=150).jobs())
+
+
+# -- batch: auto ---
+
+COSTS = st.builds(
+    forecast.Cost,
+    *(st.just(0.0),) * 2,
+    seconds=st.floats(1e-6, 1e5),
+    recorded=st.floats(0, 1e8),
+    kept=st.floats(0, 1e8),
+    working=st.floats(0, 1e10),
+    storing=st.just(0.0),
+    once=st.floats(0, 100),
+)
+
+
+@given(COSTS, st.integers(1, 10**6), st.integers(0, 10**6), st.integers(1, 10**6))
+@settings(max_examples=60, deadline=None)
+def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(cost, runs, first, more):
+    found = automatic_batches(range(first, first + runs), cost)
+    assert found[0][0] == first and found[-1][1] == first + runs - 1
+    assert all(before[1] + 1 == after[0] for before, after in pairwise(found))
+    longer = automatic_batches(range(first, first + runs + more), cost)
+    assert longer[: len(found) - 1] == found[:-1]
+    assert longer[len(found) - 1][1] >= found[-1][1]
+
+
+def test_automatic_batches_begin_anew_after_a_gap_in_the_seeds():
+    cost = forecast.Cost(0, 0, 1.0, 0, 0, 0)
+    assert automatic_batches((*range(40), *range(10**6, 10**6 + 20)), cost) == [
+        *((0, 15), (16, 31), (32, 39)),
+        *((10**6, 10**6 + 15), (10**6 + 16, 10**6 + 19)),
+    ]
+
+
+@given(COSTS)
+@settings(max_examples=200, deadline=None)
+def test_automatic_jobs_are_neither_too_short_to_start_nor_too_long_to_lose(cost):
+    shortest, longest = shortest_and_longest(cost)
+    assert 1 <= shortest <= longest
+    if longest > 1:
+        assert longest * cost.seconds <= LONGEST and forecast.memory(cost, longest) <= LARGEST
+    if 1 < shortest < longest:
+        assert SHORTEST / 2 < shortest * cost.seconds / (1 + cost.once / forecast.START_UP) <= SHORTEST
+
+
+@pytest.mark.parametrize(
+    ("seconds", "days", "most_jobs", "longest_job"),
+    [(1.0, 1 / 24, 130, 64), (1.0, 10, 1100, 2048), (1e-3, 1, 330, 600), (10.0, 365, 2600, 86400)],
+)
+def test_automatic_jobs_are_few_and_short(seconds, days, most_jobs, longest_job):
+    found = automatic_batches(range(int(days * 86400 / seconds)), forecast.Cost(0, 0, seconds, 0, 0, 0))
+    assert len(found) <= most_jobs and max(last - first + 1 for first, last in found) * seconds <= longest_job
+
+
+def test_a_study_without_batch_has_jobs_of_the_length_of_its_cases():
+    (short, long) = (small(batch="auto", seeds=10**6, particles=count).jobs() for count in (50, 150))
+    assert small(batch="auto", seeds=10**6, particles=[50, 150]).batch is None
+    assert len(short) < len(long) < 2 * len(short) * 150 / 50
+    assert {job.first for job in long if job.scene == "harrison2020"} >= {0, long[0].last + 1}
 
 
 @pytest.mark.parametrize(
@@ -324,8 +385,8 @@ def test_wrong_seeds_are_refused(text, allowed):
         ),
         ({"seeds": []}, "seeds: must be a count like 2400"),
         ({"seeds": [-1]}, "seeds: must be seeds like 17, 0-2399 or 3,5,9, not [-1]"),
-        ({"batch": 0}, "batch: must be an integer from 1 to 10000000, not 0"),
-        ({"batch": 1.5}, "batch: must be an integer from 1 to 10000000, not 1.5"),
+        ({"batch": 0}, "batch: must be an integer from 1 to 10000000 or auto, not 0"),
+        ({"batch": 1.5}, "batch: must be an integer from 1 to 10000000 or auto, not 1.5"),
         (
             {"seeds": 10000, "batch": 1},
             "batch: must be large enough for at most 1000 jobs (40000 with this one), not 1",

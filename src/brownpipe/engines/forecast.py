@@ -148,12 +148,12 @@ def machine_memory() -> int:
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
-def most_runs(cost: Cost) -> int:
-    """Return how many runs of this cost one process can make and write in this machine's memory; 0 for none."""
+def most_runs(cost: Cost, available: float) -> int:
+    """Return how many runs of this cost one process can make and write in so much memory [bytes]; 0 for none."""
     low, high = 0, MOST_RUNS
     while low < high:
         middle = (low + high + 1) // 2
-        low, high = (middle, high) if memory(cost, middle) <= machine_memory() else (low, middle - 1)
+        low, high = (middle, high) if memory(cost, middle) <= available else (low, middle - 1)
     return low
 
 

@@ -185,7 +185,7 @@ def _study(study: Study) -> list[str]:
         model = f"{part.engine.model(part.cases)}; some {in_time(part.seconds)} of CPU"
         lines += [f"engine    {part.engine.label}{where}: {model}", *_cautions(part.engine, part.cases)]
     lines += _kernels([(part.engine, case) for part in parts for case in part.cases])
-    placements = [_placement(part.engine, case, len(part.seeds)) for part in parts for case in part.cases]
+    placements = [_placement(part.engine, part.case, len(part.seeds)) for workload in parts for part in workload.parts]
     foreseen = dict.fromkeys([*filter(None, placements), *cautions(study)])
     lines += [f"caution   {reason}" for reason in foreseen]
     return [*lines, *seeds, f"total     {describe_workload(study)}", f"figures   {', '.join(study.figures)}"]
@@ -193,12 +193,7 @@ def _study(study: Study) -> list[str]:
 
 def _first_engine(study: Study, parts: Sequence[EngineWorkload], case: Scene) -> tuple[Engine, forecast.Cost]:
     """Return the first engine of a study that runs a case, the exact one if none does, and the cost of a run."""
-    used = (
-        (part.engine, cost)
-        for part in parts
-        for scene, cost in zip(part.cases, part.costs, strict=True)
-        if scene is case
-    )
+    used = ((part.engine, part.cost) for workload in parts for part in workload.parts if part.case is case)
     return next(used, (REFERENCE, forecast.of_run(case, *recording_of(study))))
 
 

@@ -58,7 +58,7 @@ def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run
 def _with_runs(study: Study, runs: int) -> Study:
     """Return the study with the seeds 0 to runs - 1, in batches large enough for the number of jobs allowed."""
     study = replace(study, seeds=range(runs))
-    while len(study.jobs()) > MOST_JOBS:
+    while study.batch is not None and len(study.jobs()) > MOST_JOBS:
         study = replace(study, batch=2 * study.batch)
     return study
 

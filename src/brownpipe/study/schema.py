@@ -25,7 +25,7 @@ from brownpipe.scene.schema import (
     pair,
 )
 from brownpipe.scene.seeds import LARGEST_SEED, MOST_SEEDS, RANGE
-from brownpipe.study.study_file import DEFAULTS, MOST_RINGS, PERCENTAGE, RECORDS, RENAMED_KEYS, TARGETS
+from brownpipe.study.study_file import AUTO, DEFAULTS, MOST_RINGS, PERCENTAGE, RECORDS, RENAMED_KEYS, TARGETS
 
 TEXT: Schema = {"type": "string", "minLength": 1}
 
@@ -59,7 +59,10 @@ def _keys() -> dict[str, Schema]:
             "numbers of disks (default: the scene's)",
         ),
         "engines": (_one_or_more(_engine()), "engines, with their settings if any (default: exact)"),
-        "batch": (integer(1, MOST_SEEDS), "seeds per job; results do not depend on it (default: 2400)"),
+        "batch": (
+            one_of({"const": AUTO}, integer(1, MOST_SEEDS)),
+            "seeds per job (default: auto, from the forecast); results do not depend on it",
+        ),
         "record": (_word(RECORDS), "the tracer's trajectory in every run (default), or only the observables"),
         "observables": (observables, "quantities measured in each run, from all of its disks (default: none)"),
         "average": (_word(AVERAGES), "average over runs alone (default), or also over time origins or equal disks"),

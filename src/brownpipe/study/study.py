@@ -12,6 +12,7 @@ from brownpipe.engines.request import Request
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import batches
+from brownpipe.study.batches import automatic_batches
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 
@@ -48,7 +49,7 @@ class Study:
     cases: tuple[Scene, ...]  # each scene with each particle count, validated
     engine_uses: tuple[EngineUse, ...]
     seeds: Sequence[int]  # ascending; a range if there is no gap. Empty for a tolerance, until `run_count.settle`
-    batch: int  # seeds per job
+    batch: int | None  # seeds per job; None: from the forecast of each case
     figures: tuple[str, ...]
     displacement_times: tuple[float, ...]  # of the displacement distribution [time]; empty for the end of each run
     fit_windows: tuple[tuple[float, float], ...]  # [time]
@@ -71,9 +72,12 @@ class Study:
         """Return the cases that an engine is used in, scene by scene."""
         return [case for name in use.scenes for case in self.cases if case.name == name]
 
-    def batches_of(self, seeds: Sequence[int]) -> list[tuple[int, int]]:
-        """Return first and last seed of each batch. Batches end at multiples of `batch`: more seeds leave full ones."""
-        return batches(seeds, self.batch)
+    def batches_of(self, use: EngineUse, case: Scene) -> list[tuple[int, int]]:
+        """Return first and last seed of each batch of an engine in a case; more seeds leave complete ones."""
+        seeds = use.seeds or self.seeds
+        if self.batch is not None:
+            return batches(seeds, self.batch)
+        return automatic_batches(seeds, use.engine.forecast(case, {self.record}, self.observables, self.average))
 
     @property
     def simulate_options(self) -> str:
@@ -119,7 +123,7 @@ class Study:
             for case in self.cases
             for use in self.engine_uses
             if case.name in use.scenes
-            for first, last in self.batches_of(use.seeds or self.seeds)
+            for first, last in self.batches_of(use, case)
         ]
 
     def request_of(self, job: SimulationJob) -> Request:

@@ -33,6 +33,7 @@ SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
 MOST_RINGS = 100_000
 MOST_JOBS = 1000  # their files fit into one command line of `aggregate`; a shell takes 128 KiB
 
+AUTO = "auto"  # batch: from the forecast
 RECORDS = ("tracer", "none")
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
 PERCENTAGE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+) ?%")
@@ -46,7 +47,7 @@ DEFAULTS = {
     "target": None,  # with a tolerance: the first of TARGETS
     "particles": None,  # those of each scene file
     "engines": ["exact"],
-    "batch": 2400,
+    "batch": AUTO,
     "record": "tracer",
     "observables": [],
     "average": "runs",
@@ -90,7 +91,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         cases=cases,
         engine_uses=_engine_uses(entries["engines"], cases),
         seeds=read_seeds(entries["seeds"]) if tolerance is None else (),
-        batch=reading.integer(entries["batch"], 1, MOST_SEEDS),
+        batch=_batch(entries["batch"]),
         figures=_figures(entries["figures"], cases, record, observables),
         displacement_times=_displacement_times(entries["displacement_times"], cases),
         fit_windows=_windows(entries["fit_windows"], cases),
@@ -107,7 +108,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     for seeds in (study.seeds, *(use.seeds for use in study.engine_uses if use.seeds)):
         refuse_repetition(cases, seeds, entries["seeds"])
     jobs = len(study.jobs())
-    if jobs > MOST_JOBS:
+    if study.batch is not None and jobs > MOST_JOBS:
         must_be(entries["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
     return study
 
@@ -249,6 +250,13 @@ def read_target(entry: Entry) -> str:
     if entry.value is None:
         return TARGETS[0]
     return reading.choice(reading.current_name(entry, RENAMED_TARGETS), TARGETS)
+
+
+def _batch(entry: Entry) -> int | None:
+    """Return the seeds of a job; None for AUTO."""
+    if entry.value == AUTO:
+        return None
+    return reading.integer(entry, 1, MOST_SEEDS, f" or {AUTO}")
 
 
 def _tolerance(entries: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[float | None, str | None]:

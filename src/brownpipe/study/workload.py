@@ -7,49 +7,72 @@ from typing import NamedTuple
 from brownpipe.engines import Engine, forecast
 from brownpipe.formatting import in_bytes, in_time
 from brownpipe.scene import Scene
-from brownpipe.study.study import SimulationJob, Study
+from brownpipe.study.study import EngineUse, SimulationJob, Study
 
 LONG = 2 * 86400.0  # CPU seconds from which a forecast is cautioned about, in days
+
+
+class CaseWorkload(NamedTuple):
+    """The runs of one engine in one case."""
+
+    engine: Engine
+    seeds: Sequence[int]
+    case: Scene
+    cost: forecast.Cost  # of a run
+    batches: list[tuple[int, int]]  # first and last seed of each job
+
+    @property
+    def largest_batch(self) -> tuple[int, int]:
+        """The first of the batches with the most seeds."""
+        return max(self.batches, key=self._seeds_in)
+
+    @property
+    def most_seeds(self) -> int:
+        """The largest number of seeds of a job."""
+        return self._seeds_in(self.largest_batch)
+
+    @property
+    def seconds(self) -> float:
+        """CPU seconds, with starting the processes."""
+        once = forecast.START_UP + self.cost.once
+        return len(self.batches) * once + len(self.seeds) * (self.cost.seconds + self.cost.storing)
+
+    def _seeds_in(self, batch: tuple[int, int]) -> int:
+        """Return how many of the ascending seeds lie in a batch (first, last)."""
+        return bisect_right(self.seeds, batch[1]) - bisect_left(self.seeds, batch[0])
 
 
 class EngineWorkload(NamedTuple):
     """The runs of one engine in a study: every seed of every case."""
 
     engine: Engine
-    seeds: Sequence[int]
-    cases: list[Scene]
-    costs: list[forecast.Cost]  # of a run of each case
-    batches: list[tuple[int, int]]  # first and last seed of each job
-    seconds: float  # of CPU, with starting the processes
-    size: float  # bytes of trajectory files
+    parts: list[CaseWorkload]
 
     @property
-    def most_seeds(self) -> int:
-        """The largest number of seeds of a job."""
-        return max(_seeds_in(self.seeds, batch) for batch in self.batches)
+    def cases(self) -> list[Scene]:
+        return [part.case for part in self.parts]
+
+    @property
+    def seconds(self) -> float:
+        """CPU seconds, with starting the processes."""
+        return sum(part.seconds for part in self.parts)
 
 
 def workloads(study: Study) -> list[EngineWorkload]:
     """Return the workload of each entry of the study's `engines`. The study's seeds must be known."""
-    return [_workload(study, use.engine, use.seeds or study.seeds, study.cases_of(use)) for use in study.engine_uses]
+    return [
+        EngineWorkload(use.engine, [_workload(study, use, case) for case in study.cases_of(use)])
+        for use in study.engine_uses
+    ]
 
 
-def _workload(study: Study, engine: Engine, seeds: Sequence[int], cases: list[Scene]) -> EngineWorkload:
-    costs = [engine.forecast(case, *recording_of(study)) for case in cases]
-    batches = study.batches_of(seeds)
-    seconds = sum(
-        len(batches) * (forecast.START_UP + cost.once) + len(seeds) * (cost.seconds + cost.storing) for cost in costs
-    )
-    size = len(seeds) * sum(cost.recorded for cost in costs)
-    return EngineWorkload(engine, seeds, cases, costs, batches, seconds, size)
+def _workload(study: Study, use: EngineUse, case: Scene) -> CaseWorkload:
+    cost = use.engine.forecast(case, *recording_of(study))
+    return CaseWorkload(use.engine, use.seeds or study.seeds, case, cost, study.batches_of(use, case))
 
 
-def _seeds_in(seeds: Sequence[int], batch: tuple[int, int]) -> int:
-    """Return how many of the ascending seeds lie in a batch (first, last)."""
-    return bisect_right(seeds, batch[1]) - bisect_left(seeds, batch[0])
-
-
-def _seconds_of_job(cost: forecast.Cost, runs: int) -> float:
+def seconds_of_job(cost: forecast.Cost, runs: int) -> float:
+    """Return the CPU seconds of a process that makes and writes so many runs."""
     return forecast.START_UP + cost.once + runs * (cost.seconds + cost.storing)
 
 
@@ -58,12 +81,11 @@ def cautions(study: Study) -> list[str]:
 
     The seeds of the study must be known.
     """
-    parts = workloads(study)
-    jobs = [(part, case, cost) for part in parts for case, cost in zip(part.cases, part.costs, strict=True)]
-    largest = max(jobs, key=lambda job: forecast.memory(job[2], job[0].most_seeds))
-    longest = max(jobs, key=lambda job: _seconds_of_job(job[2], job[0].most_seeds))
+    parts = [part for workload in workloads(study) for part in workload.parts]
+    largest = max(parts, key=lambda part: forecast.memory(part.cost, part.most_seeds))
+    longest = max(parts, key=lambda part: seconds_of_job(part.cost, part.most_seeds))
     total = sum(part.seconds for part in parts)
-    lines = [_too_large(study, *largest), _too_long(study, *longest)]
+    lines = [_too_large(largest), _too_long(study, longest)]
     if total >= LONG:
         lines.append(
             f"the study takes some {in_time(total)} of CPU; {_fewer(study)}, a shorter duration or fewer disks"
@@ -76,45 +98,46 @@ def _fewer(study: Study) -> str:
     return "must be fewer `seeds`" if study.tolerance is None else "must be a larger `tolerance`"
 
 
-def _job(study: Study, part: EngineWorkload, case: Scene) -> str:
+def _job(part: CaseWorkload) -> str:
     """Return the file of the first of the largest jobs of a case by an engine, as messages name it."""
-    batch = next(batch for batch in part.batches if _seeds_in(part.seeds, batch) == part.most_seeds)
-    return f"the job {SimulationJob(case.name, case.particles, part.engine.label, *batch).file}"
+    job = SimulationJob(part.case.name, part.case.particles, part.engine.label, *part.largest_batch)
+    return f"the job {job.file}"
 
 
-def _too_large(study: Study, part: EngineWorkload, case: Scene, cost: forecast.Cost) -> str | None:
+def _too_large(part: CaseWorkload) -> str | None:
     """Return a line if a job needs more memory than this machine has."""
     runs, available = part.most_seeds, forecast.machine_memory()
-    needed = forecast.memory(cost, runs)
+    needed = forecast.memory(part.cost, runs)
     if needed <= available:
         return None
-    fits = forecast.most_runs(cost)
+    fits = forecast.most_runs(part.cost, available)
     cure = f"must be at most `batch: {fits}`" if fits else "must be fewer samples or disks, or less measured"
     of_runs = "its single run" if runs == 1 else f"its {runs:,} runs"
     memory = f"needs some {in_bytes(needed)} of memory for {of_runs}, and this machine has {in_bytes(available)}"
-    return f"{_job(study, part, case)} {memory}; {cure}"
+    return f"{_job(part)} {memory}; {cure}"
 
 
-def _too_long(study: Study, part: EngineWorkload, case: Scene, cost: forecast.Cost) -> str | None:
+def _too_long(study: Study, part: CaseWorkload) -> str | None:
     """Return a line if a job takes days."""
     runs = part.most_seeds
-    seconds = _seconds_of_job(cost, runs)
+    seconds = seconds_of_job(part.cost, runs)
     if seconds < LONG:
         return None
     cure = "must be a shorter duration or fewer disks"
     if runs > 1:
-        cure = f"must be a smaller `batch` than {study.batch}, for shorter jobs that run at the same time"
-    return f"{_job(study, part, case)} takes some {in_time(seconds)} of CPU on one core; {cure}"
+        smaller = f"a smaller `batch` than {study.batch}" if study.batch else f"a `batch` smaller than {runs}"
+        cure = f"must be {smaller}, for shorter jobs that run at the same time"
+    return f"{_job(part)} takes some {in_time(seconds)} of CPU on one core; {cure}"
 
 
 def describe_workload(study: Study) -> str:
     """Return the workload of the whole study in one line. Its seeds must be known."""
-    parts = workloads(study)
-    runs = sum(len(part.seeds) * len(part.cases) for part in parts)
-    longest = min(study.batch, max(len(part.seeds) for part in parts))
+    parts = [part for workload in workloads(study) for part in workload.parts]
+    runs = sum(len(part.seeds) for part in parts)
+    count = sum(len(part.batches) for part in parts)
     seconds = in_time(sum(part.seconds for part in parts))
-    size = in_bytes(sum(part.size for part in parts))
-    jobs = f"{runs:,} runs in {len(study.jobs())} jobs of up to {longest:,} seeds"
+    size = in_bytes(sum(len(part.seeds) * part.cost.recorded for part in parts))
+    jobs = f"{runs:,} runs in {count} jobs of up to {max(part.most_seeds for part in parts):,} seeds"
     return f"{jobs}: some {seconds} of CPU, {size} in results/{study.name}"
 
 
