@@ -13,6 +13,7 @@ from brownpipe.provenance import PACKAGE, made_with
 from brownpipe.quoting import shell_path
 from brownpipe.study import from_command_line, read_study
 from brownpipe.study.replay import replay_files
+from brownpipe.study.resources import requests
 
 try:
     study_file = relpath([f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1])
@@ -33,6 +34,7 @@ results = f"results/{study.name}"
 captions = PACKAGE / "figures"
 replay = [file for file, _ in replay_files(study)]  # one run, or none
 cases = study.case_table
+request = requests(study)
 engines = {
     engine.label: {"options": engine.options, "made_with": made_with("simulate", engine.name)}
     for engine in study.engines
@@ -84,3 +86,10 @@ onstart:
     runs = sum(int(job.wildcards.last) - int(job.wildcards.first) + 1 for job in to_do)
     workload = f"brownpipe: the study {study.name}: {describe_workload(study)}"
     logger.info(workload, extra={"forecast": True, "runs": runs})
+
+
+onsuccess:
+    from brownpipe.study.resources import describe_used
+
+    if len(list(workflow.dag.needrun_jobs(exclude_finished=False))) > 1:  # more than rule all
+        logger.info(f"brownpipe: the study {study.name}: {describe_used(study)}")

@@ -11,6 +11,8 @@ rule aggregate:
         f"{results}/logs/aggregate/{study.name}.log",
     benchmark:
         f"{results}/benchmarks/aggregate/{study.name}.tsv"
+    resources:
+        **request["aggregate"],
     params:
         study=(shell_path(study_file),),
         config=settings,

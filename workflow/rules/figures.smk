@@ -17,6 +17,8 @@ rule figures:
         f"{results}/logs/figures/{study.name}.log",
     benchmark:
         f"{results}/benchmarks/figures/{study.name}.tsv"
+    resources:
+        **request["figures"],
     params:
         names=study.figures,
         replay=["--replay", *replay] if replay else [],

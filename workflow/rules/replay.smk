@@ -7,6 +7,8 @@ rule replay:
         f"{results}/logs/replay/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.log",
     benchmark:
         f"{results}/benchmarks/replay/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.tsv"
+    resources:
+        **request["replay"],
     params:
         scene=lookup(dpath="{scene}/{particles}/file", within=cases),
         physics=lookup(dpath="{scene}/{particles}/digest", within=cases),

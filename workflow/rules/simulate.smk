@@ -6,6 +6,8 @@ rule simulate:
         f"{results}/logs/simulate/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.log",
     benchmark:
         f"{results}/benchmarks/simulate/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.tsv"
+    resources:
+        **request["simulate"],
     params:
         scene=lookup(dpath="{scene}/{particles}/file", within=cases),
         physics=lookup(dpath="{scene}/{particles}/digest", within=cases),

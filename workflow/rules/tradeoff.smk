@@ -9,6 +9,8 @@ rule tradeoff:
     benchmark:
         f"{results}/benchmarks/tradeoff/{study.name}.tsv"
     threads: 1000  # limited to all cores
+    resources:
+        **request["tradeoff"],
     params:
         study=(shell_path(study_file),),
         config=settings,
@@ -36,6 +38,8 @@ rule tradeoff_drawings:
         f"{results}/logs/tradeoff_drawings/{study.name}.log",
     benchmark:
         f"{results}/benchmarks/tradeoff_drawings/{study.name}.tsv"
+    resources:
+        **request["tradeoff_drawings"],
     params:
         made_with=made_with("tradeoff_figures"),
     shell:

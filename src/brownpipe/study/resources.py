@@ -1,0 +1,186 @@
+"""Memory and time of each job of a study: what it is expected to need, what it asks a cluster for, what it took.
+
+Snakemake passes a request on to the queue of a cluster, which ends jobs that exceed it; on one machine it has no
+effect. The need of a job of `simulate` is the forecast of its runs.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from brownpipe import observables
+from brownpipe.engines import forecast
+from brownpipe.formatting import in_time
+from brownpipe.study.replay import RECORD, replay_jobs
+from brownpipe.study.study import REFERENCE, Study
+from brownpipe.study.workload import CaseWorkload, seconds_of_job, workloads
+
+MARGIN = 1.5  # of memory
+COMPILING = 150e6  # bytes besides, in a process that must compile kernels
+SLOWER = 2.0  # how much slower the processors of a cluster may be
+DELAY = 300.0  # seconds besides: to compile kernels, and to wait for a network file system
+ANALYSIS = 170e6  # bytes of memory of a process that analyses or draws, besides data
+ANALYSIS_START = 1.5  # CPU seconds, to import what the analysis needs
+PER_CASE = 0.3  # CPU seconds besides, to analyse a case
+BYTES_PER_NUMBER = 130e3  # of memory for the replicates of a quantity that is averaged over the runs of a case
+BYTES_PER_RUN = 300  # of memory for what a dataset has of each run
+SECONDS_PER_NUMBER = 6.5e-7  # CPU, to read and average a number of a run
+SECONDS_PER_FILE = 0.02  # CPU, to open and verify a file
+FIGURE = 1.3  # CPU seconds to draw a figure and store it in its formats
+TIMING = 30.0  # runs in the CPU time measurements of a case by an engine, at least
+LEAST_TIMING = 10.0  # CPU seconds of these measurements, with compiling
+
+
+class Need(NamedTuple):
+    """What a job is expected to take."""
+
+    memory: float  # peak [bytes]
+    seconds: float  # of CPU
+
+    def megabytes(self, attempt: int = 1) -> int:
+        """Memory to ask for [MB], doubled at every further attempt."""
+        return 2 ** (attempt - 1) * math.ceil((MARGIN * self.memory + COMPILING) / 1e6)
+
+    def minutes(self, attempt: int = 1) -> int:
+        """Wall time to ask for [min], doubled at every further attempt."""
+        return 2 ** (attempt - 1) * math.ceil((SLOWER * self.seconds + DELAY) / 60)
+
+
+class Used(NamedTuple):
+    """What a finished job took, as Snakemake measured it."""
+
+    job: str  # rule and what it made
+    need: Need  # as expected
+    seconds: float  # wall time
+    memory: float  # largest resident memory seen [bytes]
+
+
+def requests(study: Study) -> dict[str, dict[str, object]]:
+    """Return the `resources` of each rule of the workflow; those that depend on wildcards or attempt are functions."""
+    need_of_runs = needs_of_simulate(study)
+
+    def need_of_simulate(wildcards: Mapping[str, str]) -> Need:
+        case = wildcards["scene"], int(wildcards["particles"]), wildcards["engine"]
+        return need_of_runs[case](int(wildcards["last"]) - int(wildcards["first"]) + 1)
+
+    others = {rule: _asked(partial(_whatever_wildcards, need)) for rule, need in needs_of_others(study).items()}
+    return {"simulate": _asked(need_of_simulate)} | others
+
+
+def _whatever_wildcards(need: Need, wildcards: Mapping[str, str]) -> Need:
+    return need
+
+
+def _asked(need: Callable[[Mapping[str, str]], Need]) -> dict[str, object]:
+    """Return the resources of a rule whose jobs have a need by their wildcards."""
+    return {
+        "mem_mb": lambda wildcards, attempt: need(wildcards).megabytes(attempt),
+        "runtime": lambda wildcards, attempt: need(wildcards).minutes(attempt),
+        "cpus_per_task": 1,
+    }
+
+
+def needs_of_simulate(study: Study) -> dict[tuple[str, int, str], Callable[[int], Need]]:
+    """Return by scene, number of disks and engine the need of a job, a function of its number of runs."""
+    return {
+        (part.case.name, part.case.particles, part.engine.label): partial(_need_of_runs, part.cost)
+        for part in _parts(study)
+    }
+
+
+def needs_of_others(study: Study) -> dict[str, Need]:
+    """Return the need of each rule that has one job."""
+    return {
+        "replay": need_of_replay(study),
+        "aggregate": need_of_aggregate(study),
+        "figures": need_of_figures(study, len(study.figures)),
+        "tradeoff": need_of_tradeoff(study),
+        "tradeoff_drawings": need_of_figures(study, len(study.tradeoff_cases)),
+    }
+
+
+def _need_of_runs(cost: forecast.Cost, runs: int) -> Need:
+    return Need(forecast.memory(cost, runs), seconds_of_job(cost, runs))
+
+
+def _parts(study: Study) -> list[CaseWorkload]:
+    return [part for workload in workloads(study) for part in workload.parts]
+
+
+def need_of_replay(study: Study) -> Need:
+    """Return the need of the job that records one run for its replay; that of an empty one if there is none."""
+    if not replay_jobs(study):
+        return Need(forecast.PROCESS, forecast.START_UP)
+    request = study.request_of(replay_jobs(study)[0])
+    return _need_of_runs(REFERENCE.forecast(request.scene, RECORD), 1)
+
+
+def need_of_aggregate(study: Study) -> Need:
+    """Return the need of the analysis: replicates of one case and two files at a time, and some numbers of each run."""
+    parts = _parts(study)
+    runs = sum(len(part.seeds) for part in parts)
+    numbers = [_numbers_in(study, part) for part in parts]
+    of_case = max(
+        BYTES_PER_NUMBER * count + 2 * part.most_seeds * part.cost.kept
+        for count, part in zip(numbers, parts, strict=True)
+    )
+    seconds = ANALYSIS_START + PER_CASE * len(parts) + SECONDS_PER_FILE * sum(len(part.batches) for part in parts)
+    seconds += SECONDS_PER_NUMBER * sum(count * len(part.seeds) for count, part in zip(numbers, parts, strict=True))
+    return Need(ANALYSIS + of_case + BYTES_PER_RUN * runs, seconds)
+
+
+def _numbers_in(study: Study, part: CaseWorkload) -> int:
+    """Return how many numbers of a run are averaged: of the tracer's path, and of the observables."""
+    tracer = len(part.case.times) if study.record == "tracer" else 0
+    return tracer + observables.numbers_in(part.case, study.observables)
+
+
+def need_of_figures(study: Study, figures: int) -> Need:
+    """Return the need of drawing so many figures, which hold the numbers of each run."""
+    runs = sum(len(part.seeds) for part in _parts(study))
+    return Need(ANALYSIS + 100e6 + BYTES_PER_RUN * runs, ANALYSIS_START + FIGURE * (figures + 1))
+
+
+def need_of_tradeoff(study: Study) -> Need:
+    """Return the need of the trade-off: all runs in memory, and measurements of CPU time."""
+    parts = _parts(study)
+    numbers = sum(len(part.seeds) * _numbers_in(study, part) for part in parts)
+    timed = sum(max(TIMING * part.cost.seconds, LEAST_TIMING) for part in parts)
+    aggregate = need_of_aggregate(study)
+    return Need(aggregate.memory + 60.0 * numbers, aggregate.seconds + timed)
+
+
+def describe_used(study: Study) -> str:
+    """Return in one line what the finished jobs of a study took, against the forecast and against their requests."""
+    jobs = list(used(study))
+    if not jobs:
+        return "no job was measured"
+    took, expected = sum(job.seconds for job in jobs), sum(job.need.seconds for job in jobs)
+    time = max(job.seconds / (60 * job.need.minutes()) for job in jobs)
+    memory = max(job.memory / (1e6 * job.need.megabytes()) for job in jobs)
+    asked = f"at most {100 * time:.0f} % of the time and {100 * memory:.0f} % of the memory that a cluster is asked for"
+    return f"{len(jobs)} jobs took {in_time(took)} ({in_time(expected)} of CPU were forecast), {asked}"
+
+
+def used(study: Study) -> Iterator[Used]:
+    """Yield what each finished job of a study took, of those that were long enough to be measured."""
+    runs = needs_of_simulate(study)
+    needs = {f"simulate/{job.file}": runs[job[:3]](job.last - job.first + 1) for job in study.jobs()}
+    needs |= {f"replay/{job.file}": need_of_replay(study) for job in replay_jobs(study)}
+    needs |= {f"{rule}/{study.name}": need for rule, need in needs_of_others(study).items() if rule != "replay"}
+    for job, need in needs.items():
+        measured = _measured(Path(f"results/{study.name}/benchmarks/{job.removesuffix('.h5')}.tsv"))
+        if measured is not None:
+            yield Used(job, need, *measured)
+
+
+def _measured(path: Path) -> tuple[float, float] | None:
+    """Return wall time [s] and memory [bytes] in a table of Snakemake; None without one, or if it has no memory."""
+    try:
+        names, values = (line.split("\t") for line in path.read_text().splitlines()[:2])
+        row = dict(zip(names, values, strict=True))
+        return float(row["s"]), 2**20 * float(row["max_rss"])
+    except (OSError, UnicodeDecodeError, ValueError, KeyError):
+        return None

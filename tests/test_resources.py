@@ -1,0 +1,69 @@
+"""What the jobs of a study ask a cluster for, and what they took."""
+
+from pathlib import Path
+
+import pytest
+
+from brownpipe.engines import forecast
+from brownpipe.study import read_study
+from brownpipe.study.resources import Need, describe_used, needs_of_others, needs_of_simulate, requests, used
+
+CONFIG = Path(__file__).parent.parent / "config"
+TABLE = "s\th:m:s\tmax_rss\tcpu_time\n{}\t0:00:10\t{}\t9.0\n"
+
+
+@pytest.fixture
+def study():
+    return read_study(CONFIG / "small.yaml", {"particles": 50, "scenes": "scenes/harrison2020.yaml"})
+
+
+def test_a_job_asks_for_the_forecast_with_a_margin_and_twice_as_much_at_each_retry(study):
+    asked = requests(study)["simulate"]
+    wildcards = {"scene": "harrison2020", "particles": "50", "engine": "exact", "first": "0", "last": "999999"}
+    cost = forecast.of_run(study.cases[0])
+    expected = forecast.memory(cost, 10**6) / 1e6
+    assert 1.5 * expected < asked["mem_mb"](wildcards, attempt=1) < 1.6 * expected
+    minutes = 10**6 * (cost.seconds + cost.storing) / 60
+    assert 2 * minutes < asked["runtime"](wildcards, attempt=1) < 2 * minutes + 10
+    for key in ("mem_mb", "runtime"):
+        assert asked[key](wildcards, attempt=3) == 4 * asked[key](wildcards, attempt=1)
+    assert asked["cpus_per_task"] == 1
+    assert asked["mem_mb"](wildcards | {"last": "9"}, attempt=1) < 400
+
+
+def test_every_rule_with_a_command_asks():
+    text = "".join(file.read_text() for file in (CONFIG.parent / "workflow" / "rules").iterdir())
+    asked = requests(read_study(CONFIG / "small.yaml"))
+    assert text.count("benchmark:") == len(asked)
+    assert [text.count(f'**request["{rule}"],') for rule in asked] == [1] * len(asked)
+
+
+def test_the_need_of_the_analysis_grows_with_samples_runs_and_jobs(study):
+    few = needs_of_others(study)["aggregate"]
+    for more in ({"seeds": 10**6, "batch": 10**5}, {"observables": ["velocity_autocorrelation"]}):
+        other = needs_of_others(read_study(CONFIG / "small.yaml", {"particles": 50} | more))["aggregate"]
+        assert other.memory > few.memory and other.seconds > few.seconds
+    assert needs_of_others(study)["replay"].memory < few.memory < needs_of_others(study)["figures"].memory
+
+
+def test_what_jobs_took_is_compared_with_what_they_ask_for(study, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert describe_used(study) == "no job was measured"
+    tables = Path("results/small/benchmarks")
+    first, second = (tables / f"simulate/harrison2020/N50/exact/{seeds}.tsv" for seeds in ("0-29", "30-59"))
+    first.parent.mkdir(parents=True)
+    need = needs_of_simulate(study)["harrison2020", 50, "exact"](30)
+    first.write_text(TABLE.format(30 * need.minutes(), 0.25e6 / 2**20 * need.megabytes()))
+    second.write_text(TABLE.format(0.4, "NA"))  # too short to be measured
+    (tables / "aggregate").mkdir()
+    (tables / "aggregate/small.tsv").write_text("s\n")
+    (job,) = used(study)
+    assert job.job == "simulate/harrison2020/N50/exact/0-29.h5" and job.need == need
+    said = describe_used(study)
+    assert said.startswith("1 jobs took 3 min (910 ms of CPU were forecast), at most 50 % of the time and 25 % of")
+
+
+def test_a_request_is_a_whole_number_above_the_need():
+    need = Need(memory=1e9, seconds=3600.0)
+    assert (need.megabytes(), need.minutes()) == (1650, 125)
+    assert (need.megabytes(2), need.minutes(2)) == (3300, 250)
