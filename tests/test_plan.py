@@ -166,10 +166,11 @@ def test_a_dry_run_assumes_a_number_and_writes_nothing(study_file, tmp_path, mon
     assert re.fullmatch(rf".*: pilot runs, some [0-9.]+ m?s of CPU .*, determine how many runs {goal}", second)
 
 
-def test_too_many_jobs_take_larger_batches(study_file, tmp_path):
+def test_too_many_jobs_take_larger_batches(study_file, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_count, "MOST_JOBS", 100)
     study = replace(read_study(study_file(tolerance=0.05)), batch=1)
     settled = run_count.settle(study, tmp_path / "plan.yaml", print)
-    assert len(settled.jobs()) <= 1000 and len(settled.seeds) == sum(job.last - job.first + 1 for job in settled.jobs())
+    assert len(settled.jobs()) <= 100 and len(settled.seeds) == sum(job.last - job.first + 1 for job in settled.jobs())
 
 
 # -- refusals -------------------------------------------------------------------------------------------------------

@@ -389,7 +389,7 @@ def test_wrong_seeds_are_refused(text, allowed):
         ({"batch": 1.5}, "batch: must be an integer from 1 to 10000000 or auto, not 1.5"),
         (
             {"seeds": 10000, "batch": 1},
-            "batch: must be large enough for at most 1000 jobs (40000 with this one), not 1",
+            "batch: must be large enough for at most 10000 jobs (40000 with this one), not 1",
         ),
         ({"particles": [50, 50]}, "particles: must be particle counts that differ, not [50, 50]"),
         ({"particles": []}, "particles: must be a list that is not empty, not []"),

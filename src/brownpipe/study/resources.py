@@ -25,6 +25,7 @@ ANALYSIS = 170e6  # bytes of memory of a process that analyses or draws, besides
 ANALYSIS_START = 1.5  # CPU seconds, to import what the analysis needs
 PER_CASE = 0.3  # CPU seconds besides, to analyse a case
 BYTES_PER_NUMBER = 130e3  # of memory for the replicates of a quantity that is averaged over the runs of a case
+COPIES_READ = 5  # of the largest file in memory: two files are kept, a third is read, decoded and verified
 BYTES_PER_RUN = 300  # of memory for what a dataset has of each run
 SECONDS_PER_NUMBER = 6.5e-7  # CPU, to read and average a number of a run
 SECONDS_PER_FILE = 0.02  # CPU, to open and verify a file
@@ -118,12 +119,12 @@ def need_of_replay(study: Study) -> Need:
 
 
 def need_of_aggregate(study: Study) -> Need:
-    """Return the need of the analysis: replicates of one case and two files at a time, and some numbers of each run."""
+    """Return the need of the analysis: replicates of one case, some of its files, and some numbers of each run."""
     parts = _parts(study)
     runs = sum(len(part.seeds) for part in parts)
     numbers = [_numbers_in(study, part) for part in parts]
     of_case = max(
-        BYTES_PER_NUMBER * count + 2 * part.most_seeds * part.cost.kept
+        BYTES_PER_NUMBER * count + COPIES_READ * part.most_seeds * part.cost.kept
         for count, part in zip(numbers, parts, strict=True)
     )
     seconds = ANALYSIS_START + PER_CASE * len(parts) + SECONDS_PER_FILE * sum(len(part.batches) for part in parts)
