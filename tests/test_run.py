@@ -251,6 +251,17 @@ def test_other_batches_versions_and_sources_are_named(simulated, monkeypatch):
     assert simulated()[:2] == ["engine exact: its source code", f"engine exact: numba {numba} -> 99"]
 
 
+def test_ten_million_seeds_are_compared_by_their_ranges(study, monkeypatch):
+    """Overlapping files of old divisions count each seed once, and no seed is listed: that took 1.2 GB."""
+    folder = Path("results/first/simulate/first_scene/N200/exact")
+    folder.mkdir(parents=True)
+    for name in ("0-3999999", "2000000-4999999", "7-7", "12000000-12000009"):
+        (folder / f"{name}.h5").touch()
+    monkeypatch.setattr(changes, "_in_files", lambda *_: [])
+    found = changes.changes(read_study(study, {"seeds": 10**7, "particles": 200}))
+    assert found == ["seeds 5000000 -> 10000000"]
+
+
 def test_a_study_without_results_differs_in_nothing(study):
     assert changes.changes(read_study(study)) == []
 

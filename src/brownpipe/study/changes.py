@@ -72,14 +72,23 @@ def _in_seeds(folder: Path, files: dict[Path, SimulationJob]) -> Iterator[str]:
     """Yield how many of the seeds have been run and how many are to be, or that they are divided into other jobs."""
     if all(file.is_file() for file in files):
         return
-    run = {seed for first, last in _ranges(folder) for seed in range(first, last + 1)}
-    wanted = {seed for job in files.values() for seed in range(job.first, job.last + 1)}
-    if wanted <= run:
+    run, wanted = list(_ranges(folder)), [(job.first, job.last) for job in files.values()]
+    in_both = _number_in(run) + _number_in(wanted) - _number_in(run + wanted)
+    if in_both == _number_in(wanted):
         yield "batch: the same seeds in other jobs"
-    elif run & wanted:
-        yield f"seeds {len(run & wanted)} -> {len(wanted)}"
+    elif in_both:
+        yield f"seeds {in_both} -> {_number_in(wanted)}"
     else:
         yield "no runs yet"
+
+
+def _number_in(ranges: list[tuple[int, int]]) -> int:
+    """Return how many seeds there are in ranges (first, last), in any order; each counts once."""
+    count, end = 0, -1
+    for first, last in sorted(ranges):
+        count += max(0, last - max(first, end + 1) + 1)
+        end = max(end, last)
+    return count
 
 
 def _ranges(folder: Path) -> Iterator[tuple[int, int]]:
