@@ -1,13 +1,15 @@
 """Where the time of a study goes: run it from nothing with compiled kernels, and say what took how long.
 
-    python benchmarks/bench_study.py [STUDY.yaml] [--cores 2] [--config batch=600]
+Beside it is the forecast of each step, and the memory of its jobs beside what they ask a cluster for.
+
+    python benchmarks/bench_study.py [STUDY.yaml] [--cores 2] [--config seeds=100000]
     python benchmarks/bench_study.py --quick     a study of 40 runs in one box
 
 Prints a table in Markdown. Wall times of jobs are those of Snakemake's benchmark files; they overlap on several cores.
 """
 
 import argparse
-import csv
+import contextlib
 import os
 import platform
 import resource
@@ -16,6 +18,9 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+from brownpipe.study import from_command_line, read_study
+from brownpipe.study.resources import used
 
 ROOT = Path(__file__).parent.parent
 SCENE = ROOT / "config" / "scenes" / "harrison2020.yaml"
@@ -30,6 +35,7 @@ def main():
     parser.add_argument("--config", nargs="*", default=[], metavar="KEY=VALUE", help="replaced keys of the study")
     parser.add_argument("--quick", action="store_true", help="a study of 40 runs in one box")
     given = parser.parse_args()
+    given.study = given.study.resolve()
     with tempfile.TemporaryDirectory() as folder:
         if given.quick:
             given.study = Path(folder) / "quick.yaml"
@@ -41,7 +47,10 @@ def main():
         words += ["--config", *given.config] if given.config else []
         wall, cpu = timed(["snakemake", "--snakefile", ROOT / "Snakefile", *words])
         idle, _ = timed(["snakemake", "--snakefile", ROOT / "Snakefile", *words])
-        print(table(Path(folder), wall, cpu, start, start_cpu, idle, given.cores))
+        study = read_study(given.study, from_command_line(dict(word.split("=", 1) for word in given.config)))
+        with contextlib.chdir(folder):
+            jobs = list(used(study))
+        print(table(jobs, wall, cpu, start, start_cpu, idle, given.cores))
 
 
 def timed(words):
@@ -54,30 +63,30 @@ def timed(words):
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def table(folder, wall, cpu, start, start_cpu, idle, cores):
-    steps = {step: seconds(folder, step) for step in ("simulate", "aggregate", "figures")}
-    jobs = len(steps["simulate"])
-    rows = [
-        ("the whole study", 1, wall),
-        ("snakemake alone: start, plan, find nothing to do", 1, idle),
-        (f"`simulate`, jobs on {cores} cores", jobs, sum(steps["simulate"])),
-        ("- of which starting processes", jobs, jobs * start),
-        ("- of which runs and their files", jobs, sum(steps["simulate"]) - jobs * start),
-        ("`aggregate`", 1, sum(steps["aggregate"])),
-        ("`figures`", 1, sum(steps["figures"])),
-    ]
+def table(jobs, wall, cpu, start, start_cpu, idle, cores):
     lines = [
         f"{machine()}, {cores} cores; {cpu:.1f} s of CPU in all; a process starts in {start_cpu:.2f} s of CPU.",
         "",
+        "| what | jobs | wall time, s | forecast, s of CPU | memory of a job, MB | asked for, MB |",
+        "|---|---|---|---|---|---|",
+        f"| the whole study | 1 | {wall:.1f} | | | |",
+        f"| snakemake alone: start, plan, find nothing to do | 1 | {idle:.1f} | | | |",
     ]
-    lines += ["| what | jobs | wall time, s |", "|---|---|---|"]
-    return "\n".join([*lines, *(f"| {what} | {count} | {each:.1f} |" for what, count, each in rows)])
+    for step in ("simulate", "replay", "aggregate", "figures"):
+        measured = [job for job in jobs if job.job.startswith(f"{step}/")]
+        if measured:
+            lines.append(row(f"`{step}`", measured))
+        if measured and step == "simulate":
+            lines.append(f"| - of which starting processes | {len(measured)} | {len(measured) * start:.1f} | | | |")
+    return "\n".join(lines)
 
 
-def seconds(folder, step):
-    """Wall time of every job of a step."""
-    files = sorted(folder.glob(f"results/*/benchmarks/{step}/**/*.tsv"))
-    return [float(row["s"]) for file in files for row in csv.DictReader(file.read_text().splitlines(), delimiter="\t")]
+def row(what, jobs):
+    """Times of all jobs of a step together, memory of the job that came nearest to its request."""
+    took, forecast = sum(job.seconds for job in jobs), sum(job.need.seconds for job in jobs)
+    largest = max(jobs, key=lambda job: job.memory / job.need.megabytes())
+    memory, asked = largest.memory / 1e6, largest.need.megabytes()
+    return f"| {what} | {len(jobs)} | {took:.1f} | {forecast:.1f} | {memory:.0f} | {asked} |"
 
 
 def machine():
