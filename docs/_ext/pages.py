@@ -20,6 +20,7 @@ PAGES = {  # name on the site: file in the repository
     "guide": "docs/guide.md",
     "extend": "docs/site/extend.md",
     "cluster": "docs/cluster.md",
+    "many_runs": "docs/many_runs.md",
     "theory": "docs/theory.md",
     "results": "docs/results.md",
     "reliability": "docs/reliability.md",
