@@ -45,7 +45,7 @@ def row(scene, tolerance, folder):
     study.write_text(f"scenes: {ROOT / 'config' / 'scenes' / scene}.yaml\ntolerance: {tolerance}\n")
     (case,) = performance.performance_of(read_study(study), "msd", folder)
     chosen, file = offers([case], tolerance, None)[0], folder / "planned.yaml"
-    mapping = writing.derived_study(study, file, chosen.engine, chosen.runs, chosen.batch)
+    mapping = writing.derived_study(study, file, chosen.engine, chosen.runs)
     writing.write_yaml(file, mapping, "planned")
     planned, taken = read_study(file), 0.0
     for job in planned.jobs():

@@ -11,11 +11,12 @@ import yaml
 
 from brownpipe import cli, storage, tradeoff
 from brownpipe.analysis.displacement import squared_displacement
-from brownpipe.engines import Engine
+from brownpipe.engines import Engine, forecast
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError
 from brownpipe.study import performance, pilot, plan, read_study, run_count
-from brownpipe.study.offers import LONGEST_JOB, SHORTEST_JOB, offers
+from brownpipe.study.batches import automatic_batches
+from brownpipe.study.offers import cores, offers
 from brownpipe.study.performance import CasePerformance, EnginePerformance
 from brownpipe.verbs import values
 from ensembles import make_runs, make_scene, write
@@ -101,12 +102,15 @@ def test_one_engine_for_all_cases_has_the_most_runs_of_any():
     assert "the same engine in all cases" in plan.describe(cases, "msd", 0.02, None)
 
 
-def test_jobs_are_neither_too_short_to_start_nor_too_long_to_lose():
-    for seconds in (1e-4, 1e-2, 1.0):
-        (one,) = offers([case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, seconds))], 0.01, None)
-        job = one.batch * seconds
-        assert one.batch == one.runs or SHORTEST_JOB * 0.9 < job < LONGEST_JOB * 1.1
-        assert one.runs / one.batch <= 1000
+def test_an_offer_takes_as_long_as_the_jobs_of_the_study_that_it_becomes():
+    case = case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02))
+    for tolerance in (0.1, 0.001):
+        (one,) = offers([case], tolerance, None)
+        batches = automatic_batches(range(one.runs), EXACT.forecast(case.scene))
+        started = len(batches) * forecast.START_UP
+        assert one.seconds == pytest.approx(one.runs * 0.02 + started, rel=1e-3)  # and some writing
+        longest = 0.02 * max(last - first + 1 for first, last in batches)
+        assert one.wall_seconds == pytest.approx(max(longest, one.seconds / cores()), rel=1e-3)
 
 
 # -- the number of runs of a study ----------------------------------------------------------------------------------

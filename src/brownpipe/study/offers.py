@@ -7,13 +7,11 @@ import numpy as np
 
 from brownpipe.engines import Engine, forecast
 from brownpipe.scene.seeds import MOST_SEEDS
+from brownpipe.study.batches import SHORTEST, automatic_batches
 from brownpipe.study.performance import CasePerformance, EnginePerformance
-from brownpipe.study.study_file import MOST_JOBS
 from brownpipe.tradeoff import FEWEST_RUNS, runs_for
 
 SECONDS_PER_BYTE = 4e-8  # CPU seconds to compress, verify and write trajectories
-SHORTEST_JOB = 20 * forecast.START_UP  # CPU seconds, so that starting a job takes at most 5 % of its time
-LONGEST_JOB = 60.0  # CPU seconds that an interrupted job loses at most
 
 
 class Offer(NamedTuple):
@@ -23,7 +21,6 @@ class Offer(NamedTuple):
     runs: int  # of each case
     error: float  # expected total error, relative: the largest of the cases
     seconds: float  # of CPU, with starting the processes
-    batch: int  # seeds per job
     wall_seconds: float  # on the cores of this machine
     size: float  # bytes of files
 
@@ -51,17 +48,15 @@ def offers(cases: list[CasePerformance], tolerance: float | None, budget: float 
 
 
 def _offer(cases: list[CasePerformance], engine: Engine, runs: int) -> Offer:
-    """Return the error and cost of so many runs of an engine in each case, in jobs of a sensible length."""
-    seconds_per_run = _seconds_per_run(cases, engine)
-    work = runs * max(seconds_per_run)
-    jobs = int(np.clip(max(np.ceil(work / LONGEST_JOB), min(cores(), work // SHORTEST_JOB)), 1, min(runs, MOST_JOBS)))
-    batch = -(-runs // jobs)
-    jobs = -(-runs // batch)
-    seconds = [runs * per_run + jobs * forecast.START_UP for per_run in seconds_per_run]
-    wall_seconds = max(sum(seconds) / cores(), max(seconds) / jobs)
+    """Return the error and cost of so many runs of an engine in each case, in jobs as of `batch: auto`."""
+    seconds, longest = 0.0, 0.0
+    for case, per_run in zip(cases, _seconds_per_run(cases, engine), strict=True):
+        batches = automatic_batches(range(runs), engine.forecast(case.scene))
+        seconds += runs * per_run + len(batches) * forecast.START_UP
+        longest = max(longest, per_run * max(last - first + 1 for first, last in batches))
     performances = [case.engines[engine] for case in cases]
     error = max(float(np.sqrt(each.bias_square + each.scatter**2 / runs)) for each in performances)
-    return Offer(engine, runs, error, sum(seconds), batch, wall_seconds, runs * sum(map(_recorded, cases)))
+    return Offer(engine, runs, error, seconds, max(seconds / cores(), longest), runs * sum(map(_recorded, cases)))
 
 
 def _seconds_per_run(cases: list[CasePerformance], engine: Engine) -> list[float]:
@@ -83,7 +78,7 @@ def _runs_for_tolerance(performances: list[EnginePerformance], tolerance: float)
 def _runs_for_budget(seconds_per_run: list[float], budget: float) -> int | None:
     """Return the runs of each case that the budget pays for; None for fewer than FEWEST_RUNS."""
     left = budget - len(seconds_per_run) * forecast.START_UP
-    runs = int(min(left / (sum(seconds_per_run) * (1 + forecast.START_UP / SHORTEST_JOB)), MOST_SEEDS))
+    runs = int(min(left / (sum(seconds_per_run) * (1 + 2 * forecast.START_UP / SHORTEST)), MOST_SEEDS))
     return runs if runs >= FEWEST_RUNS else None
 
 

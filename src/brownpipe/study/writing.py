@@ -11,10 +11,10 @@ from brownpipe.study.study import REFERENCE
 from brownpipe.study.study_file import MOST_STUDY_BYTES
 
 # Keys of the original study that do not apply to the derived one.
-OF_THE_OTHER = ("tolerance", "target", "observable", "instead_of")
+OF_THE_OTHER = ("batch", "tolerance", "target", "observable", "instead_of")
 
 
-def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int, batch: int) -> dict:
+def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int) -> dict:
     """Return the contents of a study file at `path`: the scenes of another study with so many runs of one engine."""
     mapping = read_yaml(study_file, MOST_STUDY_BYTES)
     assert isinstance(mapping, dict)  # as `study_file` has been read as a study before
@@ -23,7 +23,7 @@ def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs
     mapping["scenes"] = [os.path.relpath(Path(study_file).resolve().parent / scene, folder) for scene in scenes]
     for key in OF_THE_OTHER:
         mapping.pop(key, None)
-    return mapping | {"engines": [{"name": engine.name, **dict(engine.settings)}], "seeds": runs, "batch": batch}
+    return mapping | {"engines": [{"name": engine.name, **dict(engine.settings)}], "seeds": runs}
 
 
 def write_yaml(path: str | Path, values: dict, comment: str) -> None:

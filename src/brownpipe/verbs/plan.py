@@ -50,7 +50,7 @@ def plan(arguments: Namespace) -> int:
     show(*planning.describe(cases, target, tolerance, budget).split("\n"))
     best = next(iter(offers(cases, tolerance, budget)), None)
     if output is not None and best is not None:
-        mapping = writing.derived_study(arguments.study, output, best.engine, best.runs, best.batch)
+        mapping = writing.derived_study(arguments.study, output, best.engine, best.runs)
         writing.write_yaml(output, mapping, " ".join(["brownpipe plan", *map(shell_word, arguments.argv[1:])]))
     return FAILED if best is None else DONE
 
