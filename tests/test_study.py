@@ -391,6 +391,10 @@ def test_wrong_seeds_are_refused(text, allowed):
             {"seeds": 10000, "batch": 1},
             "batch: must be large enough for at most 10000 jobs (40000 with this one), not 1",
         ),
+        (
+            {"seeds": list(range(0, 6000, 2)), "batch": "auto"},
+            "batch: must be large enough for at most 10000 jobs (12000 with this one), not 'auto'",
+        ),
         ({"particles": [50, 50]}, "particles: must be particle counts that differ, not [50, 50]"),
         ({"particles": []}, "particles: must be a list that is not empty, not []"),
         ({"particles": ["50"]}, "particles[0]: must be an integer from 0 to 10000000, not '50'"),

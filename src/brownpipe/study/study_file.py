@@ -108,7 +108,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     for seeds in (study.seeds, *(use.seeds for use in study.engine_uses if use.seeds)):
         refuse_repetition(cases, seeds, entries["seeds"])
     jobs = len(study.jobs())
-    if study.batch is not None and jobs > MOST_JOBS:
+    if jobs > MOST_JOBS:
         must_be(entries["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
     return study
 
