@@ -60,7 +60,8 @@ def test_what_jobs_took_is_compared_with_what_they_ask_for(study, tmp_path, monk
     (job,) = used(study)
     assert job.job == "simulate/harrison2020/N50/exact/0-29.h5" and job.need == need
     said = describe_used(study)
-    assert said.startswith("1 jobs took 3 min (910 ms of CPU were forecast), at most 50 % of the time and 25 % of")
+    assert said.startswith("1 jobs took 3 min, forecast ")
+    assert said.endswith(" of CPU; at most 50 % of the requested time, 25 % of the requested memory")
 
 
 def test_a_request_is_a_whole_number_above_the_need():

@@ -125,7 +125,7 @@ def test_everything_declared_is_there_and_printed(finished):
     answer = (folder / "results/study/figures/summary.txt").read_text()
     last = "figures and tables: results/study/figures\nall on one page: results/study/report.html\n"
     before, used = printed.rsplit("brownpipe: the study study: ", 1)
-    assert int(re.match(r"7 jobs took .* forecast\), .* (\d+) % of the memory", used)[1]) <= 100
+    assert int(re.match(r"7 jobs took .*, (\d+) % of the requested memory", used)[1]) <= 100
     assert before.endswith(answer + last) and (folder / "results/study/report.html").is_file()
     logs = list((folder / "results/study/logs").rglob("*.log"))
     tables = list((folder / "results/study/benchmarks").rglob("*.tsv"))

@@ -161,8 +161,8 @@ def describe_used(study: Study) -> str:
     took, expected = sum(job.seconds for job in jobs), sum(job.need.seconds for job in jobs)
     time = max(job.seconds / (60 * job.need.minutes()) for job in jobs)
     memory = max(job.memory / (1e6 * job.need.megabytes()) for job in jobs)
-    asked = f"at most {100 * time:.0f} % of the time and {100 * memory:.0f} % of the memory that a cluster is asked for"
-    return f"{len(jobs)} jobs took {in_time(took)} ({in_time(expected)} of CPU were forecast), {asked}"
+    largest = f"at most {100 * time:.0f} % of the requested time, {100 * memory:.0f} % of the requested memory"
+    return f"{len(jobs)} jobs took {in_time(took)}, forecast {in_time(expected)} of CPU; {largest}"
 
 
 def used(study: Study) -> Iterator[Used]:
