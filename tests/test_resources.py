@@ -6,7 +6,15 @@ import pytest
 
 from brownpipe.engines import forecast
 from brownpipe.study import read_study
-from brownpipe.study.resources import Need, describe_used, needs_of_others, needs_of_simulate, requests, used
+from brownpipe.study.resources import (
+    COPIES_READ,
+    Need,
+    describe_used,
+    needs_of_others,
+    needs_of_simulate,
+    requests,
+    used,
+)
 
 CONFIG = Path(__file__).parent.parent / "config"
 TABLE = "s\th:m:s\tmax_rss\tcpu_time\n{}\t0:00:10\t{}\t9.0\n"
@@ -38,11 +46,17 @@ def test_every_rule_with_a_command_asks():
     assert [text.count(f'**request["{rule}"],') for rule in asked] == [1] * len(asked)
 
 
-def test_the_need_of_the_analysis_grows_with_samples_runs_and_jobs(study):
+def test_the_need_of_the_analysis_grows_with_runs_quantities_and_the_size_of_files(study):
+    def need(**more):
+        return needs_of_others(read_study(CONFIG / "small.yaml", {"particles": 50} | more))["aggregate"]
+
+    few, many, in_larger_files = need(), need(seeds=10**5, batch=10**3), need(seeds=10**5, batch=10**4)
+    for more in (many, need(observables=["velocity_autocorrelation"])):
+        assert more.memory > few.memory and more.seconds > few.seconds
+    file = 1000 * forecast.of_run(study.cases[0]).kept
+    assert in_larger_files.memory == pytest.approx(many.memory + COPIES_READ * 9 * file)
+    assert in_larger_files.seconds < many.seconds
     few = needs_of_others(study)["aggregate"]
-    for more in ({"seeds": 10**6, "batch": 10**5}, {"observables": ["velocity_autocorrelation"]}):
-        other = needs_of_others(read_study(CONFIG / "small.yaml", {"particles": 50} | more))["aggregate"]
-        assert other.memory > few.memory and other.seconds > few.seconds
     assert needs_of_others(study)["replay"].memory < few.memory < needs_of_others(study)["figures"].memory
 
 
