@@ -31,7 +31,8 @@ SECONDS_PER_NUMBER = 6.5e-7  # CPU, to read and average a number of a run
 SECONDS_PER_FILE = 0.03  # CPU, to open and verify a file
 FIGURE = 1.3  # CPU seconds to draw a figure and store it in its formats
 TIMING = 30.0  # runs in the CPU time measurements of a case by an engine, at least
-LEAST_TIMING = 10.0  # CPU seconds of these measurements, with compiling
+LEAST_TIMING = 4.0  # CPU seconds of these measurements
+BYTES_COMPARED = 60  # of memory for a number of a run in the trade-off, which has all of them in memory
 
 
 class Need(NamedTuple):
@@ -149,8 +150,7 @@ def need_of_tradeoff(study: Study) -> Need:
     parts = _parts(study)
     numbers = sum(len(part.seeds) * _numbers_in(study, part) for part in parts)
     timed = sum(max(TIMING * part.cost.seconds, LEAST_TIMING) for part in parts)
-    aggregate = need_of_aggregate(study)
-    return Need(aggregate.memory + 60.0 * numbers, aggregate.seconds + timed)
+    return Need(ANALYSIS + BYTES_COMPARED * numbers, need_of_aggregate(study).seconds + timed)
 
 
 def describe_used(study: Study) -> str:
