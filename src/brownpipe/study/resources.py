@@ -19,6 +19,7 @@ from brownpipe.study.workload import CaseWorkload, seconds_of_job, workloads
 
 MARGIN = 1.5  # of memory
 COMPILING = 150e6  # bytes besides, in a process that must compile kernels
+AROUND = 300e6  # bytes besides on a cluster: on the node two processes of Snakemake wait for that of the job
 SLOWER = 2.0  # how much slower the processors of a cluster may be
 DELAY = 300.0  # seconds besides: to compile kernels, and to wait for a network file system
 ANALYSIS = 170e6  # bytes of memory of a process that analyses or draws, besides data
@@ -43,7 +44,7 @@ class Need(NamedTuple):
 
     def megabytes(self, attempt: int = 1) -> int:
         """Memory to ask for [MB], doubled at every further attempt."""
-        return 2 ** (attempt - 1) * math.ceil((MARGIN * self.memory + COMPILING) / 1e6)
+        return 2 ** (attempt - 1) * math.ceil((MARGIN * self.memory + COMPILING + AROUND) / 1e6)
 
     def minutes(self, attempt: int = 1) -> int:
         """Wall time to ask for [min], doubled at every further attempt."""
