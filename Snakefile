@@ -91,5 +91,5 @@ onstart:
 onsuccess:
     from brownpipe.study.resources import describe_used
 
-    if len(list(workflow.dag.needrun_jobs(exclude_finished=False))) > 1:  # more than rule all
+    if not workflow.local_exec:  # on one machine a request has no effect, and the answer stays the last thing said
         logger.info(f"brownpipe: the study {study.name}: {describe_used(study)}")

@@ -62,6 +62,7 @@ def test_a_study_has_the_same_bytes_as_on_one_machine_though_jobs_were_killed_an
     screen = (folder / "screen").read_text()
     assert status == 0, screen
     assert "eq. (18) rejected?" in screen, "the answer is printed here, not on the node"
+    assert " % of the requested memory" in screen
     assert "compiled" in (folder / "results/small/logs/compile/small.log").read_text()
     assert "JobState=CANCELLED" in (shown := slurm.said("scontrol", "show", "job", str(killed))), shown
     assert "Restarts=1" in (shown := slurm.said("scontrol", "show", "job", str(requeued))), shown
