@@ -305,6 +305,19 @@ def test_a_job_that_failed_and_was_run_again_is_no_failure(monkeypatch):
     assert "the rule simulate failed" not in screen.getvalue()
 
 
+def test_a_job_that_failed_in_every_attempt_is_explained_once_with_what_the_queue_said(monkeypatch):
+    handler, screen = display(monkeypatch)
+    said = "SLURM sbatch failed. 'invalid partition\x1b[2J: long'.\n    sbatch call:\n        sbatch -p long"
+    for number in (7, 8, 7):
+        begin(handler, number)
+        error = {"rule_name": "simulate", "shellcmd": "brownpipe simulate", "log": [], "jobid": number}
+        send(handler, LogEvent.JOB_ERROR, "Error in rule simulate", logging.ERROR, rule_msg=said, **error)
+    handler.close()
+    explained = "brownpipe: the rule simulate failed: brownpipe simulate\n    SLURM sbatch failed. "
+    explained += "'invalid partition\\x1b[2J: long'.\n"
+    assert screen.getvalue().endswith("\n" + 2 * explained) and screen.getvalue().count(explained) == 2
+
+
 def test_of_a_cluster_only_what_concerns_the_user_is_shown(monkeypatch):
     handler, screen = display(monkeypatch)
     send(handler, message="SLURM run ID: 4fd69280")

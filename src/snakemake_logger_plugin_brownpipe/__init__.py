@@ -52,6 +52,8 @@ END = re.compile(  # of a command that failed
     re.DOTALL | re.MULTILINE,
 )
 LESS_MEMORY = "must be fewer jobs at once (-j 1), a smaller batch: in the study, or more memory"
+NO_NUMBER = -1  # of a job whose message has none
+BY_CLUSTER = re.compile(r"For further error details see the cluster|\n *sbatch call:")  # ends what the queue said
 GOES_ON = "the same command goes on from here"
 MOST_FAILURES = 10  # that are explained at the end, with the whole log of each
 LOOK_INTERVAL = 0.5  # seconds between two looks at the logs of running jobs
@@ -85,7 +87,8 @@ class Message(logging.LogRecord):
     rule_name: str  # JOB_INFO, JOB_ERROR, like the next
     log: list[str] | None
     wildcards: dict[str, str] | None  # JOB_INFO
-    shellcmd: str | None  # JOB_ERROR
+    shellcmd: str | None  # JOB_ERROR, like the next
+    rule_msg: str | None  # what the queue of a cluster said
 
 
 class LogHandler(LogHandlerBase):
@@ -184,14 +187,14 @@ class LogHandler(LogHandlerBase):
         """Count a finished job, and forget that it failed before it was run again."""
         self.listen()
         job = self.running.pop(number, None)
-        self.failures = [failure for failure in self.failures if failure[0] != number]
+        self.forget_failure(number)
         if job is not None:
             self.runs_of_finished += job.runs
         self.show()
 
     def fail(self, record: Message) -> None:
         """Keep the explanation of a failed job for the end; say at once that a job was killed, as its log cannot."""
-        number = getattr(record, "jobid", -1)
+        number = getattr(record, "jobid", NO_NUMBER)
         job = self.running.pop(number, None)
         status = next((status for command, status in self.ends.items() if str(record.shellcmd) in command), FAILED)
         if record.rule_name in ANSWER_RULES:
@@ -201,7 +204,12 @@ class LogHandler(LogHandlerBase):
             cure = f"brownpipe: {job.title if job else record.rule_name}: {cure}"
             self.write(cure)
             text += f"\n    {cure}"
+        self.forget_failure(number)  # of an earlier attempt
         self.failures.append((number, text))
+
+    def forget_failure(self, number: int) -> None:
+        """Forget the explanation of a job that failed, by its number; those without a number stay."""
+        self.failures = [failure for failure in self.failures if failure[0] != number or number == NO_NUMBER]
 
     def show(self) -> None:
         """Show the progress: on a terminal in one line that is overwritten, else every LINE_INTERVAL in a new line."""
@@ -364,8 +372,10 @@ def briefly(failures: Sequence[str]) -> list[str]:
 
 
 def failure(record: Message) -> str:
-    """Return an explanation of a failed job: the rule, its command, and its log."""
+    """Return an explanation of a failed job: the rule, its command, what a queue said of it, and its log."""
     lines = [printable(f"brownpipe: the rule {record.rule_name} failed: {record.shellcmd}")]
+    said_by_queue = BY_CLUSTER.split(getattr(record, "rule_msg", None) or "")[0]
+    lines += [f"    {line}" for line in said_by_queue.splitlines()]
     for log in map(str, record.log or ()):
         with suppress(OSError):
             lines += [f"{log}:", *(f"    {line}" for line in Path(log).read_text(errors="replace").splitlines())]
