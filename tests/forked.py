@@ -93,7 +93,7 @@ def _serve(address):
     gc.freeze()  # forked processes need not search what they inherit for garbage
     gc.set_threshold(50_000)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends forked processes, and the end of the tests this one
-    running = {}  # by the descriptor of a process, which is readable when it has ended: its number, who asked for it
+    running = {}  # by the pipe whose other end a process holds until its own end: its number, who asked for it
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(address)
         server.listen()
@@ -107,10 +107,12 @@ def _serve(address):
                     connection.sendall(b"%d\n" % os.waitstatus_to_exitcode(status))
             if server in ready:
                 connection, _ = server.accept()
+                here, there = os.pipe()
                 child = os.fork()
                 if child == 0:
                     return _become(connection)
-                running[os.pidfd_open(child)] = child, connection
+                os.close(there)
+                running[here] = child, connection
     sys.exit()
 
 
