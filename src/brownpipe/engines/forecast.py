@@ -26,13 +26,13 @@ from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
 START_UP = 0.9  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
-EACH_RUN = 1.5e-4  # CPU seconds to begin a run, and to store what is recorded
-SECONDS_PER_DISK = 1.2e-6  # CPU seconds to draw the initial state of one disk, list it, and predict its first event
-SECONDS_PER_COLLISION = 2.5e-7  # CPU seconds, with a disk or a wall
-SECONDS_PER_CROSSING = 2e-7  # CPU seconds for a disk that moves by the distance of neighbours
+EACH_RUN = 1.1e-4  # CPU seconds to begin a run, and to store what is recorded
+SECONDS_PER_DISK = 1e-6  # CPU seconds to draw the initial state of one disk, list it, and predict its first event
+SECONDS_PER_COLLISION = 2e-7  # CPU seconds, with a disk or a wall
+SECONDS_PER_CROSSING = 1.6e-7  # CPU seconds for a disk that moves by the distance of neighbours
 DISKS = (1e3, 1e4, 1e5, 1e6)  # numbers of disks: the larger, the less of their data fits the processor's cache
 SLOWER = (1.0, 1.2, 1.6, 2.1)  # factor on the cost of collisions and crossings for these numbers
-SECONDS_PER_BLOCK = 1.5e-7  # CPU seconds to predict the events of one disk afresh, at the start of a block
+SECONDS_PER_BLOCK = 1.2e-7  # CPU seconds to predict the events of one disk afresh, at the start of a block
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time, if all are recorded
 SECONDS_PER_SAMPLE = 1e-7  # CPU seconds to record the tracer at one sample time
 SECONDS_PER_BYTE = 4e-8  # CPU seconds to compress, write and verify a byte of a file
