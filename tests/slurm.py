@@ -11,6 +11,7 @@ import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -63,6 +64,8 @@ def lacking():
     missing = [name for name in PROGRAMS if found(name) is None]
     if missing:
         return f"there is no {', '.join(missing)} (Debian: apt install slurm-wlm munge)"
+    if os.cpu_count() < 2:
+        return "two jobs cannot run at the same time on one core"
     if os.geteuid() != 0:
         return "only root can write Slurm's configuration"
     if CONFIGURATION.exists() and not CONFIGURATION.read_text(errors="replace").startswith(OURS):
@@ -186,8 +189,17 @@ def install():
             subprocess.run(["sh", "-c", script], env=environment, capture_output=True, timeout=180, check=False)
 
 
+def failure():
+    """Start a cluster and stop it; return why that failed, in one line, or None."""
+    try:
+        with tempfile.TemporaryDirectory() as folder, cluster(Path(folder)):
+            return None
+    except (AssertionError, OSError, subprocess.SubprocessError) as error:
+        return f"the cluster does not start: {error}"
+
+
 if __name__ == "__main__":
     install()
-    if why := lacking():
+    if why := lacking() or failure():
         print(why)
     sys.exit(why is not None)

@@ -50,7 +50,7 @@ def test_a_study_has_the_same_bytes_as_on_one_machine_though_jobs_were_killed_an
     folder = tmp_path / "a $HOME of studies"
     running = study(folder, "--profile", "slurm", *POLLED)
     try:
-        slurm.wait_until(lambda: len(slurm.jobs("RUNNING")) > 1, [running])  # kernels are compiled by a single job
+        slurm.wait_until(lambda: len(slurm.jobs("RUNNING")) > 1, [running], LONGEST)  # one job compiles the kernels
         killed, requeued = slurm.jobs("RUNNING")[:2]
         slurm.said("scancel", "--signal=KILL", "--full", str(killed))
         slurm.said("scontrol", "requeue", str(requeued))
