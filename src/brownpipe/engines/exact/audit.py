@@ -1,9 +1,12 @@
 """Consistency checks of a run: overlaps, and disks outside their cell. Positions and velocities are only read."""
 
+import math
+
 from brownpipe.engines.collisions import encounter
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.disks import contact_distance, position, relative_motion
+from brownpipe.engines.exact.disks import four_contact_distances, four_disks, four_shifted, position
+from brownpipe.engines.fours import four, four_entries, least, where
 from brownpipe.engines.kernels import kernel
 
 
@@ -34,10 +37,13 @@ def audit_place(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: f
 def audit(w: ws.Workspace, i: int, now: float) -> None:
     """Check disk i for overlaps with its neighbours (NEAREST), and its position against its cell (STRAY)."""
     audit_place(w.lists, w, i, now)
-    for j in range(cells.gather(w.big, w, i)):
-        k = w.candidate[j] & ws.DISK_MASK
-        if k != i:
-            x, y, u, v = relative_motion(w, i, w.candidate[j], now)
-            sigma = contact_distance(w.mass, w, i, k)
-            c = encounter(x, y, u, v, sigma)[1]
-            w.tally[ws.NEAREST] = min(w.tally[ws.NEAREST], c / (sigma * sigma))
+    x_i, y_i = position(w, i, now)
+    m = cells.gather(w.big, w, i)
+    for j in range(0, m, 4):
+        candidate = four_entries(w.candidate, j, m, i)
+        k = candidate & ws.DISK_MASK
+        x_k, y_k, u, v, _, radius = four_disks(w, k, now)
+        x, y = four_shifted(w.shift, candidate, x_k - x_i, y_k - y_i)
+        sigma = four_contact_distances(w.mass, w, i, radius)
+        c = encounter(x, y, u, v, sigma)[1]  # whatever the velocities
+        w.tally[ws.NEAREST] = min(w.tally[ws.NEAREST], least(where(k != i, c / (sigma * sigma), four(math.inf))))
