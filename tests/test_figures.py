@@ -20,7 +20,7 @@ from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine, state
 from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
-from brownpipe.figures.catalogue import FIGURES, FOLLOWED, SPREADING, TRACKED
+from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import cases_shown, module_of, render
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tables import Table, to_csv
@@ -28,7 +28,7 @@ from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, with_measures
 
 NAMES = tuple(FIGURES)
-OF_TRAJECTORIES = [name for name in NAMES if {FOLLOWED, TRACKED, SPREADING} >= set(FIGURES[name].needs)]
+OF_TRAJECTORIES = [name for name in NAMES if {FOLLOWED, COLLISIONS, TRACKED, SPREADING} >= set(FIGURES[name].needs)]
 OF_OBSERVABLES = {
     name: module_of(name).VARIABLES
     for name in NAMES

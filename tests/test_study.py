@@ -63,6 +63,12 @@ def test_particles_default_to_those_of_the_scene():
     assert [case.particles for case in small(particles=None).cases] == [150, 150]
 
 
+def test_figures_of_collisions_are_drawn_of_engines_that_count_them():
+    langevin = {"name": "langevin", "friction": "enskog"}
+    assert "thermodynamics" not in small(engines=[langevin]).figures
+    assert "thermodynamics" in small(engines=[langevin, "exact"]).figures
+
+
 def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "one.yaml").write_text("box: {x: [0, 1], y: [0, 1]}\ndisks: []\nduration: 1\n")
@@ -415,6 +421,10 @@ def test_wrong_seeds_are_refused(text, allowed):
         ({"figures": ["helth"]}, "figures[0]: 'helth' is unknown; did you mean health?"),
         ({"figures": ["msd", "msd"]}, "figures: must be figures that differ"),
         ({"particles": 50, "figures": "particle_counts"}, "figures: particle_counts needs two particle counts or more"),
+        (
+            {"engines": [{"name": "langevin", "friction": "enskog"}], "figures": "thermodynamics"},
+            "figures: thermodynamics needs disks, and an engine that counts their collisions",
+        ),
         ({"displacement_times": [0.333]}, "displacement_times[0]: must be a sample time of some scene, not 0.333"),
         ({"displacement_times": [0.5, 0.5]}, "displacement_times[1]: must be given once, not 0.5"),
         ({"displacement_times": [0.0]}, "displacement_times[0]: must be a finite number > 0, not 0.0"),

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 # What a study must have for a figure, as refusals name it
 FOLLOWED = "a disk to follow"
+COLLISIONS = "disks, and an engine that counts their collisions"
 SEVERAL_COUNTS = "two particle counts or more"
 TRACKED = "record: tracer"
 SPREADING = "record: tracer, or square_displacement among the observables"
@@ -33,7 +34,7 @@ FIGURES = {
         Figure("velocity_distribution", ("the observable velocity_distribution",)),
         Figure("pair_distribution", ("the observable pair_distribution",)),
         Figure("energy", ("the observable species_energy",)),
-        Figure("thermodynamics", (FOLLOWED,), every_count=True),
+        Figure("thermodynamics", (COLLISIONS,), every_count=True),
         Figure("particle_counts", (SEVERAL_COUNTS, SPREADING), every_count=True),
         Figure("health", every_count=True),
     )

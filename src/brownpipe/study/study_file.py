@@ -16,7 +16,7 @@ import numpy as np
 from brownpipe import observables as measures
 from brownpipe.engines import read_engine
 from brownpipe.errors import RequestError
-from brownpipe.figures.catalogue import FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
+from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene, parse_scene, reading
 from brownpipe.scene.reading import Entry, must_be, refuse
@@ -85,14 +85,15 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     record = reading.choice(entries["record"], RECORDS)
     observables, average = _measures(entries["observables"], entries["average"], cases)
     tolerance, target = _tolerance(entries, cases)
+    uses = _engine_uses(entries["engines"], cases)
     study = Study(
         name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
         scenes=scenes,
         cases=cases,
-        engine_uses=_engine_uses(entries["engines"], cases),
+        engine_uses=uses,
         seeds=read_seeds(entries["seeds"]) if tolerance is None else (),
         batch=_batch(entries["batch"]),
-        figures=_figures(entries["figures"], cases, record, observables),
+        figures=_figures(entries["figures"], cases, uses, record, observables),
         displacement_times=_displacement_times(entries["displacement_times"], cases),
         fit_windows=_windows(entries["fit_windows"], cases),
         ring_width=ring_width,
@@ -304,11 +305,15 @@ def _measures(observables: Entry, average: Entry, cases: tuple[Scene, ...]) -> t
     return names, over
 
 
-def _figures(entry: Entry, cases: tuple[Scene, ...], record: str, observables: tuple[str, ...]) -> tuple[str, ...]:
+def _figures(
+    entry: Entry, cases: tuple[Scene, ...], uses: tuple[EngineUse, ...], record: str, observables: tuple[str, ...]
+) -> tuple[str, ...]:
     """Return the figures of the study; by default all whose needs are met."""
     counts = {case.particles for case in cases} - {0}
+    counting = {name for use in uses if use.engine.definition.counts_collisions for name in use.scenes}
     met = {f"the observable {name}" for name in observables}
     met |= {FOLLOWED} if counts else set()
+    met |= {COLLISIONS} if any(case.particles and case.name in counting for case in cases) else set()
     met |= {SEVERAL_COUNTS} if len(counts) > 1 else set()
     met |= {TRACKED} if record == "tracer" else set()
     met |= {SPREADING} if record == "tracer" or "square_displacement" in observables else set()

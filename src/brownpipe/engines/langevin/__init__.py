@@ -134,5 +134,6 @@ LANGEVIN = Definition(
     caution=caution,
     forecast=_forecast,
     scene_with_disks=scene_with_disks,
+    counts_collisions=False,
     candidates=lambda scene: [{"friction": "enskog"}],  # it needs no runs of the exact engine
 )
