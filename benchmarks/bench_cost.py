@@ -4,10 +4,12 @@
     python benchmarks/bench_cost.py --quick     one scene, a run each
 
 Medians over stretches of runs, the rows of a scene in turn, in one process; each is the difference of a call with many
-runs and one with a single run, so that what a call takes once is left out.
+runs and one with a single run, so that what a call takes once is left out. Ends with status 1 if a forecast is off by
+more than a factor of 2.
 """
 
 import argparse
+import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -76,7 +78,7 @@ def words(request):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--quick", action="store_true", help="one scene, a run each")
-    quick = parser.parse_args().quick
+    quick, off = parser.parse_args().quick, []
     print("| scene | measured in a run | expected, ms | taken, ms | ratio |\n|---|---|---|---|---|")
     for name in QUICK if quick else FULL:
         scene = read_scene(SCENES / f"{name}.yaml")
@@ -86,6 +88,9 @@ def main():
             expected = forecast.of_run(scene, *request).seconds
             row = f"{1e3 * expected:.3g} | {1e3 * seconds:.3g} | {expected / seconds:.2f}"
             print(f"| {name} | {words(request)} | {row} |", flush=True)
+            off += [] if quick or 0.5 <= expected / seconds <= 2.0 else [f"{name}, {words(request)}"]
+    if off:
+        sys.exit(f"expected and taken differ by more than a factor of 2: {'; '.join(off)}")
 
 
 if __name__ == "__main__":

@@ -157,6 +157,18 @@ def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
     assert np.isclose(found["wall_collisions"].mean(), expected.wall_collisions, rtol=0.12)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("path", sorted((CONFIG / "scenes").glob("*.yaml")), ids=lambda path: path.stem)
+def test_expected_collisions_of_the_example_scenes_are_half_to_twice_those_found(path):
+    """What a job asks a cluster for follows from them. One run each, cut short; some hundred collisions or more."""
+    whole = read_scene(path)
+    duration = min(whole.duration, whole.duration * 20_000 / forecast.of_run(whole).pair_collisions)
+    scene = replace(whole, duration=duration, sample_interval=duration, samples=None, equilibrate=0.0)
+    found, expected = exact.simulate(scene, [0], frozenset({"none"})).observables, forecast.of_run(scene)
+    assert 0.5 < found["pair_collisions"][0] / expected.pair_collisions < 2.0
+    assert found["wall_collisions"][0] < 2.0 * expected.wall_collisions + 50
+
+
 @cache
 def seconds_of_runs(path):
     """Median CPU seconds of ten runs without observables, (), and with each alone, (name,).

@@ -81,4 +81,4 @@ def test_what_jobs_took_is_compared_with_what_they_ask_for(study, tmp_path, monk
 def test_a_request_is_a_whole_number_above_the_need():
     need = Need(memory=1e9, seconds=3600.0)
     assert (need.megabytes(), need.minutes()) == (1950, 125)
-    assert (need.megabytes(2), need.minutes(2)) == (3300, 250)
+    assert (need.megabytes(2), need.minutes(2)) == (3900, 250)
