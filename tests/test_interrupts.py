@@ -271,7 +271,7 @@ def test_a_signal_at_a_random_moment_ends_a_simulation(tmp_path, faults):
                 assert process.returncode == 0 or re.search(rf"^brownpipe: {word}\n\Z", err, re.MULTILINE)
                 assert "Traceback" not in err and "ignored" not in err
             left = {path.name for path in Path(folder).rglob("*.*") if path.suffix in (".h5", ".part", ".checkpoint")}
-            assert left == {"scene.h5"} if process.returncode == 0 else left <= {"scene.h5"}
+            assert left == {"scene.h5"} if process.returncode == 0 else left <= {"scene.h5"}, (left, process.returncode)
             for file in left:
                 read_sealed(f"{folder}/{file}")
     print("seconds until the end of the processes:", *sorted(waits))

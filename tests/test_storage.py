@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray
 
-from brownpipe import inspection, provenance, storage
+from brownpipe import inspection, interrupts, provenance, storage
 from brownpipe.engines import Engine, configured
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import StorageError
@@ -406,6 +406,21 @@ def test_a_failed_write_keeps_the_old_file_and_nothing_else(call, failure, tmp_p
     assert os.listdir(tmp_path) == ["x"] and (tmp_path / "x").read_bytes() == b"old"
     if isinstance(failure, OSError):
         assert f"{tmp_path / 'x'}: not written: {failure.strerror}" in str(error.value)
+
+
+def test_an_interrupt_between_the_making_of_a_part_and_its_handle_leaves_nothing(tmp_path, monkeypatch):
+    """One of 20 signals at random moments left a part; this is a moment at which that could happen."""
+    usual = files.opened_unlinked
+
+    def interrupted(*given):
+        os.close(usual(*given))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files, "opened_unlinked", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        files.write_file(tmp_path / "x", b"contents")
+    assert list(tmp_path.iterdir()) == []
+    assert not interrupts.unfinished
 
 
 def test_a_limit_met_in_the_middle_of_a_file(tmp_path):

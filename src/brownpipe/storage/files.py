@@ -97,16 +97,23 @@ def replacing(path: str | Path) -> Iterator[Path]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_abandoned_parts(path)
-        handle = opened_unlinked(str(part), os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+        handle, may_exist = -1, True
+        interrupts.unfinished.add(str(part))  # before: an interrupt may come when there is the part, but no handle yet
         try:
-            interrupts.unfinished.add(str(part))
+            try:
+                handle = opened_unlinked(str(part), os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+            except OSError:
+                may_exist = False  # or it is another one's
+                raise
             yield part
             if not os.path.samestat(os.fstat(handle), os.lstat(part)):
                 raise OSError(errno.EIO, "another process has replaced its part; choose a folder of your own")
             os.replace(part, path)
         finally:
-            os.close(handle)
-            part.unlink(missing_ok=True)
+            if handle >= 0:
+                os.close(handle)
+            if may_exist:
+                part.unlink(missing_ok=True)
             interrupts.unfinished.discard(str(part))
         sync(path.parent)
     except OSError as error:
