@@ -1,7 +1,8 @@
-"""Pair and wall collisions, eqs. (1)-(10) of the note, as scalar kernels in a form that survives finite precision.
+"""Pair and wall collisions, eqs. (1)-(10) of the note, as kernels in a form that survives finite precision.
 
-Everything here takes and returns plain numbers, in any consistent units. docs/theory.md, section 1, states the
-equations and measures the difference between their printed form and this one.
+Everything here takes and returns plain numbers, in any consistent units; `encounter`, `meets` and `delay` also fours of
+them, for four pairs at once (`engines.fours`). docs/theory.md, section 1, states the equations and measures the
+difference between their printed form and this one.
 
     (1)-(3)   time of a pair collision     `encounter`, `meets`, `delay`
     (4)       time of a wall collision     `wall_time`; the gap to the wall in `exact.events.leave_time`
