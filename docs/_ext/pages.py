@@ -23,6 +23,7 @@ PAGES = {  # name on the site: file in the repository
     "many_runs": "docs/many_runs.md",
     "theory": "docs/theory.md",
     "results": "docs/results.md",
+    "validation": "docs/validation.md",
     "reliability": "docs/reliability.md",
     "benchmarks": "docs/benchmarks.md",
     "benchmarks_engines": "docs/benchmarks_engines.md",

@@ -1,0 +1,57 @@
+"""The tables of docs/validation.md, each between two comments with the name of its result."""
+
+import math
+import re
+from collections.abc import Sequence
+
+from brownpipe.formatting import in_time
+from validation.comparison import Comparison
+
+HEAD = "| quantity | published | brownpipe | difference | source |\n|---|---|---|---|---|\n"
+
+
+def with_table(page: str, name: str, comparisons: Sequence[Comparison], seconds: float) -> str:
+    """Return the page with a new table of a result; raise KeyError if it has no place for it."""
+    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+    place = re.compile(f"(?<={re.escape(begin)}).*?(?={re.escape(end)})", re.DOTALL)
+    if not place.search(page):
+        raise KeyError(f"docs/validation.md: there is no {begin.strip()} with its {end}")
+    return place.sub(lambda _: f"{table(comparisons)}\n{closing(comparisons, seconds)}\n\n", page, count=1)
+
+
+def table(comparisons: Sequence[Comparison]) -> str:
+    """Return the comparisons as a table in Markdown."""
+    return HEAD + "".join(map(_row, comparisons))
+
+
+def _row(one: Comparison) -> str:
+    difference = f"{100 * one.departure:+.2g} %" if one.approximate else f"{one.z:+.1f} standard errors"
+    remark = f" ({one.remark})" if one.remark else ""
+    values = f"{value(one.published, one.published_error)} | {value(one.ours, one.error)}"
+    return f"| {one.quantity} | {values} | {difference}{remark} | {one.source} |\n"
+
+
+def value(number: float, error: float) -> str:
+    """Return a number with its standard error in the last two digits: 1.35485(21); without it if NaN or 0."""
+    if not error > 0:
+        return f"{number:.6g}"
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    if digits == 0:
+        return f"{number:.0f}({error:.0f})"
+    if error >= 1:
+        return f"{number:.{digits}f}({error:.{digits}f})"
+    return f"{number:.{digits}f}({round(error * 10**digits)})"
+
+
+def closing(comparisons: Sequence[Comparison], seconds: float) -> str:
+    """Return the sentence below a table: how many values, the largest difference, the time."""
+    tested = [one for one in comparisons if not one.approximate]
+    took = f"The runs took {in_time(seconds)}, added up over their jobs."
+    if not tested:
+        return took
+    most = max(abs(one.z) for one in tested)
+    chance = 1 - math.erf(most / math.sqrt(2)) ** len(tested)
+    return (
+        f"{len(tested)} values tested; largest difference {most:.1f} standard errors, which chance alone exceeds with"
+        f" probability {chance:.2g} if they are independent. {took}"
+    )
