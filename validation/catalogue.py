@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import virial
+from validation import equation_of_state, virial
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -24,5 +24,25 @@ class Result(NamedTuple):
 
 RESULTS = {
     result.name: result
-    for result in (Result("virial", ("virial",), virial.compare, virial.draw, {"virial": {"seeds": 8}}),)
+    for result in (
+        Result(
+            "virial",
+            ("virial",),
+            virial.compare,
+            virial.draw,
+            {"virial": {"particles": [80, 160, 320, 480], "seeds": 8}},
+        ),
+        Result(
+            "equation_of_state",
+            (*equation_of_state.STUDIES, equation_of_state.SMALL_BOXES),
+            equation_of_state.compare,
+            equation_of_state.draw,
+            {
+                "virial": {"particles": [160, 320], "seeds": 8},
+                "fluid": {"particles": [960], "seeds": 8},
+                "dense_fluid": {"particles": [1440], "seeds": 8},
+                "small_boxes": {"seeds": 8},
+            },
+        ),
+    )
 }

@@ -1,6 +1,7 @@
 """Virial coefficients of hard disks, from their collision rate at low densities."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -8,46 +9,67 @@ from xarray import Dataset
 
 from brownpipe.figures.style import DATA, GREY, grid
 from validation.comparison import Comparison
+from validation.hard_disk_fluid import CLISBY, VIRIAL_COEFFICIENTS, cases, finite_size
 
-EXACT = {  # B_k/B_2^(k-1), with B_2 = 2 in units of the area of a disk
-    "B_2": 1.0,
-    "B_3/B_2^2": 4 / 3 - np.sqrt(3) / np.pi,
-    "B_4/B_2^3": 2 - 9 * np.sqrt(3) / (2 * np.pi) + 10 / np.pi**2,
-}
+NAMES = {2: "$B_2$", 3: "$B_3/B_2^2$", 4: "$B_4/B_2^3$", 5: "$B_5/B_2^4$"}
+ERRORS = {5: 1e-8}  # of Clisby and McCoy; B_2 to B_4 are exact
+
+
+class Reduced(NamedTuple):
+    """Pressure at K densities."""
+
+    x: np.ndarray  # (K,) 2 phi
+    y: np.ndarray  # (K,) (Z - 1)/x of infinitely many disks
+    error: np.ndarray  # (K,) standard error of y
 
 
 def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
-    """Return the comparisons of B_2 to B_4."""
-    x, y, error = _reduced(datasets["virial"])
-    powers = x[:, None] ** np.arange(4) / error[:, None]
+    """Return the comparisons of B_2 to B_5, each with all others as published, and of B_2 to B_4 from one fit."""
+    reduced = _reduced(datasets["virial"])
+    fits = [((order,), "the others as published") for order in NAMES] + [((2, 3, 4), "fitted together")]
+    return [one for orders, how in fits for one in _comparisons(reduced, orders, how)]
+
+
+def _reduced(data: Dataset) -> Reduced:
+    gas = cases(data)
+    phi = gas.packing_fraction.values
+    z = gas.compressibility_rate.values - finite_size(phi, gas.particles.values)
+    return Reduced(2 * phi, (z - 1) / (2 * phi), gas.compressibility_rate_standard_error.values / (2 * phi))
+
+
+def _comparisons(reduced: Reduced, orders: Sequence[int], how: str) -> list[Comparison]:
+    """Fit the coefficients of these orders to y = B_2 + B_3 x + ..., by least squares, the others as published."""
+    x, y, error = reduced
+    rest = sum(b * x ** (k - 2) for k, b in enumerate(VIRIAL_COEFFICIENTS, 1) if k > 1 and k not in orders)
+    powers = x[:, None] ** (np.array(orders) - 2) / error[:, None]
     covariance = np.linalg.inv(powers.T @ powers)
-    fitted = covariance @ powers.T @ (y / error)
+    fitted = covariance @ powers.T @ ((y - rest) / error)
+    square = float(np.sum(((y - rest) / error - powers @ fitted) ** 2))
+    quality = f"{how}; $\\chi^2 = {square:.1f}$ with {len(x) - len(orders)} degrees of freedom"
     return [
-        Comparison(f"${name}$", exact, 0.0, fitted[k], np.sqrt(covariance[k, k]), "Clisby and McCoy (2006)")
-        for k, (name, exact) in enumerate(EXACT.items())
+        Comparison(
+            f"{NAMES[order]}, {quality}", VIRIAL_COEFFICIENTS[order - 1], ERRORS.get(order, 0.0), value, sigma, CLISBY
+        )
+        for order, value, sigma in zip(orders, fitted, np.sqrt(np.diag(covariance)), strict=True)
     ]
 
 
-def _reduced(data: Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return x = 2 phi (k,), (Z - 1)/x of infinitely many disks, and its standard error."""
-    cases = data.isel(scene=0, engine=0)
-    n, x = cases.particles.values, 2 * cases.packing_fraction.values
-    # canonical ensemble of N disks: Z_N = 1 + (1 - 1/N) B_2 n + [(1 - 1/N)(1 - 2/N) B_3 + (2/N)(1 - 1/N) B_2^2] n^2 ...
-    z = (cases.compressibility_rate.values - 1) / x / (1 - 1 / n)
-    b3 = EXACT["B_3/B_2^2"]
-    return x, z + x * (2 * b3 - 2) / n, cases.compressibility_rate_standard_error.values / x
-
-
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
-    """Draw (Z - 1)/(2 phi) against 2 phi, and the virial series with one to three terms."""
+    """Draw (Z - 1)/(2 phi) against 2 phi beside the virial series, and the series' remainder after B_2 to B_4."""
     x, y, error = _reduced(datasets["virial"])
-    figure, ((axes,),) = grid(1, 1, 5.6, 4.2)
-    axes.errorbar(x, y, 2 * error, fmt="o", color=DATA, markersize=4, label="brownpipe, 95 %")
-    line = np.linspace(0, x.max())
-    for terms in (1, 2, 3):
-        series = sum(b * line**k for k, b in enumerate(list(EXACT.values())[:terms]))
-        axes.plot(line, series, color=GREY, linewidth=0.8 + 0.4 * terms, label=f"$B_2$ to $B_{terms + 1}$")
-    axes.set_xlabel("$2\\phi$")
-    axes.set_ylabel("$(Z - 1)/2\\phi$")
-    axes.legend()
+    figure, ((left, right),) = grid(1, 2, 4.6, 3.9)
+    line = np.linspace(0, 1.05 * x.max())
+    terms = [b * line**k for k, b in enumerate(VIRIAL_COEFFICIENTS[1:])]
+    for last in (2, 3, 4, 10):
+        looks = {"color": GREY, "linewidth": 0.6 + 0.15 * last}
+        left.plot(line, sum(terms[: last - 1]), label=f"$B_2$ to $B_{{{last}}}$", **looks)
+    left.errorbar(x, y, 2 * error, fmt="o", color=DATA, markersize=4, label="brownpipe, 95 %")
+    left.set(xlabel="$2\\phi$", ylabel="$(Z - 1)/2\\phi$")
+    left.legend()
+    known = sum(b * x**k for k, b in enumerate(VIRIAL_COEFFICIENTS[1:4]))
+    right.errorbar(x, (y - known) / x**2, 2 * error / x**2, fmt="o", color=DATA, markersize=4, label="brownpipe, 95 %")
+    right.plot(line, sum(terms[3:]) / np.maximum(line, 1e-9) ** 2, color=GREY, label="$B_5$ to $B_{10}$")
+    right.set(xlabel="$2\\phi$", ylabel="$[(Z - 1)/2\\phi - B_2 - B_3 2\\phi - B_4 (2\\phi)^2]/(2\\phi)^2$")
+    right.set_ylim(-0.3, 0.4)
+    right.legend()
     return figure
