@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import equation_of_state, virial
+from validation import contact, equation_of_state, virial
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -43,6 +43,13 @@ RESULTS = {
                 "dense_fluid": {"particles": [1440], "seeds": 8},
                 "small_boxes": {"seeds": 8},
             },
+        ),
+        Result(
+            "contact",
+            ("contact",),
+            contact.compare,
+            contact.draw,
+            {"contact": {"particles": [320, 800], "seeds": 8}},
         ),
     )
 }

@@ -54,7 +54,7 @@ def _comparisons(fluid: Dataset, name: str, at_n: bool = False) -> list[Comparis
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
     """Draw the deviation of Z from the published one against phi, and Z_N against 1/N."""
     fluid, small = _fluid(datasets), cases(datasets[SMALL_BOXES])
-    figure, ((left, right),) = grid(1, 2, 4.9, 4.0)
+    figure, ((left, right),) = grid(1, 2, 4.5, 3.6)
     phi, n = fluid.packing_fraction.values, fluid.particles.values
     z = np.array([published(density)[0] for density in fluid.density.values])
     for name, colour, marker, aside in zip(ROUTES, (DATA, FIT), "os", (-0.004, 0.004), strict=True):

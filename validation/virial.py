@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from xarray import Dataset
 
-from brownpipe.figures.style import DATA, GREY, grid
+from brownpipe.figures.style import INK, SERIES, grid
 from validation.comparison import Comparison
 from validation.hard_disk_fluid import CLISBY, VIRIAL_COEFFICIENTS, cases, finite_size
 
@@ -55,21 +55,19 @@ def _comparisons(reduced: Reduced, orders: Sequence[int], how: str) -> list[Comp
 
 
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
-    """Draw (Z - 1)/(2 phi) against 2 phi beside the virial series, and the series' remainder after B_2 to B_4."""
+    """Draw (Z - 1)/(2 phi) against 2 phi beside the virial series, and the deviation of Z - 1 from the series."""
     x, y, error = _reduced(datasets["virial"])
-    figure, ((left, right),) = grid(1, 2, 4.6, 3.9)
+    figure, ((left, right),) = grid(1, 2, 4.3, 3.5)
     line = np.linspace(0, 1.05 * x.max())
     terms = [b * line**k for k, b in enumerate(VIRIAL_COEFFICIENTS[1:])]
-    for last in (2, 3, 4, 10):
-        looks = {"color": GREY, "linewidth": 0.6 + 0.15 * last}
-        left.plot(line, sum(terms[: last - 1]), label=f"$B_2$ to $B_{{{last}}}$", **looks)
-    left.errorbar(x, y, 2 * error, fmt="o", color=DATA, markersize=4, label="brownpipe, 95 %")
+    for last, (colour, dashes, _) in zip((2, 3, 4, 5, 10), (*SERIES, (INK, "-", "")), strict=True):
+        looks = {"color": colour, "linestyle": dashes, "linewidth": 1.2, "label": f"series to $B_{{{last}}}$"}
+        left.plot(line, sum(terms[: last - 1]), **looks)
+        right.plot(line, 1e3 * (sum(terms[: last - 1]) / sum(terms) - 1), **looks)
+    series = sum(b * x**k for k, b in enumerate(VIRIAL_COEFFICIENTS[1:]))
+    left.errorbar(x, y, 2 * error, fmt="o", color=INK, markersize=4, label="brownpipe, 95 %")
+    right.errorbar(x, 1e3 * (y / series - 1), 2e3 * error / series, fmt="o", color=INK, markersize=4)
     left.set(xlabel="$2\\phi$", ylabel="$(Z - 1)/2\\phi$")
+    right.set(xlabel="$2\\phi$", ylabel="$10^3$ deviation of $Z - 1$ from the series to $B_{10}$", ylim=(-9, 3))
     left.legend()
-    known = sum(b * x**k for k, b in enumerate(VIRIAL_COEFFICIENTS[1:4]))
-    right.errorbar(x, (y - known) / x**2, 2 * error / x**2, fmt="o", color=DATA, markersize=4, label="brownpipe, 95 %")
-    right.plot(line, sum(terms[3:]) / np.maximum(line, 1e-9) ** 2, color=GREY, label="$B_5$ to $B_{10}$")
-    right.set(xlabel="$2\\phi$", ylabel="$[(Z - 1)/2\\phi - B_2 - B_3 2\\phi - B_4 (2\\phi)^2]/(2\\phi)^2$")
-    right.set_ylim(-0.3, 0.4)
-    right.legend()
     return figure
