@@ -49,7 +49,7 @@ RESULTS = {
             ("contact",),
             contact.compare,
             contact.draw,
-            {"contact": {"particles": [320, 800], "seeds": 8}},
+            {"contact": {"particles": [640], "seeds": 8}},
         ),
     )
 }
