@@ -7,6 +7,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -62,8 +63,13 @@ HEAVY = {
 ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.langevin.step", "engines.insertion")
 
 
+@cache
 def imports_of(file):
     """(module, imported name or None, whether inside a function) of every import statement of a file."""
+    return [*statements(file)]
+
+
+def statements(file):
     tree = ast.parse(file.read_text())
     inside = {
         id(one)

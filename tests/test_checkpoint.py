@@ -297,18 +297,27 @@ def _elsewhere(tmp_path, monkeypatch):
     signal.signal(signal.SIGTERM, before)
 
 
-@pytest.fixture
-def kept(monkeypatch):
-    """A run that ended early; its checkpoint is in x.h5.checkpoint."""
+@pytest.fixture(scope="module")
+def of_early_end(tmp_path_factory):
+    """The checkpoint of a run that ended early."""
 
     def die(*_):
         raise KilledError
 
-    with monkeypatch.context() as patched:
-        patched.setattr("brownpipe.storage.write_trajectories", die)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("early"))
+        patch.setattr("brownpipe.storage.write_trajectories", die)
+        Path("some.yaml").write_text(SCENE.replace("DURATION", "70.0"))
         with pytest.raises(KilledError):
             main(["simulate", "some.yaml", *ASKED, "--checkpoint-every", "1e-9"])
-    return KEPT.read_bytes()
+        return KEPT.read_bytes()
+
+
+@pytest.fixture
+def kept(of_early_end):
+    """The same, in x.h5.checkpoint."""
+    KEPT.write_bytes(of_early_end)
+    return of_early_end
 
 
 def said(capsys, *argv):
@@ -429,6 +438,7 @@ def test_an_interval_that_is_none(value, capsys):
     assert "--checkpoint-every: must be a finite number > 0" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "A checkpoint that was made or changed to do harm",
     "It is refused in one line, or the run continues: no index leaves an array and nothing runs on for ever.",
