@@ -77,6 +77,7 @@ def aggregated(output):
     return main(["aggregate", "--study", "study.yaml", "--output", output])
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "a trajectory file is replaced by one of another case or study, or two change places",
     "The analysis of a study names any file that holds other runs than the study asks for, and makes no dataset.",

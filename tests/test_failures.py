@@ -281,6 +281,7 @@ def batches(crowd, whole, tmp_path_factory):
     }
 
 
+@pytest.mark.slow
 @STUDY
 def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd, whole, batches):
     first, *others = (aggregate(files) for files in batches.values())

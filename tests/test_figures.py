@@ -244,6 +244,9 @@ def test_figures_asked_for(dataset, tmp_path, no_pictures):
     assert not (tmp_path / "other").exists()
 
 
+OF_SEVERAL_SCENES = [name for name in NAMES if name not in ("msd", "particle_counts", "health")]
+
+
 def title(axes):
     """The title of a panel, which stands at its left; None if it has none."""
     said = axes.get_title("left")
@@ -251,7 +254,7 @@ def title(axes):
     return next((text for text in own if text.get_text() == said), None)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("particle_counts", "health")])
+@pytest.mark.parametrize("name", ["msd", *(pytest.param(name, marks=pytest.mark.slow) for name in OF_SEVERAL_SCENES)])
 def test_words_cover_no_data_and_no_words(dataset, in_scenes, name):
     """Titles and keys stand above their panels, inside the figure, and on nothing else."""
     if name == "displacement_distribution":  # with a row for each scene

@@ -131,6 +131,7 @@ def test_the_moments_of_greenwoods_statistic():
     assert Fraction(4 * 99, 101**2 * 102 * 103) * 2500 == pytest.approx(goodness._greenwood(100)[1], rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("runs", "extra"), [(50, 0.008), (400, 0.002), (2400, 0.001)])
 def test_the_kurtosis_is_tested_at_the_stated_level(runs, extra):
     """4,000 ensembles of exponential r^2, within 4 standard errors and what the docstring concedes."""

@@ -116,6 +116,7 @@ def readers(path, random):
     return random.choice([*exports, *inspections, *movies, opened(path), verb("aggregate", path, "--output", "x.nc")])
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "A file that was made or changed to do harm",
     "Every reader of a file refuses it in one line, or reads it, within 400 MB of memory and without a traceback.",
@@ -307,6 +308,7 @@ def test_files_have_the_usual_permissions(mask, tmp_path):
     assert (tmp_path / "x").stat().st_mode & 0o777 == 0o666 & ~mask
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "A process that is killed while it writes a file",
     "The old file stays, and the next writer of that file removes what was left.",

@@ -137,6 +137,7 @@ def poisoned(random, text):
     return json.dumps(value)
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "a file, a name or an argument with terminal codes or commands in it",
     "Whatever a file says, the screen shows text: no control character, and no line that the file has begun.",
@@ -187,6 +188,7 @@ def test_a_damaged_file_does_not_dictate_its_remedy(runs, faults, capsys):
         assert "are lost" not in message or message.endswith(f"{command.decode()} --output bad.h5\n")
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "a dataset whose names hold terminal codes, formulae or paths",
     "`inspect` shows them as text; `figures` refuses them, writes no file named after them and draws nothing.",

@@ -79,6 +79,7 @@ def in_surroundings(surroundings, commands, folder):
     return results(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "a processor without some instructions, other linear algebra, threads, language, time zone or folder",
     "Trajectories, datasets, tables and figures are the same, byte for byte.",

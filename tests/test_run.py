@@ -138,6 +138,7 @@ def test_run_by_default_uses_all_cores_and_names_itself_as_it_was_called(capsys,
     assert started[1][0] == [*command, "--printshellcmds", "--dry-run"]
 
 
+@pytest.mark.slow
 def test_the_report_is_written_after_a_run_that_succeeds(capsys, study, started, monkeypatch):
     assert said(capsys, "run", study, "--report", "page.zip")[0] == DONE
     (run, _), (report, _) = started

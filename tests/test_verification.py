@@ -119,6 +119,7 @@ def named(verdict):
     return {problem.file for problem in verdict.problems}
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "a byte of a result changes, a file is cut, replaced or deleted, two files change places",
     "`brownpipe verify` names exactly the files concerned, and the command it prints makes them again, byte for byte.",
@@ -277,7 +278,11 @@ def link_to_nothing(path):
 @pytest.mark.promise(
     "a pipe, folder or broken link in place of a result", "`brownpipe verify` names it and never waits."
 )
-@pytest.mark.parametrize("plant", [pipe, Path.mkdir, link_to_nothing], ids=["pipe", "folder", "link"])
+@pytest.mark.parametrize(
+    "plant",
+    [pipe, pytest.param(Path.mkdir, marks=pytest.mark.slow), pytest.param(link_to_nothing, marks=pytest.mark.slow)],
+    ids=["pipe", "folder", "link"],
+)
 @pytest.mark.parametrize("file", sorted(FILES - SHOWN | {"figures/health.csv"}))
 def test_what_is_no_file_is_named(study, file, plant):
     def too_long(*_):
