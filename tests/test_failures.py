@@ -271,38 +271,39 @@ def test_the_python_interface_warns_of_runs_that_could_not_go_on(crowd):
 
 @pytest.fixture(scope="module")
 def batches(crowd, whole, tmp_path_factory):
-    """Trajectory files of the same runs in batches of several sizes, some of stopped runs alone."""
-    folder = tmp_path_factory.mktemp("batches")
-    cuts = {size: [[*SEEDS[first : first + size]] for first in range(0, 16, size)] for size in (16, 3, 1)}
-    tracers = whole._replace(whole={}, events={})
-    return {
-        size: [written(folder / f"{size}-{seeds[0]}.h5", crowd, part(tracers, seeds)) for seeds in parts]
-        for size, parts in cuts.items()
-    }
+    """The function from a size to trajectory files of the same runs in batches of it, some of stopped runs alone."""
+    folder, tracers = tmp_path_factory.mktemp("batches"), whole._replace(whole={}, events={})
+
+    def in_batches(size, seeds=SEEDS):
+        parts = [[*seeds[first : first + size]] for first in range(0, len(seeds), size)]
+        return [written(folder / f"{size}-{own[0]}.h5", crowd, part(tracers, own)) for own in parts]
+
+    return in_batches
 
 
 @pytest.mark.slow
 @STUDY
 def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd, whole, batches):
-    first, *others = (aggregate(files) for files in batches.values())
+    in_threes = batches(3)
+    first, *others = (aggregate(files) for files in (in_threes, batches(16), batches(1)))
     assert all(first.identical(other) for other in others)
     kept = [seed for seed in SEEDS if seed not in (0, 2, 11, 14)]
     without = aggregate([written(Path("kept.h5"), crowd, part(whole, kept))])
     parts = [[*SEEDS[first : first + 3]] for first in range(0, 16, 3)]
     asked = [Request(crowd, Engine("exact"), seeds, observables=("species_energy",)) for seeds in parts]
-    expected = aggregate([Expected(*pair) for pair in zip(batches[3], asked, strict=True)])
+    expected = aggregate([Expected(*pair) for pair in zip(in_threes, asked, strict=True)])
     assert expected.identical(first)
     assert (first.failed_runs.item(), first.runs.item()) == (4, 12)
     for name in ("msd", "msd_standard_error", "diffusion_coefficient", "displacement_counts"):
         np.testing.assert_array_equal(first[name], without[name])
-    assert [runs.failed for runs in read_runs(batches[3])] == [4]
+    assert [runs.failed for runs in read_runs(in_threes)] == [4]
     write_dataset("a.nc", first)
     assert read_dataset("a.nc").identical(first)
 
 
 @STUDY
 def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
-    dataset = aggregate(batches[3])
+    dataset = aggregate(batches(3))
     write_dataset("a.nc", dataset)
     text = summary(dataset)
     assert "crowd, N = 40: failed and left out: 4 of 16 seeds (0,2,11,14); 4 could not go on, seed 0: disks: " in text
@@ -315,13 +316,13 @@ def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
     refused, accepted = map(line.format, limits)
     assert said(capsys, "inspect", "a.nc", "--allow-failed", 3) == (FAILED, "", refused)
     assert said(capsys, "inspect", "a.nc", "--allow-failed", 4) == (DONE, "", accepted)
-    write_dataset("b.nc", aggregate([path for path in batches[1] if path.stem in ("1-1", "1-3")]))
+    write_dataset("b.nc", aggregate(batches(1, (1, 3))))
     assert said(capsys, "inspect", "b.nc", "--allow-failed", 0) == (DONE, "", "")
 
 
 @STUDY
 def test_a_study_in_which_every_run_failed_has_a_summary_and_no_average(batches):
-    dataset = aggregate([path for path in batches[1] if path.stem in ("1-0", "1-2")])
+    dataset = aggregate(batches(1, (0, 2)))
     assert (dataset.runs.item(), dataset.failed_runs.item()) == (0, 2) and "msd" in dataset
     assert np.isnan(dataset.msd).all() and "failed and left out: 2 of 2 seeds (0,2)" in summary(dataset)
     draw(dataset, "health")

@@ -255,7 +255,11 @@ def changed(mapping, path, change):
     return mapping
 
 
-@pytest.mark.parametrize(("kind", "mapping"), EXAMPLES, ids=range(len(EXAMPLES)))
+@pytest.mark.parametrize(
+    ("kind", "mapping"),
+    [pytest.param(*one, marks=[pytest.mark.slow] if one[1] is WHOLE_STUDY else []) for one in EXAMPLES],
+    ids=range(len(EXAMPLES)),
+)
 def test_what_the_schema_refuses_the_reader_refuses(kind, mapping, folder):
     refused = [one for one in changes_of(mapping) if not ACCEPTS[kind](one)]
     assert len(refused) > 10 * len(mapping)
