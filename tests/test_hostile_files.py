@@ -359,10 +359,10 @@ def test_parts_of_running_processes_other_places_and_other_files_stay(tmp_path):
 @pytest.mark.parametrize(
     ("command", "status"),
     [
-        ("brownpipe check scene.yaml >&-", 0),
+        ("brownpipe schema scene >&-", 0),
         ("brownpipe check absent.yaml <&- >&- 2>&-", 2),
-        ("(brownpipe check scene.yaml; echo $? >&2) | true", 0),
-        ("brownpipe check scene.yaml >/dev/full", 1),
+        ("(brownpipe schema scene; echo $? >&2) | true", 0),
+        ("brownpipe schema scene >/dev/full", 1),
     ],
 )
 def test_closed_streams(command, status, valid):
