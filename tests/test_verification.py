@@ -50,26 +50,39 @@ def make_results():
     write_run_record(RESULTS, RunRecord("mine.yaml"))
 
 
+def finished(folder, mass):
+    """A folder with a finished study of a bath of this mass."""
+    (folder / "hot.yaml").write_text(SCENE.replace("0.4}", f"{mass}}}"))
+    (folder / "mine.yaml").write_text("scenes: hot.yaml\nseeds: 4\nbatch: 2\nfigures: [health]\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        make_results()
+    return folder
+
+
 @pytest.fixture(scope="module")
 def original(tmp_path_factory):
-    """A folder with a finished study, and as `other` the same study of a heavier bath."""
-    folder = tmp_path_factory.mktemp("verified")
-    with pytest.MonkeyPatch.context() as patch:
-        for place, mass in ((folder, "0.4"), (folder / "other", "0.5")):
-            place.mkdir(exist_ok=True)
-            (place / "hot.yaml").write_text(SCENE.replace("0.4}", f"{mass}}}"))
-            (place / "mine.yaml").write_text("scenes: hot.yaml\nseeds: 4\nbatch: 2\nfigures: [health]\n")
-            patch.chdir(place)
-            make_results()
-    return folder
+    return finished(tmp_path_factory.mktemp("verified"), 0.4)
+
+
+@pytest.fixture(scope="module")
+def heavier(tmp_path_factory):
+    return finished(tmp_path_factory.mktemp("heavier"), 0.5)
 
 
 @pytest.fixture
 def study(original, tmp_path, monkeypatch):
-    """A copy of it, which is the working directory."""
+    """A copy of the original, which is the working directory."""
     folder = shutil.copytree(original, tmp_path / "copy")
     monkeypatch.chdir(folder)
     return folder
+
+
+@pytest.fixture
+def studies(study, heavier):
+    """The same, and in its folder `other` the same study of a heavier bath."""
+    shutil.copytree(heavier, study / "other")
+    return study
 
 
 def contents(folder=RESULTS):
@@ -124,7 +137,7 @@ def named(verdict):
     "a byte of a result changes, a file is cut, replaced or deleted, two files change places",
     "`brownpipe verify` names exactly the files concerned, and the command it prints makes them again, byte for byte.",
 )
-def test_any_damage_is_found_and_nothing_else(study, faults):
+def test_any_damage_is_found_and_nothing_else(studies, faults):
     """SHA256SUMS is the exception: without it damage to a figure cannot be seen, and all are made again."""
     before = contents()
     assert verify_results(RESULTS) == Verdict(len(FILES), (), (), None)
@@ -139,7 +152,7 @@ def test_any_damage_is_found_and_nothing_else(study, faults):
 
 
 @pytest.mark.slow
-def test_the_command_that_is_printed_makes_again_what_was_wrong(study, faults, capsys):
+def test_the_command_that_is_printed_makes_again_what_was_wrong(studies, faults, capsys):
     before = contents()
     surroundings = os.environ | {"PATH": f"{forked.programs()}:{Path(sys.executable).parent}:{os.environ['PATH']}"}
     for _ in faults.tries(1):
@@ -196,7 +209,6 @@ def test_without_a_record_the_study_of_that_name_is_taken(study):
     (RESULTS / "run.yaml").unlink()
     assert verify_results(RESULTS).cure == "brownpipe run mine.yaml"
     Path("mine.yaml").unlink()
-    Path("other/mine.yaml").unlink()
     (RESULTS / "simulate/hot/N6/exact/0-1.h5").rename(RESULTS / "simulate/hot/N6/exact/2-3.h5")
     verdict = verify_results(RESULTS)
     assert dict(verdict.problems)["simulate/hot/N6/exact/2-3.h5"] == "holds the runs of simulate/hot/N6/exact/0-1.h5"
@@ -205,6 +217,7 @@ def test_without_a_record_the_study_of_that_name_is_taken(study):
 
 def test_from_another_folder_the_cure_goes_there_first(study, monkeypatch):
     (RESULTS / "figures/summary.txt").unlink()
+    (study / "other").mkdir()
     monkeypatch.chdir(study / "other")
     assert verify_results(study / RESULTS).cure == f"cd {study} && brownpipe run mine.yaml"
 
@@ -231,9 +244,9 @@ def test_a_single_file(study, capsys, file, cure):
     assert capsys.readouterr().err.startswith(f"brownpipe: {path}: was damaged or edited after it was written; {cure}")
 
 
-@pytest.mark.parametrize("path", ["absent", "hot.yaml", "other"])
+@pytest.mark.parametrize("path", ["absent", "hot.yaml", "."])
 def test_what_brownpipe_did_not_make_is_no_result(study, path, capsys):
-    assert main(["verify", path]) == (FAILED if path == "other" else WRONG_REQUEST)
+    assert main(["verify", path]) == (FAILED if path == "." else WRONG_REQUEST)
 
 
 def test_a_product_alone_is_verified_where_it_was_made(study, tmp_path, capsys):
