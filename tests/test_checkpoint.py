@@ -397,6 +397,7 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
     assert not Path("x.h5").exists()
 
 
+@pytest.mark.slow
 def test_a_damaged_checkpoint(kept, capsys):
     random = np.random.default_rng(3)
     bits = random.integers(0, 8 * len(kept), 60)

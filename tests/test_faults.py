@@ -129,6 +129,7 @@ def test_file_name_that_cannot_be_a_folder(tmp_path):
     assert refusal(path).endswith("not 'my scene'")
 
 
+@pytest.mark.slow
 @given(st.one_of(st.binary(max_size=40), st.text(alphabet="a:-[]{},&*!|>'\"%@? \n\t#0.1e", max_size=40)))
 @example("a: " + "[" * 11)
 @settings(max_examples=400, deadline=None)

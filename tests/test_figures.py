@@ -244,7 +244,7 @@ def test_figures_asked_for(dataset, tmp_path, no_pictures):
     assert not (tmp_path / "other").exists()
 
 
-OF_SEVERAL_SCENES = [name for name in NAMES if name not in ("msd", "particle_counts", "health")]
+OF_SEVERAL_SCENES = [name for name in NAMES if name not in ("diffusion", "particle_counts", "health")]
 
 
 def title(axes):
@@ -254,7 +254,9 @@ def title(axes):
     return next((text for text in own if text.get_text() == said), None)
 
 
-@pytest.mark.parametrize("name", ["msd", *(pytest.param(name, marks=pytest.mark.slow) for name in OF_SEVERAL_SCENES)])
+@pytest.mark.parametrize(
+    "name", ["diffusion", *(pytest.param(name, marks=pytest.mark.slow) for name in OF_SEVERAL_SCENES)]
+)
 def test_words_cover_no_data_and_no_words(dataset, in_scenes, name):
     """Titles and keys stand above their panels, inside the figure, and on nothing else."""
     if name == "displacement_distribution":  # with a row for each scene

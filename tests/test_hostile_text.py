@@ -245,6 +245,7 @@ def test_what_a_scene_or_study_says_is_text(faults, capsys):
             run(capsys, "tradeoff", path)
 
 
+@pytest.mark.slow
 def test_what_arguments_say_is_text(runs, dataset, faults, capsys):
     lines = (
         ["simulate", SCENE, "--particles", "10", "--seeds", "0", "--output", "o.h5", "--engine", "exact"],

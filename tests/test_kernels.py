@@ -64,6 +64,7 @@ def compile_and_call(given):
     return len(told), made(record), record.values.tolist()
 
 
+@pytest.mark.slow
 def test_several_processes_compile_for_other_types_at_once(tmp_path):
     """And each finds its own machine code afterwards, not that of another one, though the disk is slow."""
     given = [(tmp_path / "code", kind) for kind in ("float64", "int64")]

@@ -55,6 +55,7 @@ def test_radial_law_has_its_limits():
     assert theory.reflecting_square_within(np.sqrt(2) - 1e-9, 50.0, 1.0, 1.0) == pytest.approx(1, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_radial_law_has_the_msd_of_the_square():
     r = np.linspace(0, np.sqrt(2), 2001)
     for tau in (0.003, 0.02, 0.4):
