@@ -118,7 +118,9 @@ def compare_fluids(dynamo: DynamO) -> list[Comparison]:
         duration = 2 * EVENTS / SIDE**2 / RATES[phi]
         scene = fluid(phi, duration, duration * EQUILIBRATION / EVENTS)
         found = bp.analyse(bp.simulate(scene, 2 * SEEDS, record="none", quiet=True)).squeeze()
-        for k, (name, variable) in enumerate({"$Z$": "compressibility", "rate": "collision_rate"}.items()):
+        for k, (name, variable) in enumerate(
+            {"$Z$": "compressibility", "rate": "collision_rate_at_temperature"}.items()
+        ):
             ours = float(found[variable]), float(found[f"{variable}_standard_error"])
             mean, error = theirs[:, k].mean(), theirs[:, k].std(ddof=1) / np.sqrt(SEEDS)
             comparisons.append(Comparison(f"{name}, $\\phi = {phi}$", mean, error, *ours, "DynamO"))

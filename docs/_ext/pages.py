@@ -24,6 +24,7 @@ PAGES = {  # name on the site: file in the repository
     "theory": "docs/theory.md",
     "results": "docs/results.md",
     "validation": "docs/validation.md",
+    "other_programs": "docs/other_programs.md",
     "reliability": "docs/reliability.md",
     "benchmarks": "docs/benchmarks.md",
     "benchmarks_engines": "docs/benchmarks_engines.md",
