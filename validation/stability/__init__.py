@@ -1,0 +1,1 @@
+"""Numerical stability at the extremes: brownpipe, the note's loop, a plain event-driven code and pymunk, same input."""

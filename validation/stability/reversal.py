@@ -1,0 +1,122 @@
+"""Time reversal in the note's scene: velocities flipped after T, back after another T to where all began.
+
+Errors grow as exp(lambda t); lambda, the largest Lyapunov exponent, is measured by pairs of runs that begin 1e-15 apart.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.figures.style import DASHED, FIT, GREY, SERIES, grid
+from validation.stability.game import pymunk
+from validation.stability.note_loop import note_loop
+from validation.stability.outcome import Outcome, brownpipe
+from validation.stability.plain import plain
+from validation.stability.start import Start, notes_scene
+from validation.stability.table import ABSENT, Row, shown
+
+PROMISED = {0.1: 1e-12, 0.5: 1e-8}  # T: distance; tests/test_exact.py
+APART = 1e-15  # of the two runs of a pair, at the beginning
+LINEAR = (1e-12, 1e-4)  # separations between which errors grow exponentially: above round-off, far below a radius
+SAMPLING = 0.02  # of the separations [time]
+
+
+class Reversals(NamedTuple):
+    """Distances from the start and separations, [length]."""
+
+    times: tuple[float, ...]  # T
+    distance: dict[str, np.ndarray]  # program: (seeds, times), the largest of any disk; NaN: not run
+    separation: np.ndarray  # (pairs, samples) of pairs of runs, root of the sum over disks
+    exponents: np.ndarray  # (pairs,) lambda [1/time]
+
+    @property
+    def exponent(self) -> tuple[float, float]:
+        """Lambda with its standard error."""
+        return float(self.exponents.mean()), float(self.exponents.std(ddof=1) / np.sqrt(len(self.exponents)))
+
+
+def measure(
+    times: Sequence[float] = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0),
+    seeds: int = 6,
+    pairs: int = 40,
+    games: Sequence[float] = (0.1, 0.3, 0.5),
+) -> Reversals:
+    """Measure both; `games`: the T of pymunk, one seed."""
+    starts = [notes_scene(seed) for seed in range(1, seeds + 1)]
+    programs: dict[str, Callable] = {"brownpipe": brownpipe, "note's loop": note_loop, "plain event-driven": plain}
+    distance = {name: np.array([[there_and_back(run, s, t) for t in times] for s in starts]) for name, run in programs.items()}
+    distance["pymunk"] = np.array([[there_and_back(pymunk, starts[0], t) if t in games else np.nan for t in times]])
+    separation = np.array([_separation(notes_scene(seed)) for seed in range(pairs)])
+    return Reversals(tuple(times), distance, separation, np.array([_exponent(each) for each in separation]))
+
+
+def there_and_back(run: Callable[[Start, float], Outcome | None], start: Start, duration: float) -> float:
+    """Return how far the disk is from its start that is furthest from it; NaN if the program is not there."""
+    there = run(start, duration)
+    if there is None:
+        return np.nan
+    back = run(start._replace(state=there.state._replace(velocity=-there.state.velocity)), duration)
+    return float(np.abs(back.state.position - start.state.position).max())
+
+
+def _separation(start: Start, duration: float = 1.7) -> np.ndarray:
+    """Return the separation of two runs of brownpipe at every sample time."""
+    position = start.state.position
+    nudged = position + APART * np.random.default_rng(0).standard_normal(position.shape)
+    runs = [
+        simulate(each.scene(duration, sample_interval=SAMPLING), [0], {"all"}).whole[0].position
+        for each in (start, start._replace(state=start.state._replace(position=nudged)))
+    ]
+    return np.sqrt(np.sum((runs[0] - runs[1]) ** 2, axis=(1, 2)))
+
+
+def _exponent(separation: np.ndarray) -> float:
+    """Return lambda from the first samples at which the separation passes both ends of LINEAR."""
+    first, last = (int(np.argmax(separation > end)) for end in LINEAR)
+    return float(np.log(separation[last] / separation[first]) / (SAMPLING * (last - first)))
+
+
+def rows(found: Reversals) -> list[Row]:
+    """Return the rows of the table: median and largest distance over seeds."""
+    made = []
+    for k, t in enumerate(found.times):
+        if t not in (0.1, 0.3, 0.5, 1.0):
+            continue
+        cells = [_cell(found.distance[name][:, k]) for name in found.distance]
+        bound = PROMISED.get(t)
+        kept = bound is None or found.distance["brownpipe"][:, k].max() <= bound
+        made.append(Row(f"$T = {t:g}$", shown(bound) if bound else "-", *cells, is_kept=bool(kept)))
+    return made
+
+
+def _cell(values: np.ndarray) -> str:
+    if np.isnan(values).all():
+        return ABSENT if False else "-"
+    return shown(values[0]) if len(values) == 1 else f"{shown(np.median(values))}, at most {shown(values.max())}"
+
+
+def draw(found: Reversals) -> Figure:
+    """Draw distances against T, and separations against time."""
+    figure, ((left, right),) = grid(1, 2, 4.8, 4.0)
+    for (name, distance), (colour, line, marker) in zip(found.distance.items(), SERIES, strict=True):
+        seen = ~np.isnan(distance).all(axis=0)
+        if seen.any():
+            middle = np.median(distance[:, seen], axis=0)
+            left.plot(np.array(found.times)[seen], middle, color=colour, linestyle=line, marker=marker, label=name)
+    for t, bound in PROMISED.items():
+        left.plot([t], [bound], color=GREY, marker="v", linestyle="", label="promised" if t == 0.1 else None)
+    left.set(yscale="log", xlabel="time $T$ of the reversal", ylabel="distance from the start [length]")
+    left.legend()
+    time = SAMPLING * np.arange(found.separation.shape[1])
+    right.plot(time, found.separation.T, color=GREY, linewidth=0.4, alpha=0.5)
+    right.plot(time, np.median(found.separation, axis=0), color=SERIES[0][0], label=f"median of {len(found.separation)}")
+    value, error = found.exponent
+    middle = len(time) // 2
+    guide = np.median(found.separation[:, middle]) * np.exp(value * (time - time[middle]))
+    right.plot(time, guide, color=FIT, linestyle=DASHED, label=f"$\\exp(\\lambda t)$, $\\lambda = {value:.2f} \\pm {error:.2f}$")
+    right.set(yscale="log", xlabel="time $t$", ylabel="separation of two runs [length]", ylim=(1e-16, 30))
+    right.legend()
+    return figure
