@@ -12,11 +12,16 @@ HEAD = "| quantity | published | brownpipe | difference | source |\n|---|---|---
 
 def with_table(page: str, name: str, comparisons: Sequence[Comparison], seconds: float) -> str:
     """Return the page with a new table of a result; raise KeyError if it has no place for it."""
+    return with_text(page, name, f"{table(comparisons)}\n{closing(comparisons, seconds)}\n\n")
+
+
+def with_text(page: str, name: str, text: str) -> str:
+    """Return the page with a new text between the two comments of this name; raise KeyError if it has none."""
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
     place = re.compile(f"(?<={re.escape(begin)}).*?(?={re.escape(end)})", re.DOTALL)
     if not place.search(page):
-        raise KeyError(f"docs/validation.md: there is no {begin.strip()} with its {end}")
-    return place.sub(lambda _: f"{table(comparisons)}\n{closing(comparisons, seconds)}\n\n", page, count=1)
+        raise KeyError(f"the page has no {begin.strip()} with its {end}")
+    return place.sub(lambda _: text, page, count=1)
 
 
 def table(comparisons: Sequence[Comparison]) -> str:

@@ -1,6 +1,6 @@
 """Energy, momentum and overlaps against the number of events, for extreme masses and radii."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from brownpipe.engines.state import HEALTH_BOUND
 from brownpipe.figures.style import DOTTED, GREY, SERIES, grid, shades
 from validation.stability.game import MOST_STEPS, pymunk, time_step
-from validation.stability.note_loop import note_loop
-from validation.stability.outcome import Outcome, brownpipe
-from validation.stability.plain import plain
+from validation.stability.outcome import Outcome
+from validation.stability.programs import EVENT_DRIVEN, GAME, OTHERS
 from validation.stability.start import Start, gas
 from validation.stability.table import Row, count, shown
 
@@ -25,7 +24,7 @@ SCENES = {  # half side of the box; number, radius and mass of each species, at 
     "radii 1 : 100": (1.0, [(9, 0.005, 1.0), (1, 0.5, 1.0)]),
     "radii 1 : 1e3": (1.0, [(9, 0.0005, 1.0), (1, 0.5, 1.0)]),
 }
-OTHERS: Mapping[str, Callable] = {"note's loop": note_loop, "plain event-driven": plain}
+LONG = {"equal disks": (1e8,), "masses 1 : 1e12": (1e8,), "radii 1 : 1e3": (1e8,)}
 COMPARED = 1e6  # events of the runs in the table
 
 
@@ -44,22 +43,22 @@ def measure(
 ) -> Ledger:
     """Run every scene for about so many events; `long`: further numbers of events of single scenes, brownpipe alone."""
     runs: dict[tuple[str, str], dict[float, Outcome]] = {}
-    long = {"equal disks": (1e8,)} if long is None else long
+    long = LONG if long is None else long
     for name in scenes:
         start = gas(*SCENES[name])
         rate = _rate(start)
         wanted = (*events, *long.get(name, ()))
-        runs[name, "brownpipe"] = {n: brownpipe(start, n / rate) for n in wanted}
+        runs[name, "brownpipe"] = {n: EVENT_DRIVEN["brownpipe"](start, n / rate) for n in wanted}
         for program, run in OTHERS.items():
-            runs[name, program] = {n: run(start, n / rate, int(2 * n)) for n in others}
+            runs[name, program] = {n: run(start, n / rate) for n in others}
         game = pymunk(start, min(steps, MOST_STEPS) * time_step(start))
         if game is not None:
-            runs[name, "pymunk"] = {float(game.events): game}
+            runs[name, GAME] = {float(game.events): game}
     return Ledger(runs)
 
 
 def _rate(start: Start, duration: float = 200.0) -> float:
-    return brownpipe(start, duration).events / duration
+    return EVENT_DRIVEN["brownpipe"](start, duration).events / duration
 
 
 def rows(found: Ledger) -> list[Row]:
@@ -70,11 +69,11 @@ def rows(found: Ledger) -> list[Row]:
         for n, run in ours.items():
             if n < COMPARED and n != max(ours):
                 continue
-            cells = [_cell(found.runs.get((name, program), {}).get(n)) for program in OTHERS]
-            game = found.runs.get((name, "pymunk"), {}) if n == COMPARED else {}
+            cells = [_cell(found.runs.get((name, program), {}).get(n)) for program in EVENT_DRIVEN]
+            game = found.runs.get((name, GAME), {}) if n == COMPARED else {}
             cells.append("; ".join(f"{_cell(one)} ({k:,.0f} events)" for k, one in game.items()) or "-")
             kept = not run.failed and max(map(abs, run[3:6])) <= HEALTH_BOUND
-            made.append(Row(f"{name}, {count(n)} events", shown(HEALTH_BOUND), _cell(run), *cells, is_kept=kept))
+            made.append(Row(f"{name}, {count(n)} events", shown(HEALTH_BOUND), cells, kept))
     return made
 
 
@@ -86,10 +85,9 @@ def draw(found: Ledger) -> Figure:
     """Draw the energy drift and the worst overlap against the number of events."""
     figure, (panels,) = grid(1, 2, 4.8, 4.2)
     names = dict.fromkeys(scene for scene, _ in found.runs)
-    looks = {"note's loop": SERIES[1], "plain event-driven": SERIES[2], "pymunk": SERIES[3]}
-    for axes, field, label in zip(
-        panels, ("energy_drift", "worst_overlap"), ("energy drift (relative)", "worst overlap [contact distances]"), strict=True
-    ):
+    looks = dict(zip((*OTHERS, GAME), SERIES[1:], strict=True))
+    labels = {"energy_drift": "energy drift (relative)", "worst_overlap": "worst overlap [contact distances]"}
+    for axes, (field, label) in zip(panels, labels.items(), strict=True):
         for name, colour in zip(names, shades(len(names)), strict=True):
             _line(axes, found.runs[name, "brownpipe"], field, color=colour, marker="o", label=name)
         for program, (colour, line, marker) in looks.items():

@@ -14,8 +14,9 @@ MOST_STEPS = 30_000
 
 
 def time_step(start: Start) -> float:
-    """Return the time step for these disks."""
-    speed = math.sqrt(np.mean(np.sum(start.state.velocity**2, axis=1)))
+    """Return the time step for these disks; squares of their speeds may over- or underflow."""
+    largest = float(np.abs(start.state.velocity).max())
+    speed = largest * math.sqrt(np.mean(np.sum((start.state.velocity / largest) ** 2, axis=1)))
     return PATH * float(start.state.radius.min()) / speed
 
 

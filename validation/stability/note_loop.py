@@ -12,7 +12,7 @@ from brownpipe.engines.kernels import entry_point
 from validation.stability.outcome import Outcome, measured
 from validation.stability.start import Start
 
-MOST_EVENTS = 100_000_000  # a run that is stuck ends here
+MOST_EVENTS = 1_000_000_000  # a run that is stuck ends here
 
 
 def note_loop(start: Start, duration: float, most_events: int = MOST_EVENTS) -> Outcome:

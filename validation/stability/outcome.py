@@ -49,6 +49,12 @@ def brownpipe(start: Start, duration: float) -> Outcome:
         return Outcome(start.state, 0, 0, math.nan, math.nan, math.nan, failed=True)
     track = run.whole[0]
     state = start.state._replace(position=track.position[-1], velocity=track.velocity[-1])
-    counts = (int(seen["pair_collisions"]), int(seen["wall_collisions"]))
-    health = (float(seen[name]) for name in ("worst_overlap", "energy_drift", "momentum_residual"))
-    return Outcome(state, *counts, *health, failed=bool(seen["failed"]))
+    return Outcome(
+        state,
+        int(seen["pair_collisions"]),
+        int(seen["wall_collisions"]),
+        float(seen["worst_overlap"]),
+        float(seen["energy_drift"]),
+        float(seen["momentum_residual"]),
+        bool(seen["failed"]),
+    )

@@ -1,7 +1,7 @@
 """A plain event-driven code, as in a textbook: Sedgewick and Wayne, Algorithms, 4th ed. (2011), section 6.1.
 
-A binary heap of predicted collisions with absolute times in double precision. All disks move to each event; a prediction
-is skipped when it comes up if one of its disks has collided since. Neighbours are all other disks.
+A binary heap of predicted collisions with absolute times in double precision. All disks move to each event. A
+prediction is skipped when it comes up if one of its disks has collided since. Each disk is predicted with all others.
 """
 
 import math
@@ -12,7 +12,7 @@ from brownpipe.engines.kernels import entry_point, kernel
 from validation.stability.outcome import Outcome, measured
 from validation.stability.start import Start
 
-MOST_EVENTS = 100_000_000  # a run that is stuck ends here
+MOST_EVENTS = 1_000_000_000  # a run that is stuck ends here
 
 
 def plain(start: Start, duration: float, most_events: int = MOST_EVENTS) -> Outcome:
@@ -108,7 +108,7 @@ def _run(
         if size > len(times) - 2 * (n + 4):
             size, predict_all = 0, True
         for i in range(n):
-            if predict_all or i == a or i == b:
+            if predict_all or i in (a, b):
                 for j in range(n):
                     if i != j:
                         rx, ry, sigma = disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1], disks[i, 4] + disks[j, 4]

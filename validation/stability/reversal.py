@@ -1,9 +1,9 @@
 """Time reversal in the note's scene: velocities flipped after T, back after another T to where all began.
 
-Errors grow as exp(lambda t); lambda, the largest Lyapunov exponent, is measured by pairs of runs that begin 1e-15 apart.
+Errors grow as exp(lambda t). Pairs of runs that begin 1e-15 apart measure lambda, the largest Lyapunov exponent.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +12,9 @@ from matplotlib.figure import Figure
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.figures.style import DASHED, FIT, GREY, SERIES, grid
 from validation.stability.game import pymunk
-from validation.stability.note_loop import note_loop
-from validation.stability.outcome import Outcome, brownpipe
-from validation.stability.plain import plain
+from validation.stability.programs import EVENT_DRIVEN, GAME, Run
 from validation.stability.start import Start, notes_scene
-from validation.stability.table import ABSENT, Row, shown
+from validation.stability.table import Row, shown
 
 PROMISED = {0.1: 1e-12, 0.5: 1e-8}  # T: distance; tests/test_exact.py
 APART = 1e-15  # of the two runs of a pair, at the beginning
@@ -46,14 +44,16 @@ def measure(
 ) -> Reversals:
     """Measure both; `games`: the T of pymunk, one seed."""
     starts = [notes_scene(seed) for seed in range(1, seeds + 1)]
-    programs: dict[str, Callable] = {"brownpipe": brownpipe, "note's loop": note_loop, "plain event-driven": plain}
-    distance = {name: np.array([[there_and_back(run, s, t) for t in times] for s in starts]) for name, run in programs.items()}
-    distance["pymunk"] = np.array([[there_and_back(pymunk, starts[0], t) if t in games else np.nan for t in times]])
+    distance = {
+        name: np.array([[there_and_back(run, start, t) for t in times] for start in starts])
+        for name, run in EVENT_DRIVEN.items()
+    }
+    distance[GAME] = np.array([[there_and_back(pymunk, starts[0], t) if t in games else np.nan for t in times]])
     separation = np.array([_separation(notes_scene(seed)) for seed in range(pairs)])
     return Reversals(tuple(times), distance, separation, np.array([_exponent(each) for each in separation]))
 
 
-def there_and_back(run: Callable[[Start, float], Outcome | None], start: Start, duration: float) -> float:
+def there_and_back(run: Run, start: Start, duration: float) -> float:
     """Return how far the disk is from its start that is furthest from it; NaN if the program is not there."""
     there = run(start, duration)
     if there is None:
@@ -88,13 +88,13 @@ def rows(found: Reversals) -> list[Row]:
         cells = [_cell(found.distance[name][:, k]) for name in found.distance]
         bound = PROMISED.get(t)
         kept = bound is None or found.distance["brownpipe"][:, k].max() <= bound
-        made.append(Row(f"$T = {t:g}$", shown(bound) if bound else "-", *cells, is_kept=bool(kept)))
+        made.append(Row(f"$T = {t:g}$", shown(bound) if bound else "-", cells, bool(kept)))
     return made
 
 
 def _cell(values: np.ndarray) -> str:
     if np.isnan(values).all():
-        return ABSENT if False else "-"
+        return "-"
     return shown(values[0]) if len(values) == 1 else f"{shown(np.median(values))}, at most {shown(values.max())}"
 
 
@@ -112,11 +112,19 @@ def draw(found: Reversals) -> Figure:
     left.legend()
     time = SAMPLING * np.arange(found.separation.shape[1])
     right.plot(time, found.separation.T, color=GREY, linewidth=0.4, alpha=0.5)
-    right.plot(time, np.median(found.separation, axis=0), color=SERIES[0][0], label=f"median of {len(found.separation)}")
+    right.plot(
+        time, np.median(found.separation, axis=0), color=SERIES[0][0], label=f"median of {len(found.separation)}"
+    )
     value, error = found.exponent
     middle = len(time) // 2
     guide = np.median(found.separation[:, middle]) * np.exp(value * (time - time[middle]))
-    right.plot(time, guide, color=FIT, linestyle=DASHED, label=f"$\\exp(\\lambda t)$, $\\lambda = {value:.2f} \\pm {error:.2f}$")
+    right.plot(
+        time,
+        guide,
+        color=FIT,
+        linestyle=DASHED,
+        label=f"$\\exp(\\lambda t)$, $\\lambda = {value:.2f} \\pm {error:.2f}$",
+    )
     right.set(yscale="log", xlabel="time $t$", ylabel="separation of two runs [length]", ylim=(1e-16, 30))
     right.legend()
     return figure

@@ -4,8 +4,10 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-HEAD = "| experiment | promised | brownpipe | note's loop | plain event-driven | pymunk |\n|---|---|---|---|---|---|\n"
-ABSENT = "not installed"
+from validation.stability.game import IS_INSTALLED
+from validation.stability.programs import COLUMNS
+
+HEAD = f"| experiment | promised | {' | '.join(COLUMNS)} |\n|---|---|---|---|---|---|\n"
 
 
 class Row(NamedTuple):
@@ -13,20 +15,19 @@ class Row(NamedTuple):
 
     experiment: str
     promised: str
-    brownpipe: str
-    note_loop: str
-    plain: str
-    pymunk: str
+    cells: Sequence[str]  # of the programs, in the order of COLUMNS
     is_kept: bool = True  # whether brownpipe keeps the promise
 
 
 def table(rows: Sequence[Row]) -> str:
     """Return the rows as a table in Markdown."""
-    return HEAD + "".join("| " + " | ".join((*row[:2], _of_ours(row), *row[3:6])) + " |\n" for row in rows)
+    return HEAD + "".join("| " + " | ".join(_cells(row)) + " |\n" for row in rows)
 
 
-def _of_ours(row: Row) -> str:
-    return row.brownpipe if row.is_kept else f"**{row.brownpipe}: broken**"
+def _cells(row: Row) -> tuple[str, ...]:
+    ours, *others, game = row.cells
+    ours = ours if row.is_kept else f"**{ours}: broken**"
+    return row.experiment, row.promised, ours, *others, game if IS_INSTALLED else "not installed"
 
 
 def shown(*values: float) -> str:
