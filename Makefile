@@ -1,6 +1,6 @@
-# make study | report | tradeoff | validation | test | test-quick | cluster-test | soak | bench | lint | docs | gallery | audit : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | report | tradeoff | validation | stability | test | test-quick | cluster-test | soak | bench | lint | docs | gallery | audit : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study report tradeoff validation test test-quick cluster-test soak bench lint docs gallery audit ready ready_dev ready_docs ready_cluster has_python
+.PHONY: study report tradeoff validation stability test test-quick cluster-test soak bench lint docs gallery audit ready ready_dev ready_docs ready_cluster has_python
 SHELL := /bin/bash
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
@@ -22,6 +22,11 @@ tradeoff: ready
 # Some of them: make validation RESULTS="virial equation_of_state"
 validation: ready
 	@python -m validation $(RESULTS) --cores $(CORES)
+
+# Numerical stability at the extremes, beside other programs; pymunk is among the packages for development. With runs ten times as
+# long: make stability LARGE=--large
+stability: ready_dev
+	@python -m validation.stability $(LARGE)
 
 test: ready_dev
 	python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder

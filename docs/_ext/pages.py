@@ -25,6 +25,7 @@ PAGES = {  # name on the site: file in the repository
     "results": "docs/results.md",
     "validation": "docs/validation.md",
     "other_programs": "docs/other_programs.md",
+    "stability": "docs/stability.md",
     "reliability": "docs/reliability.md",
     "benchmarks": "docs/benchmarks.md",
     "benchmarks_engines": "docs/benchmarks_engines.md",

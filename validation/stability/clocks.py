@@ -104,7 +104,7 @@ def _far_cell(found: tuple[float, float, float] | None) -> str:
 
 def draw(found: Clocks) -> Figure:
     """Draw the error of the lone disk and the worst overlap of the gas against the duration."""
-    figure, (panels,) = grid(1, 2, 4.8, 3.8)
+    figure, (panels,) = grid(1, 2, 4.4, 3.5)
     for name, (colour, line, marker) in zip(EVENT_DRIVEN, SERIES, strict=False):
         looks = {"color": colour, "linestyle": line, "marker": marker, "label": name}
         panels[0].plot(list(found.lone[name]), [max(error, 1e-17) for error in found.lone[name].values()], **looks)

@@ -83,7 +83,7 @@ def _cell(run: Outcome | None) -> str:
 
 def draw(found: Ledger) -> Figure:
     """Draw the energy drift and the worst overlap against the number of events."""
-    figure, (panels,) = grid(1, 2, 4.8, 4.2)
+    figure, (panels,) = grid(1, 2, 4.4, 3.5)
     names = dict.fromkeys(scene for scene, _ in found.runs)
     looks = dict(zip((*OTHERS, GAME), SERIES[1:], strict=True))
     labels = {"energy_drift": "energy drift (relative)", "worst_overlap": "worst overlap [contact distances]"}

@@ -55,7 +55,7 @@ def _cell(gap: float, run: Outcome | None) -> str:
 
 def draw(found: Found) -> Figure:
     """Draw the worst overlap, in gaps, and the energy drift against the gap."""
-    figure, (panels,) = grid(1, 2, 4.8, 3.8)
+    figure, (panels,) = grid(1, 2, 4.4, 3.5)
     for (name, runs), (colour, line, marker) in zip(found.items(), SERIES, strict=True):
         looks = {"color": colour, "linestyle": line, "marker": marker, "label": name}
         gaps = np.array(list(runs))
@@ -65,7 +65,7 @@ def draw(found: Found) -> Figure:
         axes.axhline(HEALTH_BOUND, color=GREY, linestyle=DOTTED, label="promised")
         axes.set(xscale="log", yscale="log", xlabel="gap [diameters]", ylabel=label, ylim=(1e-17, 10))
     panels[0].plot(gaps_of(found), gaps_of(found), color=GREY, linewidth=0.8, label="the gap itself")
-    panels[0].legend(fontsize=7)
+    panels[1].legend(*panels[0].get_legend_handles_labels(), fontsize=7)
     return figure
 
 
