@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from validation.stability import packings
 from validation.stability import table as tables
 from validation.stability.catalogue import EXPERIMENTS
 from validation.stability.outcome import brownpipe
@@ -39,6 +40,12 @@ def test_the_other_programs_are_right(name):
     assert ours.events > 20
     np.testing.assert_allclose(theirs.state.position, ours.state.position, rtol=0, atol=1e-10)
     assert max(abs(theirs.energy_drift), theirs.momentum_residual) < 1e-13
+
+
+def test_a_program_that_drops_collisions_breaks_a_promise(monkeypatch):
+    monkeypatch.setattr(packings, "EVENT_DRIVEN", {"brownpipe": OTHERS["note's loop"]})
+    (row,) = packings.rows(packings.measure(gaps=(1e-12,), crossings=1000.0, steps=0))
+    assert not row.is_kept
 
 
 def test_a_broken_promise_shows(monkeypatch):
