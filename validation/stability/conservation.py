@@ -39,7 +39,7 @@ def measure(
     others: Sequence[float] = (1e4, 1e5, 1e6),
     long: Mapping[str, Sequence[float]] | None = None,
     scenes: Sequence[str] = tuple(SCENES),
-    steps: int = 10_000,
+    steps: int = MOST_STEPS,
 ) -> Ledger:
     """Run every scene for about so many events; `long`: further numbers of events of single scenes, brownpipe alone."""
     runs: dict[tuple[str, str], dict[float, Outcome]] = {}
@@ -51,7 +51,7 @@ def measure(
         runs[name, "brownpipe"] = {n: EVENT_DRIVEN["brownpipe"](start, n / rate) for n in wanted}
         for program, run in OTHERS.items():
             runs[name, program] = {n: run(start, n / rate) for n in others}
-        game = pymunk(start, min(steps, MOST_STEPS) * time_step(start))
+        game = pymunk(start, steps * time_step(start))
         if game is not None:
             runs[name, GAME] = {float(game.events): game}
     return Ledger(runs)

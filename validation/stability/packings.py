@@ -22,8 +22,10 @@ def measure(
     crossings: float = 10_000.0,
     steps: int = 2000,
 ) -> Found:
-    """Run each program for the time in which a disk at rms speed crosses so many gaps; pymunk for so many
-    steps, a hundredth of such a time each."""
+    """Run each program for the time in which a disk at speed 1 crosses so many gaps.
+
+    pymunk runs for so many steps, in each of which such a disk crosses a hundredth of a gap.
+    """
     found: Found = {name: {g: run(packing(g), crossings * g) for g in gaps} for name, run in EVENT_DRIVEN.items()}
     games = {g: pymunk(packing(g), steps * PATH * g, PATH * g) for g in gaps}
     found[GAME] = {g: run for g, run in games.items() if run is not None}
@@ -54,7 +56,7 @@ def _cell(gap: float, run: Outcome | None) -> str:
 
 
 def draw(found: Found) -> Figure:
-    """Draw the worst overlap, in gaps, and the energy drift against the gap."""
+    """Draw the worst overlap and the energy drift against the gap."""
     figure, (panels,) = grid(1, 2, 4.4, 3.5)
     for (name, runs), (colour, line, marker) in zip(found.items(), SERIES, strict=True):
         looks = {"color": colour, "linestyle": line, "marker": marker, "label": name}

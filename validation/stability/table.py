@@ -31,8 +31,15 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def shown(*values: float) -> str:
-    """Return sizes with one digit, such as 3e-14, without their signs; 0 as it is."""
-    return ", ".join("0" if value == 0 else f"{abs(value):.0e}".replace("e-0", "e-") for value in values)
+    """Return sizes with one digit, such as 3e-14, without their signs; 0 as it is, - for NaN."""
+    return ", ".join(_size(abs(value)) for value in values)
+
+
+def _size(value: float) -> str:
+    if math.isnan(value):
+        return "-"
+    digit, power = f"{value:.0e}".split("e")
+    return "0" if value == 0 else f"{digit}e{int(power)}".removesuffix("e0")
 
 
 def count(value: float) -> str:
