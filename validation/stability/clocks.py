@@ -17,7 +17,7 @@ from validation.stability.table import Row, shown
 
 LONE = (0.1, -0.2, 0.9 / 64, 0.7 / 64, 0.25, 1.0)  # x, y, vx, vy, radius, mass; in [-3, 3]^2
 LONE_BOUND = 1e-5  # tests/test_extremes.py
-THIN = gas(1000.0, [(5, 0.5, 1.0)])
+THIN = (1000.0, [(5, 0.5, 1.0)])  # half side of the box; number, radius and mass of the disks
 SHIFT = 2.0**20  # of the box in x and y, exact in all coordinates
 FAR_BOUND = 1.2e-10  # half the spacing of coordinates there
 
@@ -32,12 +32,12 @@ class Clocks(NamedTuple):
 
 def measure(durations: Sequence[float] = (1e5, 1e6, 1e7, 1e8, 1e9), near: float = 1.0) -> Clocks:
     """Measure all three. The gas: 5 disks of radius 0.5 at kT = 1 in a box of side 2000; far: for the time `near`."""
-    lone = listed(3.0, [LONE])
+    lone, thin = listed(3.0, [LONE]), gas(*THIN)
     errors, outcomes, far = {}, {}, {}
     close = _rounded(gas(2.0, [(20, 0.14, 1.0), (20, 0.1, 0.3)]))
     for name, run in EVENT_DRIVEN.items():
         errors[name] = {t: _error(run(lone, t), t) for t in durations}
-        outcomes[name] = {t: run(THIN, t) for t in durations}
+        outcomes[name] = {t: run(thin, t) for t in durations}
         far[name] = _change(run, close, near)
     if pymunk(close, 1e-3) is not None:
         far[GAME] = _change(pymunk, close, near)
@@ -70,7 +70,7 @@ def _change(run: Run, start: Start, duration: float) -> tuple[float, float, floa
 def rows(found: Clocks) -> list[Row]:
     """Return the rows of the table."""
     longest = max(found.lone["brownpipe"])
-    steps = [f"not run: {shown(longest / time_step(start))} steps" for start in (listed(3.0, [LONE]), THIN)]
+    steps = [f"not run: {shown(longest / time_step(start))} steps" for start in (listed(3.0, [LONE]), gas(*THIN))]
     alone = Row(
         f"a lone disk, $t = {_power(longest)}$: distance from the exact place",
         shown(LONE_BOUND),
@@ -108,11 +108,11 @@ def draw(found: Clocks) -> Figure:
     for name, (colour, line, marker) in zip(EVENT_DRIVEN, SERIES, strict=False):
         looks = {"color": colour, "linestyle": line, "marker": marker, "label": name}
         panels[0].plot(list(found.lone[name]), [max(error, 1e-17) for error in found.lone[name].values()], **looks)
-        sizes = [max(run.worst_overlap, 1e-17) for run in found.gas[name].values()]
-        panels[1].plot(list(found.gas[name]), sizes, **looks)
+        seen = {t: run.worst_overlap for t, run in found.gas[name].items() if run.worst_overlap > 0}
+        panels[1].plot(list(seen), list(seen.values()), **looks)
     labels = ("a lone disk: error of its position [length]", "5 disks: worst overlap [diameters]")
     for axes, bound, label in zip(panels, (LONE_BOUND, HEALTH_BOUND), labels, strict=True):
         axes.axhline(bound, color=GREY, linestyle=DOTTED, label="promised")
         axes.set(xscale="log", yscale="log", xlabel="duration $t$", ylabel=label)
-    panels[0].legend()
+    panels[1].legend(*panels[0].get_legend_handles_labels(), loc="center")
     return figure
