@@ -114,5 +114,5 @@ def draw(found: Clocks) -> Figure:
     for axes, bound, label in zip(panels, (LONE_BOUND, HEALTH_BOUND), labels, strict=True):
         axes.axhline(bound, color=GREY, linestyle=DOTTED, label="promised")
         axes.set(xscale="log", yscale="log", xlabel="duration $t$", ylabel=label)
-    panels[1].legend(*panels[0].get_legend_handles_labels(), loc="center")
+    panels[1].legend(*panels[0].get_legend_handles_labels(), loc="center", bbox_to_anchor=(0.5, 0.36))
     return figure

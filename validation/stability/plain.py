@@ -50,6 +50,7 @@ def _wall_delay(disks: np.ndarray, i: int, axis: int, walls: np.ndarray) -> floa
 
 @kernel
 def _copy(times: np.ndarray, events: np.ndarray, source: int, target: int) -> None:
+    """Copy an event to another place of the heap."""
     times[target] = times[source]
     for k in range(4):
         events[target, k] = events[source, k]
