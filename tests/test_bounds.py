@@ -23,6 +23,7 @@ ASPECTS = (1, 7, 50, 5000)
 COUNTS = (1, 2, 3, 7, 20, 50)
 SIDE = 1.0  # of the box, the shorter one
 EVENTS = 60  # collisions of a disk that flies alone, at most, in a run
+INTEGER = (int, np.integer)
 
 
 class Checked(np.ndarray):
@@ -38,15 +39,18 @@ class Checked(np.ndarray):
 
 
 def _refuse_outside(array, index):
-    for axis, given in enumerate(index if isinstance(index, tuple) else (index,)):
-        if isinstance(given, slice):
-            inside = (given.start or 0) >= 0 and (given.stop is None or given.stop <= array.shape[axis])
-        elif isinstance(given, int | np.integer) or (isinstance(given, np.ndarray) and given.dtype.kind in "iu"):
-            inside = np.all((given >= 0) & (given < array.shape[axis]))
+    each = index if isinstance(index, tuple) else (index,)
+    for axis, (given, size) in enumerate(zip(each, array.shape, strict=False)):
+        if isinstance(given, INTEGER):  # nearly all of them
+            inside = 0 <= given < size
+        elif isinstance(given, slice):
+            inside = (given.start or 0) >= 0 and (given.stop is None or given.stop <= size)
+        elif isinstance(given, np.ndarray) and given.dtype.kind in "iu":
+            inside = np.all((given >= 0) & (given < size))
         else:  # a mask, None or ...
             continue
         if not inside:
-            raise IndexError(f"index {given} of axis {axis} with size {array.shape[axis]}")
+            raise IndexError(f"index {given} of axis {axis} with size {size}")
 
 
 def checked(record):
