@@ -31,7 +31,7 @@ stability: ready_dev
 test: ready_dev
 	python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder
 
-# Without the tests marked `slow`: studies in processes of their own, benchmarks, statistics of many runs.
+# Without the tests marked `slow`, of more than half a second of CPU time: studies, benchmarks, statistics of many runs, random faults.
 test-quick: ready_dev
 	python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder -m "not slow"
 

@@ -482,6 +482,7 @@ def test_days_are_a_caution(tmp_path):
     assert re.match(r"the study takes some [\d.]+ days of CPU; must be fewer `seeds`", total)
 
 
+@pytest.mark.slow
 def test_kernels_that_are_not_compiled_are_said(tmp_path, monkeypatch):
     """In a process with an empty folder for machine code, before and after a run; nothing is compiled to find out."""
     (tmp_path / "scene.yaml").write_text(json.dumps(crowd(10)))

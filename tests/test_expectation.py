@@ -58,7 +58,6 @@ def original(tmp_path_factory):
             assert simulated("hot", "--particles", particles, "--seeds", seeds, "--output", path) == DONE
         for name, (scene, *options) in OTHERS.items():
             assert simulated(scene, *options, "--output", f"{name}.h5") == DONE
-        assert aggregated("before.nc") == DONE
     return folder
 
 
@@ -67,6 +66,13 @@ def study(original, tmp_path, monkeypatch):
     """A copy of it, which is the working directory; the trajectory files of the study."""
     monkeypatch.chdir(shutil.copytree(original, tmp_path / "copy"))
     return sorted(Path("results").rglob("*.h5"))
+
+
+@pytest.fixture
+def before(study):
+    """The dataset of the study as it was made."""
+    assert aggregated("before.nc") == DONE
+    return Path("before.nc")
 
 
 def simulated(scene, *options):
@@ -82,7 +88,7 @@ def aggregated(output):
     "a trajectory file is replaced by one of another case or study, or two change places",
     "The analysis of a study names any file that holds other runs than the study asks for, and makes no dataset.",
 )
-def test_every_exchange_of_files_is_refused_by_name(study, capsys):
+def test_every_exchange_of_files_is_refused_by_name(study, before, capsys):
     """Each file of the study in place of each other one; OTHERS in place of the one that they are most like."""
     given = {path: path.read_bytes() for path in [*study, *Path().glob("*.h5")]}
     assert len(study) == 4 and len(given) == 4 + len(OTHERS)
@@ -99,7 +105,7 @@ def test_every_exchange_of_files_is_refused_by_name(study, capsys):
             assert not Path("after.nc").exists()
         place.write_bytes(given[place])
     assert aggregated("after.nc") == DONE
-    assert read_dataset("after.nc").identical(read_dataset("before.nc"))
+    assert read_dataset("after.nc").identical(read_dataset(before))
 
 
 @pytest.mark.parametrize(
@@ -127,6 +133,7 @@ def test_a_missing_file_is_named(study, capsys):
     assert capsys.readouterr().err == f"brownpipe: {study[2]}: cannot be read: No such file or directory\n"
 
 
+@pytest.mark.slow
 def test_other_values_of_keys_are_given_as_to_snakemake(study, capsys):
     words = ["aggregate", "--study", "study.yaml", "--output", "after.nc", "--config"]
     assert main([*words, "particles=[5]", "seeds=0-1"]) == DONE
@@ -137,11 +144,12 @@ def test_other_values_of_keys_are_given_as_to_snakemake(study, capsys):
     assert "results/study/simulate/hot/N5/exact/4-5.h5: cannot be read" in capsys.readouterr().err
 
 
-def test_the_study_says_how_its_files_are_analysed(study):
-    windows = read_dataset("before.nc").window.values.tolist()
+@pytest.mark.slow
+def test_the_study_says_how_its_files_are_analysed(study, before):
+    windows = read_dataset(before).window.values.tolist()
     assert windows == ["[0.1, 0.4]"]
     assert main(["aggregate", *map(str, study), "--output", "same.nc", "--fit-windows", "0.1:0.4"]) == DONE
-    assert Path("same.nc").read_bytes() == Path("before.nc").read_bytes()
+    assert Path("same.nc").read_bytes() == before.read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -177,6 +177,7 @@ def test_a_friction_is_not_measured_in_runs_that_failed(monkeypatch, crowd):
         Engine("langevin", (("friction", "measured"),)).simulate(parse_scene(heavy, "crowd.yaml"), [0], {"tracer"})
 
 
+@pytest.mark.slow
 @PROMISE
 def test_a_batch_resumed_from_any_checkpoint_has_the_same_runs_and_reasons(crowd, faults):
     stored = []

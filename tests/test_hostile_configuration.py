@@ -208,6 +208,7 @@ def mangled(random, text):
     return bytes(changes.get(cut, BOMB.encode() + data))
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "a configuration that is made to break its reader: deep nesting, aliases that multiply, other encodings, binary",
     "It is refused in one line of at most 400 characters and the path, within seconds and some MB of memory.",

@@ -55,6 +55,7 @@ def test_an_analysis_is_that_of_the_command_line(folder, result):
     assert bp.analyse(folder / "runs.h5").identical(result)
 
 
+@pytest.mark.slow
 def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, runs, result):
     first, second = runs.isel(seed=slice(4)), runs.isel(seed=slice(4, None))
     bp.save(second, folder / "second.h5")

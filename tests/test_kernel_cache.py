@@ -329,6 +329,7 @@ def test_using_machine_code_keeps_it_from_being_removed(tmp_path):
 # -- who waits for whom ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "another process holds the locks of compiling",
     "a process whose machine code is on disk takes no lock and runs at once",

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from brownpipe.scene.packing import most_disks, overlap
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(1e-3, 0.24)), min_size=0, max_size=12),
     st.booleans(),

@@ -91,6 +91,7 @@ def test_a_file_that_is_replaced_meanwhile_is_refused(everything, tmp_path):
         list(runs.blocks_of(group))
 
 
+@pytest.mark.slow
 def test_files_with_other_observables_are_refused(everything, tmp_path):
     paths = written(tmp_path / "batches", everything, layouts()["batches"])
     more = part(everything, np.arange(2205, 2210))

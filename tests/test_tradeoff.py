@@ -307,6 +307,7 @@ def test_a_cost_leaves_out_compiling_what_a_call_takes_once_and_what_disturbs(mo
     assert len(set(seeds)) == len(seeds) and min(seeds) > 10**9  # new runs each time, none of a study
 
 
+@pytest.mark.slow
 def test_pairs_counted_in_the_runs_are_compared(tmp_path):
     """Steps as long as a disk takes across its radius let pairs overlap and thin them out near contact."""
     scene = tmp_path / "crowd.yaml"
