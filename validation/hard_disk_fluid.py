@@ -23,6 +23,7 @@ VIRIAL_COEFFICIENTS = (
     0.0362193,
     0.0199537,
 )
+VIRIAL_ERRORS = (0.0, 0.0, 0.0, 0.0, 1e-8, 42e-7, 43e-7, 34e-7, 35e-7, 80e-7)  # standard errors
 SERIES_UP_TO = 0.3  # density up to which the virial series to B_10 serves as published pressure
 
 # Kolafa and Rottner, table 1: density, Z and its standard error, corrected for finite size
@@ -80,13 +81,15 @@ def fit(phi: np.ndarray | float) -> np.ndarray:
 def published(density: float) -> tuple[float, float, str]:
     """Return Z, its standard error and its source; KeyError at a density that is not in the table.
 
-    At low densities the error is the remainder of the virial series, if its coefficients continue to fall by the ratio
-    of the last two: less than 1e-5.
+    At low densities the error is that of the coefficients and of the remainder of the virial series, if its
+    coefficients continue to fall by the ratio of the last two: less than 1e-5.
     """
     if density > SERIES_UP_TO:
         return *MOLECULAR_DYNAMICS[density], KOLAFA
-    before, last = np.array(VIRIAL_COEFFICIENTS[-2:]) * (np.pi / 2 * density) ** np.array([8, 9])
-    return float(series(np.pi / 4 * density)), last**2 / (before - last), CLISBY
+    powers = (np.pi / 2 * density) ** np.arange(len(VIRIAL_COEFFICIENTS))
+    before, last = (powers * VIRIAL_COEFFICIENTS)[-2:]
+    error = np.sqrt(np.sum(np.square(powers * VIRIAL_ERRORS)) + (last**2 / (before - last)) ** 2)
+    return float(series(np.pi / 4 * density)), float(error), CLISBY
 
 
 def finite_size(phi: np.ndarray | float, n: np.ndarray | int) -> np.ndarray:

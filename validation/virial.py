@@ -9,10 +9,9 @@ from xarray import Dataset
 
 from brownpipe.figures.style import INK, SERIES, grid
 from validation.comparison import Comparison
-from validation.hard_disk_fluid import CLISBY, VIRIAL_COEFFICIENTS, cases, finite_size
+from validation.hard_disk_fluid import CLISBY, VIRIAL_COEFFICIENTS, VIRIAL_ERRORS, cases, finite_size
 
 NAMES = {2: "$B_2$", 3: "$B_3/B_2^2$", 4: "$B_4/B_2^3$", 5: "$B_5/B_2^4$"}
-ERRORS = {5: 1e-8}  # of Clisby and McCoy; B_2 to B_4 are exact
 
 
 class Reduced(NamedTuple):
@@ -47,17 +46,17 @@ def _comparisons(reduced: Reduced, orders: Sequence[int], how: str) -> list[Comp
     square = float(np.sum(((y - rest) / error - powers @ fitted) ** 2))
     quality = f"{how}; $\\chi^2 = {square:.1f}$ with {len(x) - len(orders)} degrees of freedom"
     return [
-        Comparison(
-            f"{NAMES[order]}, {quality}", VIRIAL_COEFFICIENTS[order - 1], ERRORS.get(order, 0.0), value, sigma, CLISBY
+        Comparison(f"{NAMES[order]}, {quality}", VIRIAL_COEFFICIENTS[k], VIRIAL_ERRORS[k], value, sigma, CLISBY)
+        for order, k, value, sigma in zip(
+            orders, np.array(orders) - 1, fitted, np.sqrt(np.diag(covariance)), strict=True
         )
-        for order, value, sigma in zip(orders, fitted, np.sqrt(np.diag(covariance)), strict=True)
     ]
 
 
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
-    """Draw (Z - 1)/(2 phi) against 2 phi beside the virial series, and the deviation of Z - 1 from the series."""
+    """Draw (Z - 1)/(2 phi) against 2 phi beside the virial series, and the deviation of Z - 1 from it to B_10."""
     x, y, error = _reduced(datasets["virial"])
-    figure, ((left, right),) = grid(1, 2, 4.3, 3.5)
+    figure, ((left, right),) = grid(1, 2, 4.1, 3.1)
     line = np.linspace(0, 1.05 * x.max())
     terms = [b * line**k for k, b in enumerate(VIRIAL_COEFFICIENTS[1:])]
     for last, (colour, dashes, _) in zip((2, 3, 4, 5, 10), (*SERIES, (INK, "-", "")), strict=True):
@@ -68,6 +67,6 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     left.errorbar(x, y, 2 * error, fmt="o", color=INK, markersize=4, label="brownpipe, 95 %")
     right.errorbar(x, 1e3 * (y / series - 1), 2e3 * error / series, fmt="o", color=INK, markersize=4)
     left.set(xlabel="$2\\phi$", ylabel="$(Z - 1)/2\\phi$")
-    right.set(xlabel="$2\\phi$", ylabel="$10^3$ deviation of $Z - 1$ from the series to $B_{10}$", ylim=(-9, 3))
+    right.set(xlabel="$2\\phi$", ylabel="$10^3$ deviation of $Z - 1$", ylim=(-9, 3))
     left.legend()
     return figure
