@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import virial
+from validation import self_diffusion, virial
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -20,9 +20,20 @@ class Result(NamedTuple):
     compare: Callable[[Mapping[str, Dataset]], Sequence[Comparison]]
     draw: Callable[[Mapping[str, Dataset], Sequence[Comparison]], "Figure"]
     small: Mapping[str, Mapping]  # for the tests: by study, keys of the study with other values, such as fewer seeds
+    of_single_runs: bool = False  # whether the datasets include the arrays of single runs, as STUDY/SCENE
 
 
+SMALL_DIFFUSION = {"scenes": ["scenes/diffusion_030_100.yaml", "scenes/diffusion_030_1000.yaml"], "seeds": 40}
 RESULTS = {
     result.name: result
-    for result in (Result("virial", ("virial",), virial.compare, virial.draw, {"virial": {"seeds": 8}}),)
+    for result in (
+        Result("virial", ("virial",), virial.compare, virial.draw, {"virial": {"seeds": 8}}),
+        Result(
+            "self_diffusion",
+            ("self_diffusion",),
+            self_diffusion.compare,
+            self_diffusion.draw,
+            {"self_diffusion": {"engines": "exact", **SMALL_DIFFUSION}},
+        ),
+    )
 }
