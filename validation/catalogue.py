@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import self_diffusion, virial
+from validation import long_time_tail, self_diffusion, virial
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ class Result(NamedTuple):
 
 
 SMALL_DIFFUSION = {"scenes": ["scenes/diffusion_030_100.yaml", "scenes/diffusion_030_1000.yaml"], "seeds": 40}
+SMALL_TAIL = {"scenes": "scenes/tail_030.yaml", "seeds": 4}
 RESULTS = {
     result.name: result
     for result in (
@@ -34,6 +35,14 @@ RESULTS = {
             self_diffusion.compare,
             self_diffusion.draw,
             {"self_diffusion": {"engines": "exact", **SMALL_DIFFUSION}},
+        ),
+        Result(
+            "long_time_tail",
+            ("long_time_tail",),
+            long_time_tail.compare,
+            long_time_tail.draw,
+            {"long_time_tail": {"engines": "exact", **SMALL_TAIL}},
+            of_single_runs=True,
         ),
     )
 }
