@@ -9,7 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.polynomial.hermite import hermgauss
 from numpy.polynomial.legendre import leggauss
+from scipy.special import eval_genlaguerre, roots_genlaguerre
 
 from brownpipe import theory
 from closed_forms import langevin_msd, pair_distance_density, propagator
@@ -336,3 +338,63 @@ def test_reduced_mass_friction_and_rate_in_any_units(light, heavy):
         assert theory.enskog_friction(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(2 * root, rel=1e-15)
         root = math.sqrt(2 * math.pi) / math.sqrt(mu) * math.sqrt(temperature)
         assert theory.collision_rate(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(root, rel=1e-15)
+
+
+# --- Enskog's viscosity
+
+
+def sonine_factors(trial):
+    """What two, three and four Sonine orders make of the first, for disks.
+
+    `trial(p, mean, relative)` is the pth trial function, summed over the disks that count. Integrals over the mean
+    velocity of a pair, their relative speed s^(1/2), the impact parameter b and the direction a of the relative
+    velocity, by Gaussian rules (the direction by the trapezoidal rule): exact.
+    """
+    (x, weight_x), (b, weight_b), (s, weight_s) = hermgauss(9), leggauss(12), roots_genlaguerre(9, 0.5)
+    weight = np.einsum("i,j,k,l->ijkl", weight_x, weight_x, weight_s, weight_b)[..., None]
+    u, v, s, b, a = np.meshgrid(x, x, s, b, np.arange(18) * np.pi / 9, indexing="ij")
+    before, after = (np.sqrt(s) * np.array([np.cos(q), np.sin(q)]) for q in (a, a + np.pi + 2 * np.arcsin(b)))
+    change = [trial(p, (u, v), after) - trial(p, (u, v), before) for p in range(4)]
+    bracket = np.array([[(weight * one * other).sum() for other in change] for one in change])
+    return [bracket[0, 0] * np.linalg.inv(bracket[:k, :k])[0, 0] for k in (2, 3, 4)]
+
+
+def disk_of(mean, relative, sign=1):
+    """(velocity of a disk) and its square, in units in which the density is exp(-c^2)."""
+    velocity = (np.array(mean) + sign * relative) / np.sqrt(2)
+    return velocity, (velocity**2).sum(axis=0)
+
+
+def test_sonine_factors_of_disks():
+    """Of viscosity and self-diffusion: exact in the second order, 51/50 and 43/42, and converged in the fourth."""
+
+    def stress(p, mean, relative):
+        pair = [disk_of(mean, relative, sign) for sign in (1, -1)]
+        return sum(c[0] * c[1] * eval_genlaguerre(p, 2, square) for c, square in pair)
+
+    def current(p, mean, relative):
+        c, square = disk_of(mean, relative)
+        return c[0] * eval_genlaguerre(p, 1, square)
+
+    for trial, second, converged in (
+        (stress, 51 / 50, theory.SONINE_VISCOSITY),
+        (current, 43 / 42, theory.SONINE_DIFFUSION),
+    ):
+        factors = sonine_factors(trial)
+        assert factors[0] == pytest.approx(second, rel=1e-12)
+        assert factors[2] == pytest.approx(converged, abs=2e-4)
+
+
+def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
+    """In a weak shear flow at the rate g a pair at contact has the mean relative velocity g s k_y along x."""
+    n, s, chi, m, kt = 0.4, 0.7, 1.9, 1.3, 2.1
+    thin = theory.enskog_viscosity(1e-9, s, 1.0, m, kt)
+    assert thin == pytest.approx(1.022 * np.sqrt(m * kt / np.pi) / (2 * s), rel=1e-8)
+    k, shear, width = np.arange(64) * 2 * np.pi / 64, 1e-4, np.sqrt(2 * kt / m)
+    mean = shear * s * np.cos(k) * np.sin(k)
+    approach = np.linspace(-12 * width, 0, 20001)[:, None]
+    square = np.trapezoid(approach**2 * np.exp(-((approach - mean) ** 2) / (2 * width**2)), approach, axis=0)
+    square /= np.sqrt(2 * np.pi) * width
+    flux = n**2 * chi * s**2 * m / 2 * (np.cos(k) * np.sin(k) * square).sum() * 2 * np.pi / 64
+    carried = 1.022 * np.sqrt(m * kt / np.pi) / (2 * s) * (1 + np.pi / 4 * n * s**2 * chi) ** 2 / chi
+    assert theory.enskog_viscosity(n, s, chi, m, kt) - carried == pytest.approx(-flux / shear, rel=1e-6)

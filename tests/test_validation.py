@@ -11,17 +11,18 @@ from brownpipe.study import read_study
 from validation.catalogue import RESULTS
 from validation.comparison import Comparison
 from validation.page import table, value, with_table
+from validation.single_runs import single_runs
 
 ROOT = Path(__file__).parent.parent
 STUDIES = ROOT / "config" / "validation"
 
 
 def analysed(name, small):
-    """Return the dataset of a study of `config/validation` with fewer runs, or smaller ones."""
+    """Return the dataset, and the single runs, of a study of `config/validation` with fewer runs, or smaller ones."""
     study = read_study(STUDIES / f"{name}.yaml", small)
     asked = {"record": study.record, "observables": study.observables, "average": study.average}
     runs = [bp.simulate(case, study.seeds, **asked) for case in study.cases]
-    return bp.analyse(runs, fit_windows=study.fit_windows)
+    return {name: bp.analyse(runs, fit_windows=study.fit_windows), **single_runs(name, runs)}
 
 
 @pytest.mark.slow
@@ -29,7 +30,7 @@ def analysed(name, small):
 def test_a_small_version_meets_what_is_published(name):
     """Within 4 standard errors: false alarm 6e-5 for each value."""
     result = RESULTS[name]
-    datasets = {study: analysed(study, result.small[study]) for study in result.studies}
+    datasets = {name: data for study in result.studies for name, data in analysed(study, result.small[study]).items()}
     comparisons = result.compare(datasets)
     assert not [one for one in comparisons if not one.approximate and not abs(one.z) < 4]
     assert result.draw(datasets, comparisons).axes

@@ -13,13 +13,16 @@ from collections.abc import Sequence
 from os import cpu_count
 from pathlib import Path
 
+from xarray import Dataset
+
 from brownpipe.figures.style import drawing, image_bytes
-from brownpipe.storage import read_dataset
+from brownpipe.storage import read_dataset, read_trajectories, to_tree
 from brownpipe.study import read_study
 from brownpipe.study.resources import used
 from validation.catalogue import RESULTS, Result
 from validation.comparison import Comparison
 from validation.page import closing, table, with_table
+from validation.single_runs import single_runs
 
 ROOT = Path(__file__).parent.parent
 STUDIES = ROOT / "config" / "validation"
@@ -33,6 +36,8 @@ def reproduce(result: Result, cores: int) -> Sequence[Comparison]:
         options = ["--snakefile", str(ROOT / "Snakefile"), "--cores", str(cores), "--configfile", str(_file(study))]
         subprocess.run(["snakemake", *options], check=True)
     datasets = {study: read_dataset(f"results/{study}/aggregate/{study}.nc") for study in result.studies}
+    if result.of_single_runs:
+        datasets |= {name: runs for study in result.studies for name, runs in _single_runs(study).items()}
     comparisons = result.compare(datasets)
     seconds = sum(job.seconds for study in result.studies for job in used(read_study(_file(study))))
     PAGE.write_text(with_table(PAGE.read_text(), result.name, comparisons, seconds))
@@ -40,6 +45,11 @@ def reproduce(result: Result, cores: int) -> Sequence[Comparison]:
         (FIGURES / f"validation_{result.name}.png").write_bytes(image_bytes(result.draw(datasets, comparisons), "png"))
     print(f"\n{result.name}\n\n{table(comparisons)}\n{closing(comparisons, seconds)}\n", flush=True)
     return comparisons
+
+
+def _single_runs(study: str) -> dict[str, Dataset]:
+    files = (f"results/{study}/simulate/{job.file}" for job in read_study(_file(study)).jobs())
+    return single_runs(study, (to_tree(read_trajectories(file)) for file in files))
 
 
 def _file(study: str) -> Path:

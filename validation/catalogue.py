@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import contact, equation_of_state, virial
+from validation import contact, equation_of_state, long_time_tail, self_diffusion, virial
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -20,8 +20,11 @@ class Result(NamedTuple):
     compare: Callable[[Mapping[str, Dataset]], Sequence[Comparison]]
     draw: Callable[[Mapping[str, Dataset], Sequence[Comparison]], "Figure"]
     small: Mapping[str, Mapping]  # for the tests: by study, keys of the study with other values, such as fewer seeds
+    of_single_runs: bool = False  # whether the datasets include the arrays of single runs, as STUDY/SCENE
 
 
+SMALL_DIFFUSION = {"scenes": ["scenes/diffusion_030_100.yaml", "scenes/diffusion_030_1000.yaml"], "seeds": 40}
+SMALL_TAIL = {"scenes": "scenes/tail_030.yaml", "seeds": 4}
 # The small versions fail if a published value is wrong by some 0.5 % (B_2), 1 % (B_3, Z, the rate) or 4 % (B_4).
 RESULTS = {
     result.name: result
@@ -51,6 +54,21 @@ RESULTS = {
             contact.compare,
             contact.draw,
             {"contact": {"particles": [640], "seeds": 8}},
+        ),
+        Result(
+            "self_diffusion",
+            ("self_diffusion",),
+            self_diffusion.compare,
+            self_diffusion.draw,
+            {"self_diffusion": {"engines": "exact", **SMALL_DIFFUSION}},
+        ),
+        Result(
+            "long_time_tail",
+            ("long_time_tail",),
+            long_time_tail.compare,
+            long_time_tail.draw,
+            {"long_time_tail": {"engines": "exact", **SMALL_TAIL}},
+            of_single_runs=True,
         ),
     )
 }
