@@ -408,25 +408,27 @@ def test_contact_value_around_a_tracer_off_centre(off_centre):
     assert found.mean("contact_value_ideal")[1] < 0.8
 
 
-def bin_averages(g, edges):
-    """Averages of g(r) over the areas of the rings between `edges`, by 20 points of Gauss-Legendre each."""
+def bin_averages(g, edges, flat=False):
+    """Averages of g(r) over the areas of the rings (strips) between `edges`, by 20 points of Gauss-Legendre each."""
     node, weight = np.polynomial.legendre.leggauss(20)
     r = (edges[:-1, None] * (1 - node) + edges[1:, None] * (1 + node)) / 2
-    return (weight * r * g(r)).sum(axis=1) / (weight * r).sum(axis=1)
+    area = weight * (1.0 if flat else r)
+    return (area * g(r)).sum(axis=1) / area.sum(axis=1)
 
 
+@pytest.mark.parametrize("flat", [False, True])
 @pytest.mark.parametrize("decay", [0.0, 1.0, 6.0])
-def test_contact_value_of_the_form_that_is_fitted(decay):
+def test_contact_value_of_the_form_that_is_fitted(decay, flat):
     """A parabola times the decay is recovered to round-off (quadrature: 1e-10), a cubic by the next order."""
     edges = np.arange(60) * 0.025
-    fitted, following = pairs.contact_weights(edges, 1.0, decay)
+    fitted, following = pairs.contact_weights(edges, 1.0, decay, flat)
     assert np.isnan(pairs.contact_weights(edges, 1.49, decay)).all()
     for cubic in (0.0, 7.0):
 
         def g(r, x=cubic):
             return (1.7 - 2 * (r - 1) + 3 * (r - 1) ** 2 + x * (r - 1) ** 3) / (1 + decay * (r - 1) / 16) ** 16
 
-        averages = bin_averages(g, edges)
+        averages = bin_averages(g, edges, flat)
         assert (averages * (fitted + following)).sum() == pytest.approx(1.7, rel=1e-9)
         assert ((averages * fitted).sum() == pytest.approx(1.7, rel=1e-9)) == (cubic == 0)
 
