@@ -412,7 +412,7 @@ def bin_averages(g, edges, flat=False):
     """Averages of g(r) over the areas of the rings (strips) between `edges`, by 20 points of Gauss-Legendre each."""
     node, weight = np.polynomial.legendre.leggauss(20)
     r = (edges[:-1, None] * (1 - node) + edges[1:, None] * (1 + node)) / 2
-    area = weight * (1.0 if flat else r)
+    area = weight * (np.ones_like(r) if flat else r)
     return (area * g(r)).sum(axis=1) / area.sum(axis=1)
 
 

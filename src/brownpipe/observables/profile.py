@@ -63,7 +63,7 @@ def density_profile(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
             from_low = sample[disks] - corner
             distance = np.minimum(from_low, size - from_low)  # (M, 2) from the nearer of two opposite walls
             for near, beside in (distance.T, distance.T[::-1]):
-                column = (near[beside >= reach] / width).astype(np.int64)
+                column = (np.maximum(near[beside >= reach], 0.0) / width).astype(np.int64)  # by round-off below 0
                 counts += np.bincount(column[column < number], minlength=number)
         profile[k] = counts / (len(position) * 2 * width * (size.sum() - 4 * reach))
     return {"density_profile": profile}
