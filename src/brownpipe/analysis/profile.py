@@ -1,4 +1,4 @@
-"""Density profile in front of the walls, and its value at contact, which is the pressure on the walls over kT.
+"""Density profile in front of the walls, and its value at contact, the force on the walls over kT and their length.
 
 K species, B bins of distance, n runs. See docs/theory.md, section 3.
 """
