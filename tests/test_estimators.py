@@ -237,6 +237,19 @@ def test_the_error_of_the_initial_slope_covers_that_of_the_samples(spacing, misj
     assert abs(slope / (2 * rate) + 1) < 2e-3 and error < 0.01 * 2 * rate
 
 
+def test_initial_slope_of_a_heavy_tracer_is_taken_before_the_bath_has_collisions():
+    """A friction that falls by half within a mean free time of the bath, when next to nothing of the velocity is lost.
+
+    The error covers that of the samples; from a quarter of the relaxation time the slope would be 40 % off.
+    """
+    scene = gas(number=256, side=40.0, tracer={"radius": 2.0, "mass": 1000.0}, duration=20.0)
+    rate, pace = velocity.enskog_rate(scene), velocity.fastest_rate(scene)
+    assert pace == thermodynamics.enskog(scene)["enskog_collision_rate"] > 10 * rate
+    falling = np.exp(-rate / 2 * (scene.times + (1 - np.exp(-pace * scene.times)) / pace))
+    slope, error, _, _ = slope_of(scene, {"velocity_autocorrelation": np.tile(2 * falling, (12, 1))})
+    assert abs(slope + 2 * rate) <= error < 0.1 * rate
+
+
 def test_initial_slope_without_theory():
     """A parabola off by (gamma h)^2/3 of the slope, which the stated error covers."""
     scene = make_scene(sample_interval=0.05)

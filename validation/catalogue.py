@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import virial
+from validation import virial, walls
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -24,5 +24,8 @@ class Result(NamedTuple):
 
 RESULTS = {
     result.name: result
-    for result in (Result("virial", ("virial",), virial.compare, virial.draw, {"virial": {"seeds": 8}}),)
+    for result in (
+        Result("virial", ("virial",), virial.compare, virial.draw, {"virial": {"seeds": 8}}),
+        Result("walls", ("walls",), walls.compare, walls.draw, {"walls": {"seeds": 5}}),
+    )
 }
