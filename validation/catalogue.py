@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import virial, walls
+from validation import brownian_limit, virial, walls
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -26,6 +26,17 @@ RESULTS = {
     result.name: result
     for result in (
         Result("virial", ("virial",), virial.compare, virial.draw, {"virial": {"seeds": 8}}),
-        Result("walls", ("walls",), walls.compare, walls.draw, {"walls": {"seeds": 5}}),
+        Result(
+            "brownian_limit",
+            ("brownian_limit", "brownian_box", "brownian_hot"),
+            brownian_limit.compare,
+            brownian_limit.draw,
+            {
+                "brownian_limit": {"scenes": ["scenes/tracer_10_1.yaml", "scenes/tracer_100_10.yaml"], "seeds": 12},
+                "brownian_box": {"seeds": 2},  # theory there is approximate
+                "brownian_hot": {"seeds": 10},
+            },
+        ),
+        Result("walls", ("walls",), walls.compare, walls.draw, {"walls": {"seeds": 8}}),
     )
 }
