@@ -37,6 +37,6 @@ RESULTS = {
                 "brownian_hot": {"seeds": 10},
             },
         ),
-        Result("walls", ("walls",), walls.compare, walls.draw, {"walls": {"seeds": 8}}),
+        Result("walls", ("walls",), walls.compare, walls.draw, {"walls": {"seeds": 10}}),
     )
 }
