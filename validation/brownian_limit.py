@@ -161,10 +161,10 @@ def _cooling_curve(case: Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
     """Draw the autocorrelations over an exponential, and the energy of the hot disk."""
     figure, ((left, right),) = grid(1, 2, 4.8, 3.9)
-    line = np.linspace(0, 3)
+    line = np.linspace(0, 2)
     for (tracer, case), (color, _, marker) in zip(_cases(datasets["brownian_limit"]).items(), SERIES, strict=False):
         decay, c, error = _autocorrelation(tracer, case)
-        k = np.unique([np.argmin(np.abs(decay - at)) for at in np.arange(0, 3.01, 0.25)])
+        k = np.unique([np.argmin(np.abs(decay - at)) for at in np.arange(0, 2.01, 0.25)])
         grow = np.exp(decay[k])
         label = _name(*tracer[1:])
         left.errorbar(decay[k], c[k] * grow, 2 * error[k] * grow, fmt=marker, color=color, markersize=4, label=label)
@@ -172,7 +172,7 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
             left.plot(line, correlation(tracer.mass, line) * np.exp(line), color=color, linewidth=1)
     left.set_xlabel("$\\gamma_{\\mathrm{E}} t$")
     left.set_ylabel("$C(t)/C(0) \\times \\exp(\\gamma_{\\mathrm{E}} t)$")
-    left.legend()
+    left.legend(loc="upper left")
     times, ours, error, expected = _cooling_curve(_case(datasets["brownian_hot"], "tracer_hot"))
     color = SERIES[0][0]
     right.errorbar(times, ours, 2 * error, fmt="o", color=color, markersize=4, label="brownpipe, 95 %")
