@@ -32,11 +32,15 @@ RESULTS = {
             brownian_limit.compare,
             brownian_limit.draw,
             {
-                "brownian_limit": {"scenes": ["scenes/tracer_10_1.yaml", "scenes/tracer_100_10.yaml"], "seeds": 12},
-                "brownian_box": {"seeds": 2},  # theory there is approximate
+                "brownian_limit": {
+                    "scenes": "scenes/tracer_100_10.yaml",
+                    "seeds": 16,
+                },  # fails if the slope is 30 % off; the rest is theory that is approximate
+                "brownian_box": {"seeds": 2},
                 "brownian_hot": {"seeds": 10},
             },
         ),
+        # the small version fails if the force is 5 % off
         Result("walls", ("walls",), walls.compare, walls.draw, {"walls": {"seeds": 10}}),
     )
 }

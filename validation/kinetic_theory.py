@@ -7,7 +7,7 @@ from scipy.special import eval_genlaguerre
 from brownpipe import theory
 
 TERMS = 8  # Sonine polynomials; D of a disk of mass 1 changes by 1e-4 from 3 to 8
-NODES = 40  # of each Gaussian quadrature; exact for these polynomials
+NODES = 20  # of each Gaussian quadrature; exact for these polynomials
 
 
 def velocity_modes(mass: float) -> tuple[np.ndarray, np.ndarray]:
