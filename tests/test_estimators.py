@@ -237,6 +237,19 @@ def test_the_error_of_the_initial_slope_covers_that_of_the_samples(spacing, misj
     assert abs(slope / (2 * rate) + 1) < 2e-3 and error < 0.01 * 2 * rate
 
 
+def test_initial_slope_of_a_heavy_tracer_is_taken_before_the_bath_has_collisions():
+    """A friction that falls by half within a mean free time of the bath, when next to nothing of the velocity is lost.
+
+    The error covers that of the samples; from a quarter of the relaxation time the slope would be 40 % off.
+    """
+    scene = gas(number=256, side=40.0, tracer={"radius": 2.0, "mass": 1000.0}, duration=20.0)
+    rate, pace = velocity.enskog_rate(scene), velocity.fastest_rate(scene)
+    assert pace == thermodynamics.enskog(scene)["enskog_collision_rate"] > 10 * rate
+    falling = np.exp(-rate / 2 * (scene.times + (1 - np.exp(-pace * scene.times)) / pace))
+    slope, error, _, _ = slope_of(scene, {"velocity_autocorrelation": np.tile(2 * falling, (12, 1))})
+    assert abs(slope + 2 * rate) <= error < 0.1 * rate
+
+
 def test_initial_slope_without_theory():
     """A parabola off by (gamma h)^2/3 of the slope, which the stated error covers."""
     scene = make_scene(sample_interval=0.05)
@@ -408,25 +421,27 @@ def test_contact_value_around_a_tracer_off_centre(off_centre):
     assert found.mean("contact_value_ideal")[1] < 0.8
 
 
-def bin_averages(g, edges):
-    """Averages of g(r) over the areas of the rings between `edges`, by 20 points of Gauss-Legendre each."""
+def bin_averages(g, edges, flat=False):
+    """Averages of g(r) over the areas of the rings (strips) between `edges`, by 20 points of Gauss-Legendre each."""
     node, weight = np.polynomial.legendre.leggauss(20)
     r = (edges[:-1, None] * (1 - node) + edges[1:, None] * (1 + node)) / 2
-    return (weight * r * g(r)).sum(axis=1) / (weight * r).sum(axis=1)
+    area = weight * (np.ones_like(r) if flat else r)
+    return (area * g(r)).sum(axis=1) / area.sum(axis=1)
 
 
+@pytest.mark.parametrize("flat", [False, True])
 @pytest.mark.parametrize("decay", [0.0, 1.0, 6.0])
-def test_contact_value_of_the_form_that_is_fitted(decay):
+def test_contact_value_of_the_form_that_is_fitted(decay, flat):
     """A parabola times the decay is recovered to round-off (quadrature: 1e-10), a cubic by the next order."""
     edges = np.arange(60) * 0.025
-    fitted, following = pairs.contact_weights(edges, 1.0, decay)
+    fitted, following = pairs.contact_weights(edges, 1.0, decay, flat)
     assert np.isnan(pairs.contact_weights(edges, 1.49, decay)).all()
     for cubic in (0.0, 7.0):
 
         def g(r, x=cubic):
             return (1.7 - 2 * (r - 1) + 3 * (r - 1) ** 2 + x * (r - 1) ** 3) / (1 + decay * (r - 1) / 16) ** 16
 
-        averages = bin_averages(g, edges)
+        averages = bin_averages(g, edges, flat)
         assert (averages * (fitted + following)).sum() == pytest.approx(1.7, rel=1e-9)
         assert ((averages * fitted).sum() == pytest.approx(1.7, rel=1e-9)) == (cubic == 0)
 

@@ -174,6 +174,24 @@ def plain_mean_over(scene, average, product_of):
     return [np.mean([product_of(i, k) for i, k in pairs[lag]]) for lag in range(last + 1)]
 
 
+@pytest.mark.parametrize("boundary", [W, P])
+def test_density_profile_is_that_of_plain_loops(boundary):
+    """Each disk at the nearer of two opposite walls, in both directions, over the area along all walls."""
+    scene = make(boundary)
+    run, (number, width) = made_up(scene), observables.profile.bins(scene)
+    low, high = np.array([-1.0, 2.0]), np.array([4.0, 6.0])
+    expected = np.zeros((3, number))
+    for k, (radius, disks) in enumerate(((0.3, [0]), (0.2, range(1, 13)), (0.1, range(13, 16)))):
+        margin = radius if boundary == W else 0.0
+        for position, i in product(run.whole.position, disks):
+            for gap in np.minimum(position[i] - low, high - position[i]) - margin:
+                if gap < number * width:
+                    expected[k, max(int(gap / width), 0)] += 1 / (2 * width * (9 - 4 * margin))
+    found = observe(scene, run, ("density_profile",))["density_profile"]
+    assert (expected > 0).sum() > 100
+    np.testing.assert_allclose(found, expected / len(scene.times), rtol=1e-13)
+
+
 @pytest.mark.parametrize("average", observables.AVERAGES)
 @pytest.mark.parametrize("boundary", [W, P])
 def test_averages_are_those_of_plain_loops(boundary, average):
@@ -450,7 +468,7 @@ def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, ca
     assert ", speed 3 ms" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["simulate", "--help"])
-    assert "pair_distribution, speed" in " ".join(capsys.readouterr().out.split())
+    assert "density_profile, speed" in " ".join(capsys.readouterr().out.split())
     assert main(["simulate", "some.yaml", "--observables", "speed", "--record", "none", "--output", "x.h5"]) == DONE
     seen = storage.read_trajectories("x.h5").ensemble
     assert seen.observables["tracer_speed"].shape == (1, len(seen.times))

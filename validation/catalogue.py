@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import contact, equation_of_state, long_time_tail, self_diffusion, virial
+from validation import brownian_limit, contact, equation_of_state, long_time_tail, self_diffusion, virial, walls
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -70,5 +70,19 @@ RESULTS = {
             {"long_time_tail": {"engines": "exact", **SMALL_TAIL}},
             of_single_runs=True,
         ),
+        Result(
+            "brownian_limit",
+            ("brownian_limit", "brownian_box", "brownian_hot"),
+            brownian_limit.compare,
+            brownian_limit.draw,
+            {
+                # fails if the slope at 0 is 30 % off; all else is compared with theory that is approximate
+                "brownian_limit": {"scenes": "scenes/tracer_100_10.yaml", "seeds": 16},
+                "brownian_box": {"seeds": 2},
+                "brownian_hot": {"seeds": 10},
+            },
+        ),
+        # the small version fails if the force is 5 % off
+        Result("walls", ("walls",), walls.compare, walls.draw, {"walls": {"seeds": 10}}),
     )
 }

@@ -58,22 +58,22 @@ def decays(scene: Scene) -> np.ndarray:
     return np.array([DECAY * phi * chi[a, b] for a, b, _ in pairs])
 
 
-def contact_weights(edges: np.ndarray, contact: float, decay: float) -> np.ndarray:
+def contact_weights(edges: np.ndarray, contact: float, decay: float, flat: bool = False) -> np.ndarray:
     """Return weights (2, R) of g(r) in its bins: for the value at contact, and for its change by the next order.
 
     With x = r/contact - 1, a polynomial of degree ORDER in x times (1 + decay x/16)^-16, nearly exponential, is fitted
-    to the averages of g over the areas of the bins up to NEAR, by least squares with the areas as weights. NaN if there
-    are too few bins for the next degree.
+    to the averages of g over the areas of the bins up to NEAR, by least squares with the areas as weights. The bins are
+    rings, or strips along a wall if `flat`. NaN if there are too few bins for the next degree.
     """
     inside = (edges[:-1] >= contact * (1 - 1e-9)) & (edges[1:] <= contact * NEAR * (1 + 1e-9))
     weights = np.zeros((2, len(inside)))
     if np.count_nonzero(inside) < ORDER + 2:
         return np.full(weights.shape, np.nan)
     low, high = edges[:-1][inside] / contact, edges[1:][inside] / contact
-    area = high**2 - low**2
+    area = high - low if flat else high**2 - low**2
     basis: list[tuple[np.ndarray, float]] = []  # orthonormal columns, and the value of each at contact
     for degree in range(ORDER + 2):
-        column, at_contact = _bin_averages(low, high, degree, decay), float(degree == 0)
+        column, at_contact = _bin_averages(low, high, degree, decay, flat), float(degree == 0)
         for other, value in basis:  # Gram-Schmidt, sums in a fixed order: the same bits on every processor
             along = (area * column * other).sum()
             column, at_contact = column - along * other, at_contact - along * value
@@ -83,7 +83,7 @@ def contact_weights(edges: np.ndarray, contact: float, decay: float) -> np.ndarr
     return weights
 
 
-def _bin_averages(low: np.ndarray, high: np.ndarray, degree: int, decay: float) -> np.ndarray:
+def _bin_averages(low: np.ndarray, high: np.ndarray, degree: int, decay: float, flat: bool) -> np.ndarray:
     """Averages over the areas of bins of x^degree (1 + decay x/16)^-16, by three-point Gauss-Legendre quadrature."""
     total = np.zeros(len(low))
     for node, weight in ((-np.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (np.sqrt(0.6), 5 / 18)):
@@ -93,8 +93,8 @@ def _bin_averages(low: np.ndarray, high: np.ndarray, degree: int, decay: float) 
             f = f * f
         for _ in range(degree):
             f = f * (r - 1.0)
-        total = total + weight * r * f
-    return total / ((low + high) / 2)
+        total = total + weight * (f if flat else r * f)
+    return total if flat else total / ((low + high) / 2)
 
 
 def truncation(following: Estimate) -> np.ndarray:

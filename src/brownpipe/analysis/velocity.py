@@ -17,9 +17,9 @@ from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, SPEED2, TIME, Va
 from brownpipe.scene import Scene
 
 CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
-EARLY = 0.25  # decay of the velocity autocorrelation at the last of the samples that give its initial slope
+EARLY = 0.25  # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
 COARSE = 0.2  # decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
-LATEST = 1.0  # latest of these samples, in units of the relaxation time of Enskog's theory
+LATEST = 1.0  # latest of these samples, in units of the inverse of `fastest_rate`
 DENSITIES = {"velocity_density": "velocity_counts", "speed_density": "speed_counts"}
 
 
@@ -29,11 +29,20 @@ def enskog_rate(scene: Scene) -> float:
     return scene.velocities.temperature / (scene.mass[0] * predictions["enskog_diffusion"]) if predictions else 0.0
 
 
+def fastest_rate(scene: Scene) -> float:
+    """Return the friction rate of the tracer or the collision rate of all disks, whichever is larger; 0 for neither.
+
+    Once the bath has had collisions, it returns to a heavy tracer part of the momentum that it took: the friction is no
+    longer that of the initial slope, long before the tracer slows down.
+    """
+    return max(enskog_rate(scene), enskog(scene).get("enskog_collision_rate", 0.0))
+
+
 def early(times: np.ndarray, rate: float) -> list[int]:
     """Return the indices [0, i, j] of the samples for the slope of the autocorrelation at 0.
 
-    j is the last sample at which the decay at the friction rate `rate` is at most EARLY, and i lies half-way. If
-    samples are coarse, or without a rate, the first three.
+    j is the last sample at which the decay at the rate `rate` (`fastest_rate`) is at most EARLY, and i lies half-way.
+    If samples are coarse, or without a rate, the first three.
     """
     last = max(int(np.searchsorted(rate * times, EARLY, side="right")) - 1, 2) if rate else 2
     return [0, min(max(int(np.searchsorted(times, times[last] / 2)), 1), last - 1), last]
@@ -79,8 +88,9 @@ def initial_slope(case: Case, averages: Averages) -> Estimate:
     mean = averages.mean("velocity_autocorrelation")
     if "vacf_initial_slope" not in averages or mean[0] - mean[1] > COARSE * mean[0]:
         return Estimate(*np.full(4, np.nan))
-    rate, times, slope = enskog_rate(case.scene), case.times, averages.estimate("vacf_initial_slope")
-    later = twice_as_late(times, early(times, rate), rate)
+    rate, fastest = enskog_rate(case.scene), fastest_rate(case.scene)
+    times, slope = case.times, averages.estimate("vacf_initial_slope")
+    later = twice_as_late(times, early(times, fastest), fastest)
     systematic = abs(slope.mean - (slope_weights(times[later], rate) * mean[later]).sum())
     error = np.hypot(slope.standard_error, systematic)
     return Estimate(slope.mean, error, slope.low - systematic, slope.high + systematic)
@@ -111,10 +121,10 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     means = {name: runs.observables[name] for name in CORRELATIONS if name in runs.observables}
     if "velocity_autocorrelation" in means:
         if len(case.times) > 2:
-            rate = enskog_rate(case.scene)
-            samples = early(case.times, rate)
+            rate, fastest = enskog_rate(case.scene), fastest_rate(case.scene)
+            samples = early(case.times, fastest)
             times, first = case.times[samples], means["velocity_autocorrelation"][:, samples]
-            if rate * times[2] <= LATEST:
+            if fastest * times[2] <= LATEST:
                 means["vacf_initial_slope"] = (first * slope_weights(times, rate)).sum(axis=1)
     integral = with_velocity(case, runs, "velocity_displacement")
     if integral is not None:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.observables import displacement, pairs, time_origins, velocity
+from brownpipe.observables import displacement, pairs, profile, time_origins, velocity
 from brownpipe.observables.species import bath_disks, equal_disks, species_table
 from brownpipe.observables.time_origins import why_not_stationary
 from brownpipe.observables.tracks import Run
@@ -76,6 +76,7 @@ AXES = {
         lambda scene: velocity.bin_centres("speed"),
     ),
     "distance": Axis("length", "distance between the centres, centre of its bin", pairs.bin_centres),
+    "wall_distance": Axis("length", "distance of the disk's edge from a wall, centre of its bin", profile.bin_centres),
 }
 ARRAYS = {
     "square_displacement": RunArray(
@@ -110,6 +111,9 @@ ARRAYS = {
         "1",
         "pair_counts of an ideal gas around a lone disk at its positions; else NaN",
         lambda scene: bool(pairs.lone_pairs(scene, species_table(scene))),
+    ),
+    "density_profile": RunArray(
+        ("species", "wall_distance"), "1/length^2", "number density by distance from the walls, mean along all of them"
     ),
 }
 OBSERVABLES = {
@@ -156,6 +160,16 @@ OBSERVABLES = {
         seconds_per_sample=pairs.seconds_per_sample,
         is_histogram=True,
         unfit=pairs.unfit,
+    ),
+    "density_profile": Observable(
+        profile.density_profile,
+        ("density_profile",),
+        of_single_disks=False,
+        seconds_per_run=3e-5,
+        seconds_per_disk_sample=4e-8,
+        seconds_per_sample=profile.seconds_per_sample,
+        is_histogram=True,
+        unfit=profile.unfit,
     ),
 }
 RENAMED = {"displacement": "square_displacement", "kinetic_energy": "species_energy"}  # names of an earlier version

@@ -1,0 +1,76 @@
+"""Density profile in front of the walls, and its value at contact, the force on the walls over kT and their length.
+
+K species, B bins of distance, n runs. See docs/theory.md, section 3.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from brownpipe import observables, theory
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
+from brownpipe.analysis.pairs import contact_weights, truncation, widened
+from brownpipe.analysis.runs import RunBlock
+from brownpipe.analysis.variables import EACH, estimate_of
+from brownpipe.engines.friction import DENSEST
+from brownpipe.observables.species import species_table
+from brownpipe.scene import Scene
+
+DECAY = 2.2  # -d ln n/dz over phi chi near a wall, in diameters; theory has 8/pi at phi = 0
+
+
+def wall_weights(scene: Scene) -> np.ndarray:
+    """Return weights (2, K, B) of the profiles: for the density at contact, and for its change by the next order.
+
+    `pairs.contact_weights` for a flat wall, up to a fifth of a diameter from it.
+    """
+    phi = min(scene.packing_fraction, DENSEST)
+    middle = np.asarray(observables.axes(scene, "density_profile")["wall_distance"])
+    edges, diameters = np.arange(len(middle) + 1) * (2 * middle[0]), 2 * species_table(scene).radius
+    decay = DECAY * phi * float(theory.contact_value(phi))
+    return np.stack([contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1)
+
+
+def _columns(case: Case, runs: RunBlock) -> Columns:
+    if "density_profile" not in runs.observables:
+        return Columns()
+    profile = np.asarray(runs.observables["density_profile"], float)
+    contact, following = ((profile * weights).sum(axis=-1) for weights in wall_weights(case.scene))
+    return Columns({"density_profile": profile, "contact_density": contact, "contact_density_following": following})
+
+
+def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    if "density_profile" not in averages:
+        return {}
+    error = truncation(averages.estimate("contact_density_following"))
+    return {
+        **with_interval("density_profile", averages.estimate("density_profile")),
+        **with_interval("contact_density", widened(averages.estimate("contact_density"), error)),
+    }
+
+
+def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
+    if "density_profile" not in averages:
+        return {}
+    return {dim: (dim, values) for dim, values in observables.axes(case.scene, "density_profile").items()}
+
+
+SPECIES = (*EACH, "species")
+DENSITY = "1/length^2"
+
+ESTIMATOR = Estimator(
+    _columns,
+    _estimate,
+    {
+        **estimate_of(
+            "density_profile", (*SPECIES, "wall_distance"), DENSITY, "number density by distance from the walls"
+        ),
+        **estimate_of(
+            "contact_density", SPECIES, DENSITY, "number density at the walls, extrapolated from up to 0.2 diameters"
+        ),
+    },
+    _axes,
+    {
+        "species": {"long_name": "species of disks"},
+        "wall_distance": {"units": "length", "long_name": "distance of the disk's edge from a wall, middle of the bin"},
+    },
+)

@@ -1,0 +1,69 @@
+"""Density profile: how the density of the disks of one run changes with the distance from the walls.
+
+N disks, K species, B bins of distance.
+"""
+
+import numpy as np
+
+from brownpipe.observables.species import species_table
+from brownpipe.observables.time_origins import is_stationary
+from brownpipe.observables.tracks import Run
+from brownpipe.scene import Scene
+
+BINS_PER_DIAMETER = 40  # bins per smallest diameter
+FARTHEST = 5.0  # end of the profile, in units of the largest diameter
+SAMPLES_AT_ONCE = 64
+SECONDS_PER_SPECIES = 2e-6  # CPU seconds for a species in a sample
+
+
+def bins(scene: Scene) -> tuple[int, float]:
+    """Return the number B of bins of distance and their width [length]; B = 0 if there is no room for one.
+
+    The smallest diameter is 40 bins wide. The last bin ends at five times the largest diameter, but not beyond half the
+    shorter side of the rectangle accessible to the largest disks.
+    """
+    radius = species_table(scene).radius
+    if not len(radius):
+        return 0, 0.0
+    width = 2 * radius.min() / BINS_PER_DIAMETER
+    side = scene.box.accessible(radius.max())[1].min()
+    return max(0, int(min(side / 2, FARTHEST * 2 * radius.max()) / width * (1 + 1e-12))), width
+
+
+def bin_centres(scene: Scene) -> np.ndarray:
+    """Return the centres (B,) of the bins [length]."""
+    number, width = bins(scene)
+    return (np.arange(number) + 0.5) * width
+
+
+def unfit(scene: Scene) -> str | None:
+    """Return why the scene has no such profile, None if it has one."""
+    return None if bins(scene)[0] else "needs walls farther apart, by a twentieth of the smallest diameter at least"
+
+
+def seconds_per_sample(scene: Scene) -> float:
+    """Return the CPU seconds for one sample, apart from those for each of its disks."""
+    return SECONDS_PER_SPECIES * len(species_table(scene).name)
+
+
+def density_profile(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
+    """Return the number density (K, B) [1/length^2] of centres of each species by distance from the walls.
+
+    The distance is that of the disk's edge from a wall; in a periodic box that of its centre from a side, on which
+    nothing depends. Mean over the four walls, all along them, and over all samples of a stationary run, otherwise the
+    last sample. Each disk counts twice: at the nearer of the walls left and right, and of those below and above. The
+    corners are part of both walls, as they are of the momentum that walls take up.
+    """
+    species, (number, width) = species_table(scene), bins(scene)
+    position = run.whole.position[slice(None) if is_stationary(scene) else slice(-1, None)]
+    profile = np.zeros((len(species.name), number))
+    for k, radius in enumerate(species.radius):
+        (corner, size), disks = scene.box.accessible(radius), np.flatnonzero(species.label == k)
+        counts = np.zeros(number, np.int64)
+        for first in range(0, len(position), SAMPLES_AT_ONCE):
+            from_low = position[first : first + SAMPLES_AT_ONCE, disks] - corner
+            distance = np.minimum(from_low, size - from_low).ravel()  # from the nearer of two opposite walls
+            column = (np.maximum(distance, 0.0) / width).astype(np.int64)  # by round-off below 0
+            counts += np.bincount(column[column < number], minlength=number)
+        profile[k] = counts / (len(position) * 2 * width * size.sum())
+    return {"density_profile": profile}
