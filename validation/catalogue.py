@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import virial
+from validation import cages, hexatic_order, virial
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -24,5 +24,21 @@ class Result(NamedTuple):
 
 RESULTS = {
     result.name: result
-    for result in (Result("virial", ("virial",), virial.compare, virial.draw, {"virial": {"seeds": 8}}),)
+    for result in (
+        Result("virial", ("virial",), virial.compare, virial.draw, {"virial": {"seeds": 8}}),
+        Result(
+            "cages",
+            ("cages", "cages_short"),
+            cages.compare,
+            cages.draw,
+            {"cages": {"particles": [163], "seeds": 20}, "cages_short": {"seeds": 100}},
+        ),
+        Result(
+            "hexatic_order",
+            ("hexatic_order",),
+            hexatic_order.compare,
+            hexatic_order.draw,
+            {"hexatic_order": {"scenes": "scenes/freezing_72_short.yaml", "seeds": 12}},
+        ),
+    )
 }
