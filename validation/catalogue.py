@@ -31,7 +31,7 @@ RESULTS = {
             ("cages", "cages_short"),
             cages.compare,
             cages.draw,
-            {"cages": {"particles": [163], "seeds": 20}, "cages_short": {"seeds": 100}},
+            {"cages": {"particles": [163], "seeds": 20}, "cages_short": {"seeds": 300}},
         ),
         Result(
             "hexatic_order",
