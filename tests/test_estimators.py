@@ -181,8 +181,8 @@ def test_non_gaussian_parameter_and_its_control_variate():
     assert found["alpha_standard_error"][[5, -1]] == pytest.approx(error, rel=0.06)
     assert np.isnan(found["alpha"][0]) and np.isnan(found["alpha_controlled"][0])
     early = ~late & (scene.times > 0)  # the replicates are rounded to 2e-4 standard deviations of a run
-    assert found["alpha_controlled"][early] == pytest.approx(0.0, abs=1e-5)
-    assert found["alpha_controlled_standard_error"][early] == pytest.approx(0.0, abs=1e-5)
+    assert found["alpha_controlled"][early] == pytest.approx(0.0, abs=1e-4)
+    assert found["alpha_controlled_standard_error"][early] == pytest.approx(0.0, abs=1e-4)
     assert found["alpha_controlled_standard_error"][-1] == pytest.approx(error[1], rel=0.1)
 
 

@@ -55,7 +55,7 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     """Draw the non-Gaussian parameter against the number of collisions of a disk."""
     figure, ((axes,),) = grid(1, 1, 6.0, 4.4)
     looks = (("#555555", ":", "v"), *SERIES)
-    for (_, phi, case), (colour, _, marker) in zip(_cases(datasets), looks, strict=True):
+    for (_, phi, case), (colour, _, marker) in zip(_cases(datasets), looks, strict=False):
         collisions, value, error = _collisions(case), case[ALPHA].values, case[f"{ALPHA}_standard_error"].values
         shown = collisions >= SHORT / 2
         axes.errorbar(
