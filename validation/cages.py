@@ -1,4 +1,4 @@
-"""Non-Gaussian parameter of hard disks: its exact start, its maximum as cages form, and its end."""
+"""Non-Gaussian parameter of hard disks: its exact start, and its maximum as cages form."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -10,32 +10,26 @@ from brownpipe.figures.style import DASHED, GREY, SERIES, grid
 from validation.comparison import Comparison
 
 SHORT = 0.1  # collisions of a disk up to the time at which the start is compared: the next order is some 3 % there
-FLUID = 0.65  # packing fraction up to which the end of the run is compared with the normal distribution
-DERIVED, NORMAL = "docs/theory.md, section 4", "normal distribution"
-ALPHA = "non_gaussian_parameter"
 
 
 def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
-    """Return the comparisons with the exact start, and with the normal distribution at the end of the runs."""
-    starts, ends = [], []
+    """Return the comparisons with the exact start, alpha_2 = Gamma t/20 (1 - 1/N)^-2."""
+    comparisons = []
     for n, phi, case in _cases(datasets):
         collisions = _collisions(case)
-        at, where = int(np.nanargmin(abs(collisions - SHORT))), f"$\\phi = {phi:.2f}$"
-        # alpha_2 starts as Gamma t/20 (1 - 1/N)^-2; the control variate takes the value at the first sample away
+        at = int(np.nanargmin(abs(collisions - SHORT)))
+        # the control variate takes the value at the first sample away
         slope = 20 * (1 - 1 / n) ** 2 / (collisions[at] - collisions[1])
-        start, error = _at(case, f"{ALPHA}_controlled", at)
-        starts.append(
-            Comparison(f"$20\\, \\alpha_2/\\Gamma t$, {where}", 1.0, 0.0, slope * start, slope * error, DERIVED)
-        )
-        if 0.3 < phi < FLUID:
-            quantity = f"$\\alpha_2({case.time.values[-1]:g})$, {where}"
-            ends.append(Comparison(quantity, 0.0, 0.0, *_at(case, ALPHA, -1), NORMAL))
-    return starts + ends
+        start, error = (slope * value for value in _at(case, at))
+        quantity = f"$20\\, \\alpha_2/\\Gamma t$, $\\phi = {phi:.2f}$"
+        comparisons.append(Comparison(quantity, 1.0, 0.0, start, error, "[theory](theory.md), section 4"))
+    return comparisons
 
 
-def _at(case: Dataset, name: str, sample: int) -> tuple[float, float]:
-    """Return a variable and its standard error at a sample."""
-    return float(case[name][sample]), float(case[f"{name}_standard_error"][sample])
+def _at(case: Dataset, samples: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return alpha_2, less the scatter of the initial velocities, and its standard error at samples."""
+    name = "non_gaussian_parameter_controlled"
+    return case[name].values[samples], case[f"{name}_standard_error"].values[samples]
 
 
 def _cases(datasets: Mapping[str, Dataset]) -> Iterator[tuple[int, float, Dataset]]:
@@ -53,13 +47,15 @@ def _collisions(case: Dataset) -> np.ndarray:
 
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
     """Draw the non-Gaussian parameter against the number of collisions of a disk."""
-    figure, ((axes,),) = grid(1, 1, 6.0, 4.4)
+    figure, ((axes,),) = grid(1, 1, 5.6, 4.2)
     looks = (("#555555", ":", "v"), *SERIES)
     for (_, phi, case), (colour, _, marker) in zip(_cases(datasets), looks, strict=False):
-        collisions, value, error = _collisions(case), case[ALPHA].values, case[f"{ALPHA}_standard_error"].values
-        shown = collisions >= SHORT / 2
+        shown = np.flatnonzero(_collisions(case) >= SHORT / 2)
+        value, error = _at(case, shown)
         axes.errorbar(
-            *(values[shown] for values in (collisions, value, 2 * error)),
+            _collisions(case)[shown],
+            value,
+            2 * error,
             fmt=f"{marker}-",
             color=colour,
             markersize=3,
@@ -71,6 +67,7 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.set_xscale("log")
     axes.set_yscale("symlog", linthresh=0.01)
+    axes.set_ylim(-0.012, 1.5)
     axes.set_xlabel("collisions of a disk, $\\Gamma t$")
     axes.set_ylabel("$\\alpha_2 = \\langle r^4 \\rangle/2 \\langle r^2 \\rangle^2 - 1$")
     axes.legend(fontsize=8)
