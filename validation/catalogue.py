@@ -31,7 +31,7 @@ RESULTS = {
             ("cages", "cages_short"),
             cages.compare,
             cages.draw,
-            {"cages": {"particles": [163], "seeds": 20}, "cages_short": {"seeds": 300}},
+            {"cages": {"particles": [163], "seeds": 12}, "cages_short": {"seeds": 280}},
         ),
         Result(
             "hexatic_order",
