@@ -60,6 +60,7 @@ LI = {
         0.716: (9.1587, 0.0010),
     },
 }
+REMARKS = {(224, 0.72): "the runs keep the orientation of the lattice that they start from, see above"}
 
 
 def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
@@ -67,7 +68,9 @@ def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
     comparisons = []
     for n, phi, case in _cases(datasets["hexatic_order"]):
         quantity = f"$P s^2/kT$, $N = {n}$, $\\phi = {phi:.2f}$"
-        comparisons.append(Comparison(quantity, *LI[n][phi], *_pressure(case), "Li et al. (2022)"))
+        published, error = LI[n][phi]
+        comparison = Comparison(quantity, published, error, *_pressure(case), "Li et al. (2022)")
+        comparisons.append(comparison._replace(remark=REMARKS.get((n, phi), "")))
     return comparisons
 
 
