@@ -92,7 +92,7 @@ def _pressure(case: Dataset) -> tuple[float, float]:
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
     """Draw pressure and orientational order against the packing fraction."""
     cases = list(_cases(datasets["hexatic_order"]))
-    figure, ((above,), (below,)) = grid(2, 1, 5.6, 3.4, sharex=True)
+    figure, ((above,), (below,)) = grid(2, 1, 5.0, 2.7, sharex=True)
     for (n, published), (colour, line, marker) in zip(LI.items(), SERIES, strict=True):
         phi, pressure = np.array([(phi, value) for phi, (value, _) in published.items()]).T
         above.plot(phi, pressure, linestyle=line, color=colour if n < 1000 else GREY, label=f"$N = {n}$, Li et al.")
@@ -105,10 +105,9 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
         order, error = (
             [float(case[f"orientational_order_squared{part}"]) for _, case in own] for part in ("", "_standard_error")
         )
-        below.errorbar(place, order, 2 * np.array(error), **looks, label=f"$N = {n}$, brownpipe, 95 %")
+        below.errorbar(place, order, 2 * np.array(error), **looks)
     above.set_ylabel("$P s^2/kT$")
     below.set_ylabel("$\\langle|\\psi_6|^2\\rangle$")
     below.set_xlabel("packing fraction $\\phi$")
     above.legend(fontsize=7, ncols=2)
-    below.legend(fontsize=7)
     return figure
