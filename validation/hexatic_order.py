@@ -109,5 +109,5 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     above.set_ylabel("$P s^2/kT$")
     below.set_ylabel("$\\langle|\\psi_6|^2\\rangle$")
     below.set_xlabel("packing fraction $\\phi$")
-    above.legend(fontsize=7, ncols=2)
+    below.legend(*above.get_legend_handles_labels(), fontsize=7, ncols=2, loc="upper left")
     return figure
