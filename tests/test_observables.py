@@ -16,12 +16,13 @@ from brownpipe.engines.batch import RunResult
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.state import Track
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
-from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, RENAMED, Observable, RunArray, observe
+from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, RENAMED, Observable, RunArray, observe, orientation
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.study import read_study
 
 W, P = "reflecting", "periodic"
-SQUARE, TRACER_ALONE = ("square_displacement",), ("square_displacement", "velocity_autocorrelation")
+SQUARE, QUARTIC = ("square_displacement",), ("quartic_displacement",)
+TRACER_ALONE = (*SQUARE, "velocity_autocorrelation", *QUARTIC)
 ALL = tuple(OBSERVABLES)
 UNLIKELY = 1e-7  # chance that a test against a distribution fails though all is right
 SIGMAS = stats.norm.isf(UNLIKELY / 2)  # 5.3
@@ -197,7 +198,7 @@ def test_density_profile_is_that_of_plain_loops(boundary):
 def test_averages_are_those_of_plain_loops(boundary, average):
     scene = make(boundary, (*BATH, {"name": "same", "count": 4, **TRACER}))  # 2.05 is no multiple of 0.1
     run = made_up(scene)
-    found = observe(scene, run, ("square_displacement", "velocity_autocorrelation"), average)
+    found = observe(scene, run, TRACER_ALONE, average)
     unwrapped = run.whole.position
     if boundary == P:
         unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
@@ -205,6 +206,7 @@ def test_averages_are_those_of_plain_loops(boundary, average):
     both = np.stack([unwrapped, run.whole.velocity], axis=2)  # (T, N, 2, 2)
     for name, disks, values, what in (
         ("square_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2)),
+        ("quartic_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2) ** 2),
         ("displacement_velocity", followed, both, lambda a, b: np.vdot(b[1], b[0] - a[0])),
         ("velocity_autocorrelation", followed, run.whole.velocity, np.vdot),
         ("velocity_displacement", followed, both, lambda a, b: np.vdot(a[1], b[0] - a[0])),
@@ -214,8 +216,71 @@ def test_averages_are_those_of_plain_loops(boundary, average):
             plain_mean_over(scene, average, lambda i, k, one=values[:, disk], what=what: what(one[i], one[k]))
             for disk in disks
         ]
-        # sums of some 100 products of size 100: round-off below 1e-12
-        np.testing.assert_allclose(found[name], np.mean(by_disk, axis=0), rtol=0, atol=1e-12 * 100)
+        # sums of some 100 products of size 100: round-off below 1e-12; fourth powers are larger and do not cancel
+        np.testing.assert_allclose(found[name], np.mean(by_disk, axis=0), rtol=1e-13, atol=1e-12 * 100)
+
+
+def plain_bonds(scene, position):
+    """Pairs of disks whose Voronoi cells share an edge inside the box, and the vectors between them, one by one.
+
+    A point of the edge is as far from both disks and no nearer to any other: a segment of their bisector, cut by one
+    line for each other disk. Periodic: all disks and those of the 24 nearest boxes; walls: the sides cut it, too.
+    """
+    size = np.array([scene.box.width, scene.box.height])
+    shifts = np.array(sorted(product(range(-2, 3), repeat=2), key=lambda shift: shift != (0, 0)))  # its own box first
+    sites = position - scene.box.origin
+    every = np.concatenate([sites + shift * size for shift in shifts]) if scene.box.periodic else sites
+    for i, j in product(range(len(sites)), range(len(every))):
+        if i == j:
+            continue
+        bond, middle = every[j] - sites[i], (every[j] + sites[i]) / 2
+        along = np.array([-bond[1], bond[0]])
+        others = np.delete(every, (i, j), axis=0)
+        # |middle + t along - other|^2 >= |middle + t along - site|^2 for each other
+        slope, limit = 2 * (others - sites[i]) @ along, ((others - middle) ** 2).sum(axis=1) - bond @ bond / 4
+        if not scene.box.periodic:
+            slope = np.concatenate([slope, along, -along])
+            limit = np.concatenate([limit, size - middle, middle])
+        low, high = (limit[side] / slope[side] for side in (slope < 0, slope > 0))
+        if np.max(low, initial=-np.inf) < np.min(high, initial=np.inf) and (limit[slope == 0] >= 0).all():
+            yield i, bond
+
+
+@pytest.mark.parametrize("boundary", [W, P])
+def test_orientational_order_is_that_of_neighbours_one_by_one(boundary):
+    scene = make(boundary, duration=0.4)
+    run = made_up(scene)
+    if boundary == P:
+        run.whole.position[:, 2] -= 0.5  # it is an image of disk 1
+    squared = []
+    for position in run.whole.position:
+        angles = [[] for _ in range(16)]
+        for disk, (x, y) in plain_bonds(scene, position):
+            angles[disk].append(np.exp(6j * np.arctan2(y, x)))
+        assert boundary == W or np.mean([len(one) for one in angles]) == 6  # Euler's formula
+        squared.append(abs(np.mean([np.mean(one) for one in angles])) ** 2)
+    found = observe(scene, run, ("orientational_order",))
+    assert found["orientational_order_squared"] == pytest.approx(np.mean(squared), rel=1e-10)
+    assert found["orientational_order"] == pytest.approx(np.mean(np.sqrt(squared)), rel=1e-10)
+
+
+def test_orientational_order_of_a_lattice_and_of_freud():
+    """Of a triangular lattice it is 1; near it, and far from it, that of freud, which is in single precision."""
+    import freud
+
+    side = 12.0 * np.array([1.0, np.sqrt(0.75)])
+    box = {"x": [-side[0] / 2, side[0] / 2], "y": [-side[1] / 2, side[1] / 2], "boundary": P}
+    gas = [{"name": "gas", "count": 144, "radius": 0.1, "mass": 1.0}]
+    scene, rng = make(kinds=gas, tracer=None, box=box), np.random.default_rng(8)
+    row, column = np.divmod(np.arange(144), 12)
+    lattice = np.stack([column + row % 2 / 2, row * np.sqrt(0.75)], axis=1) - side / 2
+    assert orientation.square_order(scene, lattice) == pytest.approx(1.0, abs=1e-12)
+    for spread in (0.05, 0.2, 5.0):
+        position = (lattice + spread * rng.standard_normal(lattice.shape) + side / 2) % side - side / 2
+        theirs, system = freud.order.Hexatic(), (freud.box.Box(*side), np.pad(position, ((0, 0), (0, 1))))
+        theirs.compute(system, freud.locality.Voronoi().compute(system).nlist)
+        expected = abs(theirs.particle_order.mean()) ** 2
+        assert orientation.square_order(scene, position) == pytest.approx(expected, rel=1e-3, abs=1e-5)
 
 
 def test_energies_and_the_temperature_of_a_scene_without_one():
@@ -468,7 +533,7 @@ def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, ca
     assert ", speed 3 ms" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["simulate", "--help"])
-    assert "density_profile, speed" in " ".join(capsys.readouterr().out.split())
+    assert "orientational_order, speed" in " ".join(capsys.readouterr().out.split())
     assert main(["simulate", "some.yaml", "--observables", "speed", "--record", "none", "--output", "x.h5"]) == DONE
     seen = storage.read_trajectories("x.h5").ensemble
     assert seen.observables["tracer_speed"].shape == (1, len(seen.times))
@@ -599,7 +664,7 @@ EXPLICIT = {"disks": LISTED, "velocities": None, "equilibrate": None}
             {},
             ("species_energy",),
             "origins",
-            "average: origins needs square_displacement or velocity_autocorrelation among",
+            "average: origins needs square_displacement or velocity_autocorrelation or quartic_displacement among",
         ),
         (EXPLICIT, SQUARE, "origins", "stationary from t = 0, but its disks are listed one by one"),
         (

@@ -5,7 +5,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from xarray import Dataset
 
-from validation import brownian_limit, contact, equation_of_state, long_time_tail, self_diffusion, virial, walls
+from validation import (
+    brownian_limit,
+    cages,
+    contact,
+    equation_of_state,
+    hexatic_order,
+    long_time_tail,
+    self_diffusion,
+    virial,
+    walls,
+)
 from validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -84,5 +94,19 @@ RESULTS = {
         ),
         # the small version fails if the force is 5 % off
         Result("walls", ("walls",), walls.compare, walls.draw, {"walls": {"seeds": 10}}),
+        Result(
+            "cages",
+            ("cages", "cages_short"),
+            cages.compare,
+            cages.draw,
+            {"cages": {"particles": [163], "seeds": 12}, "cages_short": {"seeds": 280}},
+        ),
+        Result(
+            "hexatic_order",
+            ("hexatic_order",),
+            hexatic_order.compare,
+            hexatic_order.draw,
+            {"hexatic_order": {"scenes": "scenes/freezing_72_short.yaml", "seeds": 12}},
+        ),
     )
 }

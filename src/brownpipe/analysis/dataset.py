@@ -8,7 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import stages
-from brownpipe.analysis import conditions, displacement, distribution, pairs, profile, thermodynamics, velocity
+from brownpipe.analysis import (
+    conditions,
+    displacement,
+    distribution,
+    non_gaussian,
+    orientation,
+    pairs,
+    profile,
+    thermodynamics,
+    velocity,
+)
 from brownpipe.analysis.displacement import labels
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs, with_estimates
@@ -24,7 +34,18 @@ if TYPE_CHECKING:
     import xarray
 
 ESTIMATORS = tuple(
-    module.ESTIMATOR for module in (conditions, displacement, distribution, velocity, pairs, profile, thermodynamics)
+    module.ESTIMATOR
+    for module in (
+        conditions,
+        displacement,
+        distribution,
+        non_gaussian,
+        velocity,
+        pairs,
+        orientation,
+        profile,
+        thermodynamics,
+    )
 )
 ALL_VARIABLES = VARIABLES | {name: one for estimator in ESTIMATORS for name, one in estimator.variables.items()}
 ALL_COORDINATES = COORDINATES | {name: text for estimator in ESTIMATORS for name, text in estimator.coordinates.items()}

@@ -210,14 +210,15 @@ def verdict(p: float, kurtosis_p: float, chance: float) -> str:
     return f"{said} at the {100 * goodness.LEVEL:.0f} % level: {of_each}; {seen}"
 
 
-def kurtosis(averages: Averages) -> resampling.Estimate:
+def kurtosis(averages: Averages, names: tuple[str, str, str] = ("r2", "r4", "r6")) -> resampling.Estimate:
     """Return <r^4> / (2 <r^2>^2) of the displacements at each time, (D,): 1 for a normal distribution in the plane.
 
+    `names` of the columns: r^2 and r^4 of each run, which may be averages within the run, and their product.
     The bootstrap-t is applied to its inverse cube, studentized by the delta method with the moments of each replicate.
     Of the powers tried this one has the best coverage for a normal distribution: 95, 91, 93 and 94 % of 600 ensembles
     of 20, 50, 100 and 400 runs; the kurtosis itself has 90, 88, 91 and 94 %, plain percentiles 83 to 92 %.
     """
-    names, squared = ("r2", "r4", "r6"), ("r2", "r4")
+    squared = names[:2]
     cube, variance = _inverse_cube(*map(averages.mean, names), *map(averages.variance, squared))
     drawn, drawn_variance = _inverse_cube(*map(averages.drawn, names), *map(averages.drawn_variance, squared))
     error = np.sqrt(variance / (averages.runs - 1)) if averages.runs > 1 else np.full_like(cube, np.nan)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.observables import displacement, pairs, profile, time_origins, velocity
+from brownpipe.observables import displacement, orientation, pairs, profile, time_origins, velocity
 from brownpipe.observables.species import bath_disks, equal_disks, species_table
 from brownpipe.observables.time_origins import why_not_stationary
 from brownpipe.observables.tracks import Run
@@ -57,7 +57,7 @@ class Observable(NamedTuple):
     seconds_per_product: float = math.nan  # for each disk and time origin at that lag
     seconds_per_sample: Callable[[Scene], float] | None = None  # besides, for each sample
     is_also_of_bath: bool = False  # (`of_single_disks`) in a scene with a bath, made from its disks, too
-    is_histogram: bool = False  # of all samples of a stationary scene, otherwise of the last one
+    is_histogram: bool = False  # or a mean: of all samples of a stationary scene, otherwise of the last one
     unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
 
 
@@ -115,6 +115,11 @@ ARRAYS = {
     "density_profile": RunArray(
         ("species", "wall_distance"), "1/length^2", "number density by distance from the walls, mean along all of them"
     ),
+    "quartic_displacement": RunArray(
+        ("time",), "length^4", "fourth power of the tracer's displacement; averaged like square_displacement"
+    ),
+    "orientational_order": RunArray((), "1", "bond-orientational order abs(psi_6) of all disks, mean over samples"),
+    "orientational_order_squared": RunArray((), "1", "abs(psi_6)^2 of all disks, mean over samples"),
 }
 OBSERVABLES = {
     "square_displacement": Observable(
@@ -170,6 +175,24 @@ OBSERVABLES = {
         seconds_per_sample=profile.seconds_per_sample,
         is_histogram=True,
         unfit=profile.unfit,
+    ),
+    "quartic_displacement": Observable(
+        displacement.quartic_displacement,
+        ("quartic_displacement",),
+        of_single_disks=True,
+        seconds_per_run=1e-5,
+        seconds_per_disk_sample=3.6e-8,
+        seconds_per_lag=9e-6,
+        seconds_per_product=2.2e-8,
+    ),
+    "orientational_order": Observable(
+        orientation.order,
+        ("orientational_order", "orientational_order_squared"),
+        of_single_disks=False,
+        seconds_per_run=1e-4,
+        seconds_per_disk_sample=7.5e-6,
+        seconds_per_sample=lambda scene: 8e-4,
+        is_histogram=True,
     ),
 }
 RENAMED = {"displacement": "square_displacement", "kinetic_energy": "species_energy"}  # names of an earlier version

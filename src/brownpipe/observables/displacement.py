@@ -1,4 +1,4 @@
-"""Squared displacement of the tracer in one run, and its rate of change. T sample times, M disks."""
+"""Squared displacement of the tracer in one run, its rate of change, and its square. T sample times, M disks."""
 
 import numpy as np
 
@@ -24,6 +24,20 @@ def square_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.nd
 
     squared, growth = averaged(scene, average, products)
     return {"square_displacement": squared, "displacement_velocity": growth}
+
+
+def quartic_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
+    """Return the fourth power of the displacement (T,) of one run, averaged like the squared displacement.
+
+    Means over runs of both make up the non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1.
+    """
+    track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
+
+    def product(earlier: slice, later: slice) -> tuple[np.ndarray]:
+        moved = displacement(track.position, track.image, size, earlier, later)
+        return ((moved**2).sum(axis=-1) ** 2,)
+
+    return {"quartic_displacement": averaged(scene, average, product)[0]}
 
 
 def velocity_displacement(scene: Scene, run: Run, average: str) -> np.ndarray:

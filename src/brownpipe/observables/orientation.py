@@ -1,0 +1,86 @@
+"""Bond-orientational order of all disks in one run: psi_6 with Voronoi neighbours. N disks, Q pairs of neighbours.
+
+See docs/theory.md, section 3.
+"""
+
+import math
+
+import numpy as np
+
+from brownpipe.observables.time_origins import is_stationary
+from brownpipe.observables.tracks import Run
+from brownpipe.scene import Scene
+
+MARGIN = 4.0  # width of the strip around the box whose images are triangulated at first, in mean distances sqrt(A/N)
+
+
+def order(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
+    """Return abs(psi_6) and abs(psi_6)^2 of one run, means over the samples; if it is not stationary, of the last one.
+
+    psi_6 is the mean over all disks j of the mean over the Voronoi neighbours k of j of exp(6 i theta_jk), theta_jk the
+    angle of the bond from j to k (D. R. Nelson and B. I. Halperin, Phys. Rev. B 19, 2457 (1979)).
+    """
+    position = run.whole.position[slice(None) if is_stationary(scene) else slice(-1, None)]
+    squared = np.array([square_order(scene, sample) for sample in position])
+    return {"orientational_order": np.sqrt(squared).mean(), "orientational_order_squared": squared.mean()}
+
+
+def square_order(scene: Scene, position: np.ndarray) -> float:
+    """Return abs(psi_6)^2 of one sample, position (N, 2); a disk without neighbours contributes 0 to psi_6."""
+    disk, bond = bonds(scene, position)
+    dx, dy = bond.T
+    square = dx * dx + dy * dy
+    c, s = (dx * dx - dy * dy) / square, 2 * dx * dy / square  # cosine and sine of 2 theta
+    number = np.maximum(np.bincount(disk, minlength=len(position)), 1)
+    of_disks = [np.bincount(disk, part, len(position)) / number for part in (c * (4 * c * c - 3), s * (3 - 4 * s * s))]
+    real, imaginary = (part.sum() / len(position) for part in of_disks)
+    return real * real + imaginary * imaginary
+
+
+def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a disk (Q,) and the vector (Q, 2) to one of its Voronoi neighbours, for each neighbour of each disk.
+
+    The lengths are in units of sqrt(A/N). Two disks are neighbours if their Voronoi cells share an edge, which is if
+    the Delaunay triangulation joins them. In a periodic box it is that of the disks and their periodic images; between
+    walls that of the disks and their mirror images, which cut the cells off at the walls; those are no neighbours.
+    """
+    from scipy.spatial import Delaunay
+
+    number, size = len(position), np.array([scene.box.width, scene.box.height])
+    unit = math.sqrt(size[0] / number * size[1])
+    inside, size, margin = (position - scene.box.origin) / unit, size / unit, MARGIN
+    while True:
+        points = with_images(inside, size, scene.box.periodic, margin)
+        triangulation = Delaunay(points)
+        if margin > size.sum() or _reach(points, triangulation.simplices, number, size) < margin:
+            break
+        margin *= 2
+    starts, neighbours = triangulation.vertex_neighbor_vertices
+    disk, other = np.repeat(np.arange(number), np.diff(starts[: number + 1])), neighbours[: starts[number]]
+    if not scene.box.periodic:
+        disk, other = disk[other < number], other[other < number]
+    return disk, points[other] - points[disk]
+
+
+def with_images(inside: np.ndarray, size: np.ndarray, periodic: bool, margin: float) -> np.ndarray:
+    """Return the disks (N, 2), relative to the corner of the box, then their images up to `margin` from the box."""
+    across, up = (range(-n, n + 1) for n in np.ceil(margin / size).astype(int).tolist())
+    images = [inside]
+    for tile in ((a, b) for a in across for b in up if (a, b) != (0, 0)):
+        mirrored = np.array(tile) % 2 != (0, 0) if not periodic else False
+        image = np.where(mirrored, size - inside, inside) + tile * size
+        images.append(image[((image > -margin) & (image < size + margin)).all(axis=1)])
+    return np.concatenate(images)
+
+
+def _reach(points: np.ndarray, triangles: np.ndarray, number: int, size: np.ndarray) -> float:
+    """Return how far the circumcircles of all triangles at a disk reach beyond the box.
+
+    No disk lies inside such a circle: as long as they do not reach images that were left out, the triangles are right.
+    """
+    a, b, c = (points[corner] for corner in triangles[(triangles < number).any(axis=1)].T)
+    (bx, by), (cx, cy) = (b - a).T, (c - a).T
+    b2, c2, twice = bx * bx + by * by, cx * cx + cy * cy, 2 * (bx * cy - by * cx)
+    offset = np.stack([(cy * b2 - by * c2) / twice, (bx * c2 - cx * b2) / twice], axis=1)
+    radius, centre = np.sqrt((offset * offset).sum(axis=1))[:, None], a + offset
+    return float(np.maximum(radius - centre, centre + radius - size).max())
