@@ -57,7 +57,7 @@ class Observable(NamedTuple):
     seconds_per_product: float = math.nan  # for each disk and time origin at that lag
     seconds_per_sample: Callable[[Scene], float] | None = None  # besides, for each sample
     is_also_of_bath: bool = False  # (`of_single_disks`) in a scene with a bath, made from its disks, too
-    is_histogram: bool = False  # or a mean: of all samples of a stationary scene, otherwise of the last one
+    is_over_samples: bool = False  # counted or averaged over the samples of a stationary scene, otherwise the last one
     unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
 
 
@@ -154,7 +154,7 @@ OBSERVABLES = {
         of_single_disks=False,
         seconds_per_run=5e-5,
         seconds_per_disk_sample=2.8e-8,
-        is_histogram=True,
+        is_over_samples=True,
     ),
     "pair_distribution": Observable(
         pairs.distribution,
@@ -163,7 +163,7 @@ OBSERVABLES = {
         seconds_per_run=1e-4,
         seconds_per_disk_sample=6e-7,
         seconds_per_sample=pairs.seconds_per_sample,
-        is_histogram=True,
+        is_over_samples=True,
         unfit=pairs.unfit,
     ),
     "density_profile": Observable(
@@ -173,7 +173,7 @@ OBSERVABLES = {
         seconds_per_run=3e-5,
         seconds_per_disk_sample=4e-8,
         seconds_per_sample=profile.seconds_per_sample,
-        is_histogram=True,
+        is_over_samples=True,
         unfit=profile.unfit,
     ),
     "quartic_displacement": Observable(
@@ -192,7 +192,7 @@ OBSERVABLES = {
         seconds_per_run=1e-4,
         seconds_per_disk_sample=7.5e-6,
         seconds_per_sample=lambda scene: 8e-4,
-        is_histogram=True,
+        is_over_samples=True,
     ),
 }
 RENAMED = {"displacement": "square_displacement", "kinetic_energy": "species_energy"}  # names of an earlier version
