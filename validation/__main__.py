@@ -19,9 +19,10 @@ from brownpipe.figures.style import drawing, image_bytes
 from brownpipe.storage import read_dataset, read_trajectories, to_tree
 from brownpipe.study import read_study
 from brownpipe.study.resources import used
-from validation.catalogue import RESULTS, Result
+from validation.catalogue import RESULTS
 from validation.comparison import Comparison
 from validation.page import closing, table, with_table
+from validation.result import Result
 from validation.single_runs import single_runs
 
 ROOT = Path(__file__).parent.parent

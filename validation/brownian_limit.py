@@ -14,7 +14,9 @@ from xarray import Dataset
 from brownpipe import theory
 from brownpipe.figures.style import SERIES, grid
 from validation.comparison import Comparison
-from validation.kinetic_theory import correlation, energy_decay, viscosity
+from validation.kinetic_theory import correlation, energy_decay
+from validation.result import Result
+from validation.transport import fluid
 
 HOT = (20.0, 40.0)  # times at which the energy of the hot disk is compared
 LATE = 1.0  # decay gamma t at which friction is taken from the autocorrelation
@@ -119,7 +121,8 @@ def _in_boxes(data: Dataset) -> list[Comparison]:
         slope = case.sel(window=WINDOW)
         d[side] = float(slope.diffusion_coefficient), float(slope.diffusion_coefficient_standard_error)
         enskog[side] = float(case.enskog_diffusion) * (1 - _share(case, MASS_OF_BOX)) ** 2
-    growth = np.log(2) / (4 * np.pi * viscosity(0.25)) + enskog[40] - enskog[20]
+    bath = fluid(0.25)
+    growth = np.log(2) / (4 * np.pi * bath.density * bath.viscosity) + enskog[40] - enskog[20]
     rows = [_collision_rate(f"{name}, $\\phi = 0.25$, $L = {side}$", cases[side]) for side in SIDES]
     for side in SIDES:
         rows.append(Comparison(f"$D$, {name}, $L = {side}$", enskog[side], 0.0, *d[side], "Enskog", approximate=True))
@@ -182,3 +185,17 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     right.set_ylabel("excess energy of the hot disk")
     right.legend()
     return figure
+
+
+RESULT = Result(
+    "brownian_limit",
+    ("brownian_limit", "brownian_box", "brownian_hot"),
+    compare,
+    draw,
+    {
+        # fails if the slope at 0 is 30 % off; all else is compared with theory that is approximate
+        "brownian_limit": {"scenes": "scenes/tracer_100_10.yaml", "seeds": 16},
+        "brownian_box": {"seeds": 2},
+        "brownian_hot": {"seeds": 10},
+    },
+)

@@ -9,7 +9,8 @@ from xarray import Dataset
 from brownpipe import theory
 from brownpipe.figures.style import GREY, SERIES, grid
 from validation.comparison import Comparison
-from validation.hard_disk_fluid import cases, finite_size, published
+from validation.pressure import cases, finite_size, published
+from validation.result import Result
 
 QUANTITIES = {
     "collision_rate_at_temperature": "$\\Gamma$",
@@ -90,3 +91,12 @@ def _near_contact(axes: Axes, fluid: Dataset) -> None:
     axes.plot([], [], "*", color=GREY, markersize=11, label="$g(s^+)$, published")
     axes.set(xlabel="$r/s$", ylabel="$g(r)$")
     axes.legend()
+
+
+RESULT = Result(
+    "contact",
+    ("contact",),
+    compare,
+    draw,
+    {"contact": {"particles": [640], "seeds": 8}},  # fails if the rate is 1 % off
+)

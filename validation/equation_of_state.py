@@ -9,7 +9,8 @@ from xarray import Dataset, concat
 
 from brownpipe.figures.style import DATA, FIT, GREY, grid
 from validation.comparison import Comparison
-from validation.hard_disk_fluid import MOLECULAR_DYNAMICS, SERIES_UP_TO, cases, finite_size, published
+from validation.pressure import MOLECULAR_DYNAMICS, SERIES_UP_TO, cases, finite_size, published
+from validation.result import Result
 
 ROUTES = {"compressibility_rate": "collision rate", "compressibility": "virial"}
 STUDIES = ("virial", "fluid", "dense_fluid")
@@ -108,3 +109,17 @@ def _sizes(axes: Axes, fluid: Dataset, small: Dataset) -> None:
     axes.plot(line, z + finite_size(phi, 1) * line, color=GREY, label="$Z$ published, with the term in $1/N$")
     axes.set(xlabel="$1/N$", ylabel=f"$Z_N$ at $\\phi = {phi:.3f}$")
     axes.legend()
+
+
+RESULT = Result(
+    "equation_of_state",
+    (*STUDIES, SMALL_BOXES),
+    compare,
+    draw,
+    {  # fails if Z is 1 % off
+        "virial": {"particles": [160, 320], "seeds": 8},
+        "fluid": {"particles": [960], "seeds": 8},
+        "dense_fluid": {"particles": [1440], "seeds": 8},
+        "small_boxes": {"seeds": 8},
+    },
+)

@@ -8,6 +8,7 @@ from xarray import Dataset
 
 from brownpipe.figures.style import GREY, SERIES, grid
 from validation.comparison import Comparison
+from validation.result import Result
 
 # Pressure P s^2/kT in the same square boxes by Monte Carlo, diameter s: by number of disks, for each packing
 # fraction (pressure, standard error). B. Li et al., J. Chem. Phys. 157, 234111 (2022), data in their repository.
@@ -111,3 +112,13 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     below.set_xlabel("packing fraction $\\phi$")
     below.legend(*above.get_legend_handles_labels(), fontsize=7, ncols=2, loc="upper left")
     return figure
+
+
+RESULT = Result(
+    "hexatic_order",
+    ("hexatic_order",),
+    compare,
+    draw,
+    # fails if the pressure is 3 % off
+    {"hexatic_order": {"scenes": "scenes/freezing_72_short.yaml", "seeds": 12}},
+)

@@ -42,17 +42,6 @@ def correlation(mass: float, time: np.ndarray | float) -> np.ndarray:
     return (weights * np.exp(-rates * np.asarray(time)[..., None])).sum(axis=-1)
 
 
-def viscosity(phi: float) -> float:
-    """Return the shear viscosity of the bath at packing fraction `phi`, Enskog's theory in the first Sonine order.
-
-    The stress relaxes at the collision rate 2 n chi sqrt(pi), so that the kinetic part is n over this rate. Momentum
-    that jumps by a diameter in a collision adds the fraction phi chi to the stress of a given distribution, and as much
-    to the cause of the distribution: (1 + phi chi)^2. Collisions in the mean flow itself add n^2 chi sqrt(pi)/4.
-    """
-    n, chi = 4 * phi / np.pi, theory.contact_value(phi)
-    return (1 + phi * chi) ** 2 / (2 * chi * np.sqrt(np.pi)) + n**2 * chi * np.sqrt(np.pi) / 4
-
-
 def energy_decay(
     times: np.ndarray, energy: float, bath: float, number: int, mass: float, rate_factor: float
 ) -> np.ndarray:

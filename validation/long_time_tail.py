@@ -14,7 +14,8 @@ from xarray import Dataset
 
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, MODEL, grid, log_axis
 from validation.comparison import Comparison
-from validation.fluid import Fluid, fluid
+from validation.result import Result
+from validation.transport import Fluid, fluid
 
 STARTS = {0.14: 20, 0.30: 30, 0.45: 40, 0.60: 40}  # mean free times from which Erpenbeck and Wood compare with theory
 CROSSED = 0.7  # the window ends at this share of the sound-crossing time, or with the run
@@ -164,3 +165,14 @@ def _binned(tail: Tail) -> np.ndarray:
     amplitudes = [tail.amplitudes(times[0], times[-1]) for times in bins]
     values = [(np.exp(np.log(times).mean()), a.mean(), _error(a)) for times, a in zip(bins, amplitudes, strict=True)]
     return np.array(values).T
+
+
+RESULT = Result(
+    "long_time_tail",
+    ("long_time_tail",),
+    compare,
+    draw,
+    # fails if C(0) is 1 % off
+    {"long_time_tail": {"engines": "exact", "scenes": "scenes/tail_030.yaml", "seeds": 4}},
+    of_single_runs=True,
+)

@@ -9,7 +9,8 @@ from xarray import Dataset
 
 from brownpipe.figures.style import GREY, SERIES, grid, log_axis
 from validation.comparison import Comparison
-from validation.fluid import Fluid, fluid
+from validation.result import Result
+from validation.transport import Fluid, fluid
 
 CROSSINGS = (0.2, 0.5)  # times at which boxes of different sizes are compared, in units of the sound-crossing time
 COLLISIONS = 10  # mean free times after which D(t) is compared with Enskog's theory
@@ -108,3 +109,13 @@ def _panel(axes: Axes, cases: list[Dataset], label: str) -> None:
     axes.set_ylim(0, 2)
     log_axis(axes, "x", 0.04, 120)
     axes.legend()
+
+
+SMALL = {"scenes": ["scenes/diffusion_030_100.yaml", "scenes/diffusion_030_1000.yaml"], "seeds": 40}
+RESULT = Result(
+    "self_diffusion",
+    ("self_diffusion",),
+    compare,
+    draw,
+    {"self_diffusion": {"engines": "exact", **SMALL}},  # fails if the MSD is 8 % off
+)

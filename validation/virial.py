@@ -9,7 +9,8 @@ from xarray import Dataset
 
 from brownpipe.figures.style import INK, SERIES, grid
 from validation.comparison import Comparison
-from validation.hard_disk_fluid import CLISBY, VIRIAL_COEFFICIENTS, VIRIAL_ERRORS, cases, finite_size
+from validation.pressure import CLISBY, VIRIAL_COEFFICIENTS, VIRIAL_ERRORS, cases, finite_size
+from validation.result import Result
 
 NAMES = {2: "$B_2$", 3: "$B_3/B_2^2$", 4: "$B_4/B_2^3$", 5: "$B_5/B_2^4$"}
 
@@ -70,3 +71,13 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     right.set(xlabel="$2\\phi$", ylabel="$10^3$ deviation of $Z - 1$", ylim=(-9, 3))
     left.legend()
     return figure
+
+
+RESULT = Result(
+    "virial",
+    ("virial",),
+    compare,
+    draw,
+    # fails if B_2 is 0.5 % off, B_3 1 % or B_4 4 %
+    {"virial": {"particles": [80, 160, 320, 480], "seeds": 8}},
+)

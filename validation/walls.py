@@ -13,6 +13,7 @@ from xarray import Dataset
 from brownpipe import theory
 from brownpipe.figures.style import DATA, GREY, MODEL, grid
 from validation.comparison import Comparison
+from validation.result import Result
 
 AT = (0, 10, 20, 30)  # bins of the profile of the gas that are compared
 BULK = (2.0, 4.0)  # distances from the walls that count as bulk in the dense fluid
@@ -179,3 +180,12 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
         axes.legend()
     panels[0].set_ylabel("$n(z)/n_{\\mathrm{bulk}}$")
     return figure
+
+
+RESULT = Result(
+    "walls",
+    ("walls",),
+    compare,
+    draw,
+    {"walls": {"seeds": 10}},  # fails if the force is 5 % off
+)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from validation.hard_disk_fluid import MOLECULAR_DYNAMICS, VIRIAL_COEFFICIENTS, finite_size, fit, published, series
+from validation.pressure import MOLECULAR_DYNAMICS, VIRIAL_COEFFICIENTS, finite_size, fit, published, series
 
 
 def test_table_and_fit_of_the_same_paper_agree():
