@@ -1,4 +1,4 @@
-"""Hard disks between walls: density at contact, force and hits; the density profile of a thin gas.
+"""Hard disks between walls: density at contact, force and hits; density profiles of a thin gas and a dense fluid.
 
 Length in diameters. Both scenes have equal disks of diameter, mass and kT 1, whose centres have room in a square.
 """
@@ -12,6 +12,7 @@ from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.figures.style import DATA, GREY, MODEL, grid
+from validation import fundamental_measure
 from validation.comparison import Comparison
 from validation.result import Result
 
@@ -36,7 +37,8 @@ def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
     (there, _), (middle, spread) = _bulk_density(fluid), _in_the_middle(fluid)
     name, source = "$\\phi$ in the middle, mean $\\phi = 0.4$", "Luding (2001), from the force on the walls"
     disk = np.pi / 4  # area
-    return [*rows, Comparison(name, disk * there, 0.0, disk * middle, disk * spread, source, approximate=True)]
+    rows.append(Comparison(name, disk * there, 0.0, disk * middle, disk * spread, source, approximate=True))
+    return [*rows, *_at_the_layers(fluid)]
 
 
 def _case(data: Dataset, scene: str) -> Dataset:
@@ -84,10 +86,52 @@ def _in_the_middle(case: Dataset) -> tuple[float, float]:
     The profile far from one wall is a mean along this wall, over the layers in front of the two walls beside it, too:
     the excess in these layers over the bulk is subtracted.
     """
+    z, n, _ = _profile(case)
+    far, error = _far_from_the_wall(case)
+    layers = (n - far).sum() * (z[1] - z[0])
+    return far - 2 * layers / _side(case), error
+
+
+def _far_from_the_wall(case: Dataset) -> tuple[float, float]:
+    """Return the mean density at the distances BULK, along the whole wall, and a bound on its standard error."""
     z, n, error = _profile(case)
     inside = (z > BULK[0]) & (z < BULK[1])
-    layers = (n - n[inside].mean()).sum() * (z[1] - z[0])
-    return n[inside].mean() - 2 * layers / _side(case), error[inside].mean()
+    return n[inside].mean(), error[inside].mean()
+
+
+def _at_the_layers(case: Dataset) -> list[Comparison]:
+    """Density in contact, and where theory has its first minimum and maximum, over that far from the wall."""
+    z, n, error = _profile(case)
+    far, far_error = _far_from_the_wall(case)
+    layers = _layers_in_theory(case, z)
+    low = int(np.argmin(layers))
+    high = low + int(np.argmax(layers[low:]))
+    (at_walls, spread), (in_contact,) = _density_by_force(case), _layers_in_theory(case, np.zeros(1))
+    rows = [("in contact", in_contact, at_walls, spread)]
+    for name, k in (("minimum", low), ("maximum", high)):
+        rows.append((f"at the first {name}, $z = {z[k]:.4g}$", layers[k], n[k], error[k]))
+    source = "fundamental measure theory of Roth, Mecke and Oettel (2012)"
+    return [
+        Comparison(
+            f"$n/n_{{\\mathrm{{far}}}}$ {where}, $\\phi = 0.4$",
+            expected, 0.0, found / far, np.hypot(spread, found / far * far_error) / far, source, approximate=True
+        )
+        for where, expected, found, spread in rows
+    ]  # fmt: skip
+
+
+def _layers_in_theory(case: Dataset, z: np.ndarray) -> np.ndarray:
+    """Return the density (B,) at distances `z` (B,), over that far from the wall, by fundamental measure theory.
+
+    The layers in front of the two walls at right angles to this one raise both densities by the same factor, but not in
+    the corners: these count in first order of the density.
+    """
+    bulk, side = _bulk_density(case)[0], _side(case)
+    at, n = fundamental_measure.wall_profile(np.pi / 4 * bulk)
+    far = n[(at > BULK[0]) & (at < BULK[1])].mean()
+    beside = _missing_area(np.array([*z, BULK[0]]), side) - _missing_area(np.array([*z, BULK[0]]))
+    in_contact = fundamental_measure.contact(n)
+    return np.interp(z, [0.0, *at], [in_contact, *n]) / far * (1 + bulk * (beside[:-1] - beside[-1]))
 
 
 def _bulk_density(case: Dataset) -> tuple[float, float]:
@@ -164,7 +208,7 @@ def _triples(low: float) -> float:
 
 
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
-    """Draw both profiles over the bulk density, with the theory of the gas and the contact density from the force."""
+    """Draw both profiles over the bulk density, with their theories and the contact density from the force."""
     figure, (panels,) = grid(1, 2, 4.6, 3.8)
     for axes, scene, phi in zip(panels, ("walls_gas", "walls"), (0.05, 0.4), strict=True):
         case = _case(datasets["walls"], scene)
@@ -174,6 +218,10 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
         if scene == "walls_gas":
             line = np.linspace(0.001, 2, 41)
             axes.plot(line, gas_profile(line, bulk, _side(case)) / bulk, color=GREY, label="second order in $n$")
+        else:
+            line = np.linspace(0, 5, 401)
+            layers = _layers_in_theory(case, line) * _far_from_the_wall(case)[0] / bulk
+            axes.plot(line, layers, color=GREY, label="fundamental measure theory")
         axes.set_title(f"$\\phi = {phi}$")
         axes.set_xlim(0, 2 if scene == "walls_gas" else 5)
         axes.set_xlabel("distance of the edge from the wall, diameters")
