@@ -49,7 +49,8 @@ def energy_decay(
 
     For velocities that stay Maxwellian at two temperatures the energy goes over at the rate
     4 n chi sigma sqrt(2 pi (T_a/m_a + T_b/m_b)) mu/(m_a + m_b) (T_a - T_b), exact at first. `rate_factor` is
-    n chi sigma. The sum of all energies is kept. For T_a near T_b and a heavy disk the excess decays at 2 gamma.
+    n chi sigma. The sum of all energies is kept. For T_a near T_b the excess decays at 2 gamma m_a/(m_a + m_b), gamma
+    Enskog's friction rate.
     """
     mu, total = theory.reduced_mass(mass, 1.0), energy + number * bath
 
