@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import j0, j1
 
-from validation import fundamental_measure
+from brownpipe import theory
+from validation import fundamental_measure, transport
 from validation.pressure import MOLECULAR_DYNAMICS, VIRIAL_COEFFICIENTS, finite_size, fit, published, series
 
 
@@ -53,3 +54,13 @@ def test_functional_has_the_published_direct_correlation_function(q):
     terms = 5 / 4 * (free * q) ** 2 * (second**2 - first**2) + 4 * (phi**2 - 20 * phi + 7) * second**2
     terms += 2 * (phi - 13) * free * q * first * second
     assert (up - down) / (2 * amplitude) == pytest.approx(np.pi * terms / (6 * free**3 * q**2), abs=1e-3)
+
+
+def test_effect_of_a_fixed_number_of_disks_on_any_mean_is_that_on_the_pressure():
+    """By Luding's equation of state and by that of Kolafa and Rottner."""
+
+    def compressibility(phi):
+        return theory.compressibility(phi, theory.contact_value(phi))
+
+    for phi in (0.1, 0.3, 0.5):
+        assert transport.fixed_number(compressibility, phi, 100) == pytest.approx(finite_size(phi, 100), rel=0.02)

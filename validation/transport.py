@@ -1,5 +1,6 @@
 """Equal hard disks of diameter, mass and kT 1: transport coefficients of Enskog's theory, sound, the long-time tail."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,24 @@ def fluid(phi: float) -> Fluid:
         viscosity=theory.enskog_viscosity(n, 1.0, chi, 1.0, 1.0) / n,
         sound=np.sqrt(_slope_of_pressure(phi) + theory.compressibility(phi, chi) ** 2),
     )
+
+
+def displacement(phi: float, t: float) -> float:
+    """Return MSD/4t of Enskog's theory: D [1 - (1 - exp(-x))/x], x = t/D, that of an exponential C(t)."""
+    d = fluid(phi).diffusion
+    return d * (1 + np.expm1(-t / d) * d / t)
+
+
+def fixed_number(mean: Callable[[float], float], phi: float, particles: int) -> float:
+    """Return what a fixed number of disks N adds to a mean over disks, -(phi S_0/2N) d^2(phi mean)/d phi^2.
+
+    `mean` is that of infinitely many disks at a packing fraction. If the number varies as in the grand canonical
+    ensemble, with the variance N S_0, 1/S_0 = d(phi Z)/d phi, the sum over all disks has no term in 1/N. For the mean Z
+    this is `pressure.finite_size`.
+    """
+    step = 1e-3
+    low, middle, high = (x * mean(x) for x in (phi - step, phi, phi + step))
+    return -phi * (low - 2 * middle + high) / step**2 / (2 * particles * _slope_of_pressure(phi))
 
 
 def _slope_of_pressure(phi: float) -> float:
