@@ -68,7 +68,8 @@ ESTIMATOR = Estimator(
             "non_gaussian_parameter_controlled",
             TIME,
             "1",
-            f"{MEANING}, with that of the first sample after 0 as control variate, for normal initial velocities",
+            f"{MEANING}, with that of the first sample after 0 as control variate: for normal initial velocities and a"
+            " first sample well within the mean free time",
         ),
     },
 )
