@@ -126,7 +126,7 @@ def _in_boxes(data: Dataset) -> list[Comparison]:
     rows = [_collision_rate(f"{name}, $\\phi = 0.25$, $L = {side}$", cases[side]) for side in SIDES]
     for side in SIDES:
         rows.append(Comparison(f"$D$, {name}, $L = {side}$", enskog[side], 0.0, *d[side], "Enskog", approximate=True))
-    source, error = "$kT \\ln 2/4 \\pi \\eta$, $\\eta$ of Enskog", float(np.hypot(d[20][1], d[40][1]))
+    source, error = "$kT \\ln 2/4 \\pi \\eta$ and Enskog's $D(40) - D(20)$", float(np.hypot(d[20][1], d[40][1]))
     rows.append(Comparison("$D(40) - D(20)$", growth, 0.0, d[40][0] - d[20][0], error, source, approximate=True))
     return rows
 
