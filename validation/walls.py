@@ -15,6 +15,7 @@ from brownpipe.figures.style import DATA, GREY, MODEL, grid
 from validation import fundamental_measure
 from validation.comparison import Comparison
 from validation.result import Result
+from validation.transport import fixed_number
 
 AT = (0, 10, 20, 30)  # bins of the profile of the gas that are compared
 BULK = (2.0, 4.0)  # distances from the walls that count as bulk in the dense fluid
@@ -137,18 +138,24 @@ def _layers_in_theory(case: Dataset, z: np.ndarray) -> np.ndarray:
 def _bulk_density(case: Dataset) -> tuple[float, float]:
     """Return the density far from the walls that belongs to the force on them, and its relative standard error.
 
-    F/(kT length) = n Z(n), Z by Luding's equation of state, plus the excess of the corners in the first order of n.
+    F/(kT length) = n Z_N(n), Z by Luding's equation of state and the effect of a fixed number N of disks, plus the
+    excess of the corners in the first order of n.
     """
     at_walls, error = _density_by_force(case)
     corners = _missing_area(np.zeros(1), _side(case))[0] - np.pi / 2
 
     def excess(n: float) -> float:
         phi = np.pi / 4 * n
-        return float(n * theory.compressibility(phi, theory.contact_value(phi)) + corners * n**2 - at_walls)
+        z_n = _compressibility(phi) + fixed_number(_compressibility, phi, int(case.particles))
+        return float(n * z_n + corners * n**2 - at_walls)
 
     n = brentq(excess, 0.1 * at_walls, at_walls)
     slope = (excess(1.001 * n) - excess(0.999 * n)) / 0.002  # dF/d ln n
     return n, error / slope
+
+
+def _compressibility(phi: float) -> float:
+    return float(theory.compressibility(phi, theory.contact_value(phi)))
 
 
 # --- theory of a thin gas
@@ -164,8 +171,9 @@ def gas_profile(z: np.ndarray, n: float, side: float = np.inf) -> np.ndarray:
         n a(z) - n^2 [integral of a(z') over the rest of the circle] + n^2 M(z)/2,
 
     M the measure of pairs of points that overlap each other and the disk at z, not both of them inside. In first order
-    a is averaged along a wall of length `side`, which includes its corners. At contact a = pi/2 and the second order
-    gives the third virial coefficient, as it must, since n(0) kT is the pressure.
+    a is averaged along a wall of length `side`, which includes its corners, and has the factor n - 1/side^2, as each of
+    N disks has N - 1 others. At contact a = pi/2 and the second order gives the third virial coefficient, as it must,
+    since n(0) kT is the pressure.
     """
     flat = _missing_area(z)
     node, weight = np.polynomial.legendre.leggauss(NODES)
@@ -176,7 +184,7 @@ def gas_profile(z: np.ndarray, n: float, side: float = np.inf) -> np.ndarray:
         chord = 2 * np.sqrt(1 - u**2)
         second[k] = flat[k] ** 2 / 2 - (du * chord * _missing_area(at + u)).sum() + (everywhere - _triples(low)) / 2
     along = flat if np.isinf(side) else _missing_area(z, side)
-    return n * (1 + n * along + n**2 * second)
+    return n * (1 + (n - side**-2.0) * along + n**2 * second)
 
 
 def _missing_area(z: np.ndarray, side: float = np.inf) -> np.ndarray:
