@@ -40,7 +40,7 @@ def value(number: float, error: float) -> str:
     """Return a number with its standard error in the last two digits: 1.35485(21); without it if NaN or 0."""
     if not error > 0:
         return f"{number:.6g}"
-    digits = max(0, 1 - math.floor(math.log10(error)))
+    digits = max(0, 1 - int(f"{error:.1e}".split("e")[1]))  # the exponent of the rounded error: 0.0996 is 0.10
     if digits == 0:
         return f"{number:.0f}({error:.0f})"
     if error >= 1:
