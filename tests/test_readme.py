@@ -113,7 +113,7 @@ def test_links_and_pictures_are_there(page):
 @pytest.mark.parametrize("page", PAGES)
 def test_files_named_on_a_page_are_there(page):
     """Named by their path from any folder on; NAME, SCENE and the like stand for names of one's own."""
-    folders = (ROOT / name for name in ("src", "workflow", "config", "tests", "benchmarks", "docs"))
+    folders = (ROOT / name for name in ("src", "workflow", "config", "tests", "benchmarks", "docs", "validation"))
     paths = [f"/{path.relative_to(ROOT)}" for folder in folders for path in folder.rglob("*") if path.is_file()]
     named = re.findall(r"`([\w./]+\.(?:py|smk|yaml|md))`", PAGES[page])
     assert [name for name in named if not any(path.endswith(f"/{name}") for path in paths) and name.islower()] == []

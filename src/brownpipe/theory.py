@@ -232,7 +232,7 @@ def enskog_viscosity(
     crowding = np.pi / 4.0 * number_density * np.square(diameter) * contact
     momentum = np.sqrt(mass * temperature / np.pi)
     carried = SONINE_VISCOSITY * momentum / (2.0 * diameter) * np.square(1.0 + crowding) / contact
-    return carried + np.pi / 4.0 * np.square(number_density) * diameter**3 * contact * momentum
+    return carried + np.pi / 4.0 * np.square(number_density) * diameter * np.square(diameter) * contact * momentum
 
 
 def mixture_contact_values(number_densities: np.ndarray, diameters: np.ndarray) -> np.ndarray:
