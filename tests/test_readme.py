@@ -18,7 +18,10 @@ ROOT = Path(__file__).parent.parent
 NAMES = (
     "README.md",
     "CONTRIBUTING.md",
-    *(f"docs/{name}.md" for name in ("guide", "tutorial", "cluster", "results", "theory", "decisions")),
+    *(
+        f"docs/{name}.md"
+        for name in ("guide", "tutorial", "cluster", "results", "validation", "stability", "theory", "decisions")
+    ),
 )
 PAGES = {name: (ROOT / name).read_text() for name in NAMES}
 README, GUIDE, CLUSTER = (PAGES[name] for name in ("README.md", "docs/guide.md", "docs/cluster.md"))
