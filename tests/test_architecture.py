@@ -192,6 +192,7 @@ def test_a_label_is_no_choice(source):
     assert "drift" not in deciding_strings(source)
 
 
+@pytest.mark.slow
 def test_no_other_room_chooses_by_the_name_of_an_approximate_engine():
     """What depends on an engine is in its package, so that a new one needs its package and a line in DEFINITIONS."""
     names = set(DEFINITIONS) - {"exact"}  # the reference that the others are compared with
@@ -226,6 +227,7 @@ def test_the_table_of_engines_has_its_settings(engine):
     assert re.findall(r"`(\w+)`:", row) == list(DEFINITIONS[engine].settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", DEFINITIONS)
 def test_sources_of_an_engine_are_all_that_it_imports(engine):
     """Against Python itself: every module of brownpipe that is there once the engine is imported, but the list of

@@ -173,6 +173,7 @@ def test_killed_again_and_again(name, stops):
     assert bits_of(done) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("record", "average"), [("none", "origins"), ("tracer", "runs")])
 def test_what_is_measured_in_the_runs(record, average, tmp_path):
     """From every block and from between the runs; where nothing else is kept of them, too."""
@@ -252,6 +253,7 @@ CHANGES = {  # of one array of a checkpoint
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["walls-everything", "periodic-mixture", "free"])
 def test_an_array_that_is_missing_or_another(name, tmp_path):
     """Found by random changes: without the positions of the unfinished run, an error of Python.
@@ -326,6 +328,7 @@ def said(capsys, *argv):
     return status, re.sub("^brownpipe: (compiling|waiting) .*\n", "", capsys.readouterr().err, flags=re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_the_interval_changes_nothing_and_nothing_is_left(kept, capsys):
     Path("x.h5.checkpoint.17.part").write_bytes(b"of a process that was killed while it wrote")
     assert said(capsys, *ASKED, "--checkpoint-every", "1e6") == (DONE, "")

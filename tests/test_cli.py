@@ -404,6 +404,7 @@ def test_a_list_of_disks_has_one_seed(capsys, tmp_path):
     assert said(capsys, "simulate", scene, "--particles", 2, "--seeds", 7)[0] == DONE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "utf-8:strict"])
 def test_any_path_can_be_said(encoding, tmp_path):
     folder = os.fsencode(tmp_path) + b"/caf\xe9"
@@ -468,6 +469,7 @@ def test_a_signal_leaves_nothing_behind(sent, status):
     assert list(Path("new").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_nobody_reads_on():
     argv = f"{sys.executable} -m brownpipe check {SCENE} | true; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", argv], capture_output=True, text=True, check=False)

@@ -411,6 +411,7 @@ def test_a_crowded_run_does_not_start_twice(name, starts):
     assert run.observables["pair_collisions"].min() > 1000
 
 
+@pytest.mark.slow
 def test_lists_are_right_from_block_to_block():
     """A disk may end a block half a square outside a periodic box. Registered in the outermost cell it missed others.
 

@@ -598,6 +598,7 @@ def test_a_lone_disk_in_a_periodic_box_for_a_long_time(duration, speed):
         assert -3 <= track.position[-1, 0, axis] <= 3
 
 
+@pytest.mark.slow
 @BOTH
 def test_overlaps_stay_small_for_a_long_time(boundary):
     scene = make(box(1.5, 1.5, boundary), [(3, 0.2, 1.0)], 2e5, velocities={"temperature": 1.0})

@@ -199,6 +199,7 @@ def copied(arrays):
 # -- files ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @PROMISE
 @pytest.mark.parametrize("seeds", [[0, 1, 2, 3], [0, 2]], ids=["some", "all"])
 def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, seeds):
@@ -248,6 +249,7 @@ def test_simulate_writes_the_file_and_names_seeds_and_reason_in_one_line(capsys,
     assert re.fullmatch(names, err) if number else err == ""
 
 
+@pytest.mark.slow
 def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(capsys, crowd, whole):
     written(Path("a.h5"), crowd, part(whole, [0, 1, 2, 3]))
     _, out, _ = said(capsys, "inspect", "a.h5")
@@ -261,6 +263,7 @@ def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(capsys, crowd
     assert "left out: 2 could not go on, seed 0" in err and "nan" not in Path("a.csv").read_text()
 
 
+@pytest.mark.slow
 def test_the_python_interface_warns_of_runs_that_could_not_go_on(crowd):
     with pytest.warns(UserWarning, match="^crowd: could not go on: 2 of 4 runs: 0,2 .*; analyse leaves them out$"):
         runs = bp.simulate(crowd, 4, quiet=True)
@@ -302,6 +305,7 @@ def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd,
     assert read_dataset("a.nc").identical(first)
 
 
+@pytest.mark.slow
 @STUDY
 def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
     dataset = aggregate(batches(3))

@@ -125,6 +125,7 @@ def test_collision_rate_at_the_temperature_of_the_scene():
     assert abs(scaled.mean() - 0.80101) < 4.5 * np.hypot(error, 0.00038)
 
 
+@pytest.mark.slow
 def test_collision_rate_and_pressure_of_the_dense_fluid():
     """phi = 0.65, from a lattice that 40 collisions a disk melt, with neighbour lists: chi from both, the same.
 

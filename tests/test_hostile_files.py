@@ -214,6 +214,7 @@ def test_a_wrong_file_is_not_shown(tmp_path):
 # -- files that are declared huge -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "A small file that declares gigabytes",
     "It is refused before memory is taken, also if seal and digest are valid.",

@@ -279,6 +279,7 @@ PRINTING = {  # functions that print: fixed text, or what `printable` or `in_lin
 }
 
 
+@pytest.mark.slow
 def test_few_functions_print():
     """So that no text reaches the screen by another way."""
     found = {}

@@ -86,6 +86,7 @@ def test_a_tree_has_names_units_and_meanings(runs):
     np.testing.assert_allclose(squares.transpose("seed", "time"), runs.square_displacement, rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_velocities_of_all_disks_and_their_histograms_stand_side_by_side(tmp_path):
     runs = bp.simulate(SCENE, 3, particles=20, record=["all"], observables=["velocity_distribution"], quiet=True)
     assert runs.disks.velocity.dims == ("time", "seed", "disk", "component")
@@ -167,6 +168,7 @@ def test_an_error_names_the_argument(call, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_figure_is_that_of_the_command_line(result, tmp_path):
     render(result, tmp_path, ["msd"])
     assert bp.plot(result)._repr_png_() == (tmp_path / "msd.png").read_bytes(), "as notebooks show it"

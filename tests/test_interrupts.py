@@ -183,6 +183,7 @@ sys.exit(cli.main())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "Ctrl-C or SIGTERM in code that ignores exceptions or calls a compiler",
     "the process ends within some two seconds with status 130 or 143 and one line, and removes unfinished files",

@@ -363,6 +363,7 @@ def test_with_machine_code_on_disk_nobody_waits(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.promise(
     "another process compiles for minutes, or is stopped while it compiles",
     "who waits is told for which process and kernel, and compiles by itself after a minute",

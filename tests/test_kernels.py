@@ -40,6 +40,7 @@ def hold(file):
         return began, time.monotonic()
 
 
+@pytest.mark.slow
 def test_one_compiler_at_a_time(tmp_path):
     times = sorted(at_once(hold, *[tmp_path / "code.nbc"] * 3))
     assert len(times) == 3

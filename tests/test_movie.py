@@ -58,6 +58,7 @@ def test_same_bytes_for_the_same_run(path):
         assert made(path, kind) == made(path, kind, "--seed", "3") != made(path, kind, "--seed", "8")
 
 
+@pytest.mark.slow
 def test_animation_has_the_frames_asked_for_and_it_says_so(path, capsys):
     for options, count, pause in (((), 21, 40), (("--frames", "5", "--fps", "10"), 5, 100)):
         contents = made(path, ".gif", *options)

@@ -246,6 +246,7 @@ def plain_bonds(scene, position):
             yield i, bond
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("boundary", [W, P])
 def test_orientational_order_is_that_of_neighbours_one_by_one(boundary):
     scene = make(boundary, duration=0.4)

@@ -111,6 +111,7 @@ def files(tmp_path_factory):
     return [folder / "exact.h5", folder / "steps.h5"]
 
 
+@pytest.mark.slow
 def test_analysis_reports_files_and_then_runs(files, reported, tmp_path):
     dataset = analysis.aggregate(files, [(0.2, 1.0)])
     assert reported[:2] == [Stage("files verified", 1, 2), Stage("files verified", 2, 2)]
@@ -249,6 +250,7 @@ def on_terminal(term, columns=100, sleep=0.01, interrupt=False):
     return written.decode(), process.wait()
 
 
+@pytest.mark.slow
 def test_a_terminal_has_a_bar_that_is_removed():
     written, status = on_terminal("xterm", columns=60)
     assert status == 0 and "\x1b" not in written
@@ -259,6 +261,7 @@ def test_a_terminal_has_a_bar_that_is_removed():
     assert re.search(r"\r +\rmade\r\n$", written)
 
 
+@pytest.mark.slow
 def test_a_narrow_terminal_has_a_line_that_fits():
     written, _ = on_terminal("xterm", columns=20)
     assert max(len(text) for text in written.split("\r") if text.startswith("movie: ")) <= 20

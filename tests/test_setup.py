@@ -98,6 +98,7 @@ def set_up(folder, target="ready", path=None, **more):
 # -- what is installed ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_it_installs_once_and_says_what(checkout):
     status, lines, calls = set_up(checkout)
     assert (status, calls) == (0, 2)  # the packages, and brownpipe itself

@@ -63,6 +63,7 @@ def test_the_layout_of_files_does_not_matter(everything, tmp_path):
     assert len(images) == 1
 
 
+@pytest.mark.slow
 def test_blocks_are_those_of_the_seeds(everything, tmp_path):
     (group,) = runs.groups_of(written(tmp_path / "shuffled", everything, layouts()["shuffled"]))
     blocks = list(runs.blocks_of(group))

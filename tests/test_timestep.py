@@ -328,6 +328,7 @@ def test_late_collisions_are_fewer_by_an_amount_that_vanishes_with_the_step():
     assert abs(bias[2][0]) < abs(bias[0][0]) / 2
 
 
+@pytest.mark.slow
 def test_the_course_is_the_exact_one_until_errors_have_grown():
     """Departure comes the later the shorter the step, and later with collisions at contact than with late ones."""
     tracer = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}

@@ -261,6 +261,7 @@ def test_what_pays_is_the_front_of_the_settings(measured):
     assert np.isnan(small.pays_to) and small.may_pay_to == np.inf
 
 
+@pytest.mark.slow
 def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measured, tmp_path):
     again = tradeoff.measure(files[::-1], {"full": ["small"]}, seconds_per_run=lambda *_: 1.0)
     timed = ["seconds", "study_seconds", *drawing.COST_RATIO, "pays_from", "pays_to", "may_pay_from", "may_pay_to"]
@@ -269,6 +270,7 @@ def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measu
     assert storage.read_dataset(tmp_path / "tradeoff.nc").identical(measured)
 
 
+@pytest.mark.slow
 def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
     with pytest.raises(AnalysisError, match=r"^full: no runs of the exact engine to compare with"):
         tradeoff.measure(files[2:3], seconds_per_run=cost)
@@ -368,6 +370,7 @@ def made(labels):
     return dataset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 5, 8, len(SETTINGS)])
 def test_every_line_has_its_name_beside_it(count):
     """Names cover neither each other nor anything else, and lines lead to them without crossing."""
