@@ -37,8 +37,8 @@ def _fluid(datasets: Mapping[str, Dataset]) -> Dataset:
 
 def _comparisons(fluid: Dataset, name: str, at_n: bool = False) -> list[Comparison]:
     """Compare Z of infinitely many disks, or Z_N if `at_n`."""
-    compare = _in_small_box if at_n else _of_many_disks
-    return [compare(fluid.isel(case=k), name) for k in range(fluid.sizes["case"])]
+    comparison = _in_small_box if at_n else _of_many_disks
+    return [comparison(fluid.isel(case=k), name) for k in range(fluid.sizes["case"])]
 
 
 def _of_many_disks(case: Dataset, name: str) -> Comparison:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from xarray import Dataset
+from xarray import DataArray, Dataset
 
 from brownpipe.figures.style import GREY, SERIES, grid, log_axis
 from validation.comparison import Comparison
@@ -78,7 +78,7 @@ def _mean(case: Dataset) -> tuple[np.ndarray, np.ndarray]:
     return _unbound(case, case.msd_over_4t, 0.5) - canonical, case.msd_over_4t_standard_error.values
 
 
-def _unbound(case: Dataset, d: Dataset, share: float) -> np.ndarray:
+def _unbound(case: Dataset, d: DataArray, share: float) -> np.ndarray:
     """Add the motion of the centre of mass, which is at rest here: <V^2> = 2 kT/N m moves it by an MSD of 2 t^2/N."""
     return (d + share * case.time / case.particles).values
 

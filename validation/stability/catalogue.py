@@ -16,7 +16,7 @@ class Experiment(NamedTuple):
     large: Mapping  # and of the option --large; without any, the experiment is the same
 
 
-LARGE_LEDGER = {"long": conservation.LONG | {"equal disks": (1e8, 1e9)}}
+LARGE_CONSERVATION = {"long": conservation.LONG | {"equal disks": (1e8, 1e9)}}
 
 EXPERIMENTS = {
     experiment.name: experiment
@@ -26,7 +26,7 @@ EXPERIMENTS = {
             "conservation",
             conservation,
             {"events": (1e5,), "others": (1e4,), "long": {}, "scenes": ("masses 1 : 1e12",), "steps": 100},
-            LARGE_LEDGER,
+            LARGE_CONSERVATION,
         ),
         Experiment("packings", packings, {"gaps": (1e-2, 1e-12), "crossings": 1000.0, "steps": 10}, {}),
         Experiment("clocks", clocks, {"durations": (1e5, 1e6), "near": 0.25}, {}),
