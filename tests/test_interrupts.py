@@ -236,6 +236,25 @@ def crowd(particles, duration):
     }
 
 
+NUMPY = """
+import os, signal
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+except BaseException as error:
+    raise ImportError("a page of advice") from error
+"""
+
+
+def test_ctrl_c_of_which_an_import_makes_an_error_of_its_own_ends_the_process_in_one_line(tmp_path):
+    """In place of NumPy a package that turns KeyboardInterrupt into ImportError, as NumPy does."""
+    (tmp_path / "numpy.py").write_text(NUMPY)
+    (tmp_path / "scene.yaml").write_text(json.dumps(crowd(10, 1.0)))
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    with started([*MODULE, "check", "scene.yaml"], tmp_path, PYTHONPATH=path) as process:
+        assert process.communicate(timeout=SLACK) == ("", "brownpipe: interrupted\n")
+    assert process.returncode == 128 + signal.SIGINT
+
+
 CASES = {  # particles, duration, with machine code on disk, seconds in which the signal arrives
     "running": (1000, 100.0, True, 2.5),
     "compiling": (1000, 100.0, False, 9.0),
@@ -267,8 +286,9 @@ def test_a_signal_at_a_random_moment_ends_a_simulation(tmp_path, faults):
             wait = time.monotonic() - began
             assert wait < 2.5 * max(1.0, os.getloadavg()[0] / os.cpu_count())  # other processes delay it, too
             waits.append(round(wait, 2))
-            if process.returncode != -number:  # else Python had not yet begun with brownpipe
-                assert process.returncode in (0, status)
+            fails_to_start = process.returncode == 1 and not re.search(r"^brownpipe: |src.brownpipe", err, re.MULTILINE)
+            if not fails_to_start and process.returncode != -number:  # else Python had not yet begun with brownpipe
+                assert process.returncode in (0, status), err
                 assert process.returncode == 0 or re.search(rf"^brownpipe: {word}\n\Z", err, re.MULTILINE)
                 assert "Traceback" not in err and "ignored" not in err
             left = {path.name for path in Path(folder).rglob("*.*") if path.suffix in (".h5", ".part", ".checkpoint")}

@@ -76,20 +76,27 @@ def _status(argv: list[str]) -> int:
         return say("interrupted", 128 + signal.SIGINT)
     except interrupts.Terminated:
         return say("terminated", 128 + signal.SIGTERM)
-    except BrokenPipeError:  # the reader is gone
-        return FAILED
-    except BrownpipeError as error:
-        return say(str(error), error.exit_status)
     except Exception as error:
-        if ran_out_of_memory(error):
-            return say(f"out of memory{limits()}", FAILED)
-        if isinstance(error, OSError) and error.errno == errno.EMFILE:
-            return say(f"too many open files; must be a higher limit (ulimit -n): {error.filename}", FAILED)
-        if isinstance(error, OSError):
-            return say(str(error), FAILED)
-        raise
+        if number := interrupts.arrived():  # its exception became this one, as in the import of NumPy
+            return say(interrupts.SIGNALS[signal.Signals(number)], 128 + number)
+        return _status_after(error)
     finally:
         _finish_printing()
+
+
+def _status_after(error: Exception) -> int:
+    """Say in one line what went wrong, and return the exit status; an error of the program itself is raised again."""
+    if isinstance(error, BrokenPipeError):  # the reader is gone
+        return FAILED
+    if isinstance(error, BrownpipeError):
+        return say(str(error), error.exit_status)
+    if ran_out_of_memory(error):
+        return say(f"out of memory{limits()}", FAILED)
+    if isinstance(error, OSError) and error.errno == errno.EMFILE:
+        return say(f"too many open files; must be a higher limit (ulimit -n): {error.filename}", FAILED)
+    if isinstance(error, OSError):
+        return say(str(error), FAILED)
+    raise error
 
 
 def _replace_closed_streams() -> None:

@@ -7,8 +7,8 @@ SystemExit there. This fails in four ways, each with its remedy:
   Python reports it to `sys.unraisablehook` and continues. `heeded` sends the signal again.
 - In llvmlite it would leave objects half made, which are freed twice later, or be lost in a callback of LLVM: `heeded`
   sends the signal again until the main thread is outside.
-- A function catches whatever is raised, and continues. In a process of the command line, `ending_process` sends the
-  signal again after PATIENCE / 2.
+- A function catches whatever is raised, and continues or raises an error of its own. In a process of the command line,
+  `ending_process` sends the signal again after PATIENCE / 2; where the error arrives, `arrived` tells of the signal.
 - The main thread is inside a long call of C, such as LLVM's. `ending_process` ends the process after PATIENCE.
 
 As long as an exception is on its way to the end of the process, further signals are ignored: they would interrupt the
@@ -146,6 +146,11 @@ def passed_on() -> Iterator[None]:
     for heeding in _heeding:
         heeding.ends_process = False
     yield
+
+
+def arrived() -> int | None:
+    """Return the signal whose exception was raised within `heeded`, if there was one."""
+    return _heeding[0].raised if _heeding else None
 
 
 def leave(status: int) -> None:
