@@ -237,8 +237,7 @@ def axes(scene: Scene, array: str) -> dict[str, np.ndarray | list[str]]:
 
 def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run, all arrays together."""
-    shapes = [[len(values) for values in axes(scene, array).values()] for array in arrays_of(scene, names)]
-    return int(sum(np.prod(shape) for shape in shapes))
+    return sum(math.prod(map(len, axes(scene, array).values())) for array in arrays_of(scene, names))
 
 
 # -- refusals -------------------------------------------------------------------------------------------------------
@@ -278,9 +277,9 @@ def _unfit_average(scene: Scene, names: tuple[str, ...], average: str) -> str | 
         return f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
     if average == "runs":
         return None
-    of_single_disks, _ = of_tracer(OBSERVABLES)
-    if not set(of_single_disks) & set(names):
-        return f"{average} needs {' or '.join(of_single_disks)} among the observables"
+    averageable = [name for name, observable in OBSERVABLES.items() if observable.of_single_disks]
+    if not set(averageable) & set(names):
+        return f"{average} needs {' or '.join(averageable)} among the observables"
     why = why_not_stationary(scene)
     if why is not None:
         return f"{average} needs runs that are stationary from t = 0, but {why}"
