@@ -22,13 +22,10 @@ from brownpipe.engines.state import Ensemble, State
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.layout import begin, prepare
 from brownpipe.engines.timestep.recording import recorder, report_of
-from brownpipe.engines.timestep.settings import largest_step, refuse_bad_step, smallest_step
+from brownpipe.engines.timestep.settings import refuse_unfit
 from brownpipe.engines.timestep.steps import advance
 from brownpipe.engines.units import Frame, frame_of, motion_of
-from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
-
-__all__ = ["SteppingSetup", "largest_step", "prepared", "run", "simulate", "smallest_step"]
 
 SECONDS_TO_COMPILE = 7.0  # of CPU
 DISK_STEPS_PER_CALL = 100_000_000  # between two chances for Python to handle signals
@@ -63,11 +60,10 @@ def simulate(
     overlaps at the end of the step. A sample is a free flight from the last step before it, so that no step depends on
     the sample times.
     A run whose disks find no place at random or whose equilibration fails is failed, with the reason in `stopped`.
-    Raises RequestError for settings that the scene cannot be run with (`refuse_bad_step`), for a record of events, and
-    if the scene leaves no place for its disks in any run.
+    Raises RequestError for a time step or record that the engine refuses, and if the scene leaves no place for its
+    disks in any run.
     """
-    if "events" in record:
-        raise RequestError("record: must be tracer, all or none, as collisions happen between time steps; found events")
+    refuse_unfit(scene, {"time_step": time_step, "precision": precision}, record)
     batch = new_batch(scene, seeds, record, observables, average)
     initial_state = states(scene)
     setup = prepared(scene, time_step, precision, collisions)
@@ -80,8 +76,7 @@ def simulate(
 def prepared(
     scene: Scene, time_step: float, precision: str = "double", collisions: str = "at_contact"
 ) -> SteppingSetup:
-    """Return the setup for runs of a scene, with its kernels compiled. Raises RequestError for unfit settings."""
-    refuse_bad_step(scene, time_step, precision, collisions)
+    """Return the setup for runs of a scene, with its kernels compiled."""
     frame = frame_of(scene)
     w = prepare(scene, frame, time_step, precision, collisions)
     compile_all([_call(scene, frame, time_step, w)])
