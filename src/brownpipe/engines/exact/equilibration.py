@@ -3,13 +3,13 @@
 All engines that move all disks start from these states.
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 
 import numpy as np
 
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.exact import run
-from brownpipe.engines.exact.run import PreparedScene, RunState, beginning, evolve, never, prepare_scene, uninterrupted
+from brownpipe.engines.exact.run import NOT_SAVED, PreparedScene, RunState, Saving, beginning, evolve, prepare_scene
 from brownpipe.engines.initial_state import draw, without_total_momentum
 from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.state import State
@@ -25,7 +25,7 @@ def states(scene: Scene) -> Callable[[int], State]:
     equilibrator = prepare_equilibration(scene)
     if equilibrator is None:
         return lambda seed: draw(scene, seed)
-    return lambda seed: uninterrupted(equilibrate(equilibrator, draw(scene, seed)))
+    return lambda seed: equilibrate(equilibrator, draw(scene, seed))
 
 
 def prepare_equilibration(scene: Scene) -> PreparedScene | None:
@@ -41,17 +41,17 @@ def kernel_calls(scene: Scene) -> list[KernelCall]:
 
 
 def equilibrate(
-    prepared: PreparedScene, state: State, due: Callable[[], bool] = never, stored: RunState | None = None
-) -> Generator[RunState, None, State]:
+    prepared: PreparedScene, state: State, stored: RunState | None = None, saving: Saving = NOT_SAVED
+) -> State:
     """Run a drawn state for the scene's time to equilibrate, or continue a stored run; return the state at t = 0.
 
-    A pinned tracer keeps its place and regains its velocity at t = 0. Yield states of the run as `run.evolve` does.
-    Raises RunError if the run fails its health check.
+    A pinned tracer keeps its place and regains its velocity at t = 0. Raises RunError if the run fails its health
+    check or makes no progress.
     """
     scene = prepared.scene
     start = beginning(prepared, _with_tracer_at_rest(state) if prepared.pinned else state)
     start = start._replace(equilibrating=True) if stored is None else stored
-    result = yield from evolve(prepared, start, np.array([scene.equilibrate]), {"all"}, due)
+    result = evolve(prepared, start, np.array([scene.equilibrate]), {"all"}, saving)
     if result.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
     position, velocity = result.whole.position[-1], result.whole.velocity[-1]
