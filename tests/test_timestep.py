@@ -17,8 +17,8 @@ from brownpipe import provenance
 from brownpipe.analysis.departure import departure_time
 from brownpipe.engines import kernel_cache
 from brownpipe.engines.collisions import exchange, shares
-from brownpipe.engines.exact import equilibration
 from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.timestep.settings import COLLISIONS, largest_step
@@ -392,7 +392,7 @@ def test_runs_begin_where_the_exact_engine_begins(tracer):
     runs = [engine(scene, [4], {"all"}).whole[4] for engine in (exact.simulate, stepping)]
     assert np.array_equal(runs[0].position[0], runs[1].position[0])
     assert np.array_equal(runs[0].velocity[0], runs[1].velocity[0])
-    assert np.array_equal(runs[0].position[0], equilibration.states(scene)(4).position)
+    assert np.array_equal(runs[0].position[0], equilibrate(prepare_equilibration(scene), draw(scene, 4)).position)
 
 
 def stepping(scene, seeds, record):

@@ -3,29 +3,16 @@
 All engines that move all disks start from these states.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.exact import run
 from brownpipe.engines.exact.run import NOT_SAVED, PreparedScene, RunState, Saving, beginning, evolve, prepare_scene
-from brownpipe.engines.initial_state import draw, without_total_momentum
+from brownpipe.engines.initial_state import without_total_momentum
 from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.state import State
 from brownpipe.errors import RunError
 from brownpipe.scene import Scene
-
-
-def states(scene: Scene) -> Callable[[int], State]:
-    """Return the function from a seed to the state at t = 0, with its kernels compiled.
-
-    It raises RunError if the equilibration fails, RequestError if the disks cannot be placed.
-    """
-    equilibrator = prepare_equilibration(scene)
-    if equilibrator is None:
-        return lambda seed: draw(scene, seed)
-    return lambda seed: equilibrate(equilibrator, draw(scene, seed))
 
 
 def prepare_equilibration(scene: Scene) -> PreparedScene | None:
@@ -41,13 +28,15 @@ def kernel_calls(scene: Scene) -> list[KernelCall]:
 
 
 def equilibrate(
-    prepared: PreparedScene, state: State, stored: RunState | None = None, saving: Saving = NOT_SAVED
+    prepared: PreparedScene | None, state: State, stored: RunState | None = None, saving: Saving = NOT_SAVED
 ) -> State:
     """Run a drawn state for the scene's time to equilibrate, or continue a stored run; return the state at t = 0.
 
-    A pinned tracer keeps its place and regains its velocity at t = 0. Raises RunError if the run fails its health
-    check or makes no progress.
+    `prepared` is from `prepare_equilibration`; if it is None, the drawn state is returned. A pinned tracer keeps its
+    place and regains its velocity at t = 0. Raises RunError if the run fails its health check or makes no progress.
     """
+    if prepared is None:
+        return state
     scene = prepared.scene
     start = beginning(prepared, _with_tracer_at_rest(state) if prepared.pinned else state)
     start = start._replace(equilibrating=True) if stored is None else stored

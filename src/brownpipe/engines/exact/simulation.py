@@ -52,10 +52,8 @@ def simulate(
         with making_run(batch, column):
             start = stored
             if start is None or start.equilibrating:
-                state = draw(scene, int(ensemble.seeds[column]))
-                if equilibrator is not None:
-                    state = equilibrate(equilibrator, state, stored, saving)
-                start = beginning(prepared, state)
+                drawn = draw(scene, int(ensemble.seeds[column]))
+                start = beginning(prepared, equilibrate(equilibrator, drawn, stored, saving))
             add_run(batch, column, evolve(prepared, start, scene.times, batch.needed_record, saving))
         stored = None
         if column + 1 < runs and checkpoints.due():

@@ -15,8 +15,9 @@ from brownpipe import stages
 from brownpipe.engines.batch import RunResult, add_run, making_run, new_batch
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
-from brownpipe.engines.exact.equilibration import kernel_calls as states_calls
-from brownpipe.engines.exact.equilibration import states
+from brownpipe.engines.exact import equilibration
+from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
+from brownpipe.engines.initial_state import draw
 from brownpipe.engines.recording import tracer_track, whole_track
 from brownpipe.engines.state import Ensemble, State
 from brownpipe.engines.timestep import workspace as ws
@@ -65,11 +66,12 @@ def simulate(
     """
     refuse_unfit(scene, {"time_step": time_step, "precision": precision}, record)
     batch = new_batch(scene, seeds, record, observables, average)
-    initial_state = states(scene)
+    equilibrator = prepare_equilibration(scene)
     setup = prepared(scene, time_step, precision, collisions)
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         with making_run(batch, column):
-            add_run(batch, column, run(setup, initial_state(seed), scene.times, batch.needed_record))
+            start = equilibrate(equilibrator, draw(scene, seed))
+            add_run(batch, column, run(setup, start, scene.times, batch.needed_record))
     return batch.ensemble
 
 
@@ -87,7 +89,7 @@ def kernel_calls(scene: Scene, time_step: float, precision: str, collisions: str
     """Return the calls that compile the kernels for a scene."""
     frame = frame_of(scene)
     w = prepare(scene, frame, time_step, precision, collisions)
-    return [_call(scene, frame, time_step, w), *states_calls(scene)]
+    return [_call(scene, frame, time_step, w), *equilibration.kernel_calls(scene)]
 
 
 def _call(scene: Scene, frame: Frame, time_step: float, w: ws.Workspace) -> KernelCall:
