@@ -50,9 +50,9 @@ class Observable(NamedTuple):
 
     measure: Callable[[Scene, Run, str], Mapping[str, np.ndarray | int]]  # (scene, run, average) -> values by array
     arrays: tuple[str, ...]  # names in ARRAYS; the first is measured in every scene
-    of_single_disks: bool  # made from tracks of single disks: all AVERAGES apply, and the tracer's track is enough
     seconds_per_run: float  # CPU seconds in every run, and
     seconds_per_disk_sample: float  # for each disk in each sample
+    of_single_disks: bool = False  # made from tracks of single disks: all AVERAGES apply, the tracer's track is enough
     seconds_per_lag: float = math.nan  # averages over time origins (`of_single_disks`): for each lag, and
     seconds_per_product: float = math.nan  # for each disk and time origin at that lag
     seconds_per_sample: Callable[[Scene], float] | None = None  # besides, for each sample
@@ -144,14 +144,12 @@ OBSERVABLES = {
     "species_energy": Observable(
         velocity.species_energy,
         ("species_energy",),
-        of_single_disks=False,
         seconds_per_run=2e-5,
         seconds_per_disk_sample=1.7e-8,
     ),
     "velocity_distribution": Observable(
         velocity.distribution,
         ("velocity_counts", "speed_counts"),
-        of_single_disks=False,
         seconds_per_run=5e-5,
         seconds_per_disk_sample=2.8e-8,
         is_over_samples=True,
@@ -159,7 +157,6 @@ OBSERVABLES = {
     "pair_distribution": Observable(
         pairs.distribution,
         ("pair_counts", "pair_snapshots", "pair_expected"),
-        of_single_disks=False,
         seconds_per_run=1e-4,
         seconds_per_disk_sample=6e-7,
         seconds_per_sample=pairs.seconds_per_sample,
@@ -169,7 +166,6 @@ OBSERVABLES = {
     "density_profile": Observable(
         profile.density_profile,
         ("density_profile",),
-        of_single_disks=False,
         seconds_per_run=3e-5,
         seconds_per_disk_sample=4e-8,
         seconds_per_sample=profile.seconds_per_sample,
@@ -188,7 +184,6 @@ OBSERVABLES = {
     "orientational_order": Observable(
         orientation.order,
         ("orientational_order", "orientational_order_squared"),
-        of_single_disks=False,
         seconds_per_run=1e-4,
         seconds_per_disk_sample=4.9e-6,
         seconds_per_sample=lambda scene: 5.5e-4,

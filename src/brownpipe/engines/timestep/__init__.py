@@ -12,7 +12,7 @@ from brownpipe.scene import reading
 from brownpipe.scene.scene import Scene
 
 SECONDS_PER_DISK_STEP = 8e-10  # CPU seconds per disk and time step
-TRIAL_STEPS = (0.5, 0.15, 0.05)  # time steps that `brownpipe plan` tries, in units of the largest allowed one
+TRIAL_STEPS = (0.5, 0.15, 0.05)  # that `brownpipe plan` tries, in units of the largest allowed step; to one digit
 
 
 def _forecast(
@@ -22,11 +22,6 @@ def _forecast(
     exact = forecast.of_run(scene, record, observables, average)
     steps = scene.duration / settings["time_step"]
     return exact._replace(seconds=exact.seconds + SECONDS_PER_DISK_STEP * scene.particles * steps)
-
-
-def _candidates(scene: Scene) -> list[dict]:
-    """Return TRIAL_STEPS, rounded to one digit."""
-    return [{"time_step": float(f"{largest_step(scene) * step:.1g}")} for step in TRIAL_STEPS]
 
 
 TIMESTEP = Definition(
@@ -44,5 +39,5 @@ TIMESTEP = Definition(
     refuse_unfit=refuse_unfit,
     caution=forecast.few_collisions,
     forecast=_forecast,
-    candidates=_candidates,
+    candidates=lambda scene: [{"time_step": float(f"{largest_step(scene) * part:.1g}")} for part in TRIAL_STEPS],
 )
