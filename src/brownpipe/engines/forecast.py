@@ -141,7 +141,7 @@ def _seconds_to_measure(scene: Scene, observable: Observable, average: str, bath
         return observable.seconds_per_run + samples * (observable.seconds_per_lag * (2 if disks > 1 else 1) + products)
     samples = 1 if observable.is_over_samples and not is_stationary(scene) else samples
     seconds = observable.seconds_per_run + per_disk_sample * samples * scene.particles
-    return seconds + (0.0 if observable.seconds_per_sample is None else samples * observable.seconds_per_sample(scene))
+    return seconds + samples * observable.seconds_per_sample(scene)
 
 
 def machine_memory() -> int:

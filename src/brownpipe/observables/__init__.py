@@ -55,7 +55,7 @@ class Observable(NamedTuple):
     of_single_disks: bool = False  # made from tracks of single disks: all AVERAGES apply, the tracer's track is enough
     seconds_per_lag: float = math.nan  # averages over time origins (`of_single_disks`): for each lag, and
     seconds_per_product: float = math.nan  # for each disk and time origin at that lag
-    seconds_per_sample: Callable[[Scene], float] | None = None  # besides, for each sample
+    seconds_per_sample: Callable[[Scene], float] = lambda scene: 0.0  # besides, for each sample
     is_also_of_bath: bool = False  # (`of_single_disks`) in a scene with a bath, made from its disks, too
     is_over_samples: bool = False  # counted or averaged over the samples of a stationary scene, otherwise the last one
     unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
