@@ -19,7 +19,7 @@ Broadcast = Any  # a float if all arguments are floats, otherwise an array: more
 # erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
 _WALLS_UNSEEN = 0.0068
 _SERIES_TERMS = 24
-# What all Sonine orders together make of the first, for equal disks: factors of the viscosity of a thin gas and of D
+# Factors by which all further Sonine orders correct the first, for equal disks: of the viscosity of a dilute gas, of D
 SONINE_VISCOSITY = 1.022
 SONINE_DIFFUSION = 1.027
 _NODES = 64  # of the quadrature over a quarter circle; error 1e-15 for the narrowest density of the series
@@ -29,10 +29,7 @@ _NODES = 64  # of the quadrature over a quarter circle; error 1e-15 for the narr
 
 
 def diffusive_msd(t: Numbers, diffusion: Numbers) -> Broadcast:
-    """Return the mean squared displacement [length^2] of free diffusion in the plane, 4 D t: eq. (12).
-
-    docs/theory.md, section 2.
-    """
+    """Return the MSD [length^2] of free diffusion in the plane, 4 D t: eq. (12); docs/theory.md, section 2."""
     return 4.0 * diffusion * np.asarray(t, float)
 
 

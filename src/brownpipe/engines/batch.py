@@ -46,7 +46,7 @@ class Batch(NamedTuple):
 
 
 def new_batch(
-    scene: Scene, seeds: Sequence[int], record: Collection[str], names: Collection[str] = (), average: str = "runs"
+    scene: Scene, seeds: Sequence[int], record: Collection[str], names: Collection[str], average: str
 ) -> Batch:
     """Return a batch with one column for each seed and no run yet; `names` are observables to be measured.
 

@@ -210,7 +210,7 @@ def needs_every_disk(scene: Scene, names: Iterable[str], average: str = "runs") 
 
 
 def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, ...], str]:
-    """Return the observables of these, and the average, that an engine of the tracer alone can measure."""
+    """Return which of these observables an engine of the tracer alone can measure, and with which average."""
     names = tuple(name for name in names if OBSERVABLES[name].of_single_disks)
     return names, average if names else "runs"
 
