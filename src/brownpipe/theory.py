@@ -63,7 +63,7 @@ def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -
 def reflecting_square_within(r: Numbers, t: float, diffusion: float, half_width: float) -> np.ndarray:
     """Return the probability (K,) that diffusion in a reflecting square ends within `r` (K,) of the centre.
 
-    It starts at the centre, at time `t > 0` before; `half_width` a is that of the accessible square. Both components
+    It started at the centre a time `t > 0` earlier; `half_width` a is that of the accessible square. Both components
     have the density p(x) = (1 + 2 sum_k cos(k pi x/a) exp(-D k^2 pi^2 t/a^2)) / 2a on [-a, a], whose integral over
     [-h, h] is C(h). With s = sqrt(max(r^2 - a^2, 0)) the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx,
     by Gauss-Legendre quadrature over the angle. For D t/a^2 < 0.0068 it is that of free diffusion; for r beyond the

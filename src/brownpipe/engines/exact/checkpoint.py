@@ -25,7 +25,7 @@ class Checkpoints(NamedTuple):
     stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
 
 
-MOST_SLOTS = 2**24  # of a cell in a stored state
+MOST_STORED_SLOTS = 2**24  # of a cell in a stored state
 NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 
 
@@ -74,7 +74,7 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
         found = {name: (array.dtype, array.shape) for name, array in arrays.items()}
         wrong = [name for name in found.keys() | expected if found.get(name) != expected.get(name)]
         finished, state = (0, None) if wrong else unpack(arrays, batch.ensemble)
-        if state is not None and not LEAST_SLOTS <= state.slots <= MOST_SLOTS:
+        if state is not None and not LEAST_SLOTS <= state.slots <= MOST_STORED_SLOTS:
             wrong = ["run.slots"]
     except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
         wrong = [type(error).__name__]

@@ -209,7 +209,7 @@ def _progress_fits(state: RunState, recorder: ws.Recorder) -> bool:
 
 
 def _in_box(motion: np.ndarray, grid: ws.Grid) -> bool:
-    """Whether all numbers are finite and all positions within two boxes: a disk may lead its box by a block."""
+    """Whether all numbers are finite and all positions within two boxes: a disk may be outside until it is wrapped."""
     x, y = motion[:, 0] - grid.x, motion[:, 1] - grid.y
     inside = (np.abs(x) <= 2 * grid.width) & (np.abs(y) <= 2 * grid.height)
     return bool(np.isfinite(motion).all() and inside.all())
