@@ -5,8 +5,7 @@ stacked and stored as /observables/run/NAME, shape (S, ...). ARRAYS describes ea
 along its dimensions: T sample times, K species (the tracer is a species of its own), P pairs of species.
 
 A new observable is a function in a module of this package, its record in OBSERVABLES, its arrays in ARRAYS and new
-dimensions in AXES. The command line, files, checkpoints, studies and forecasts take it from there; what a
-forecast needs, the CPU seconds that the observable takes, is in its record.
+dimensions in AXES. The command line, files, checkpoints, studies and forecasts take it from there.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""The exact engine: event-driven molecular dynamics of hard disks, exact up to round-off.
+"""Runs of the exact engine, which can be interrupted and continued (`checkpoint`).
 
 Each run is drawn from its seed (`initial_state`), equilibrated (`equilibration`), run from collision to collision
-(`run`) and measured (`batch`). A batch of runs can be interrupted and continued (`checkpoint`).
+(`run`) and measured (`batch`).
 """
 
 from collections.abc import Collection, Sequence
@@ -40,7 +40,7 @@ def simulate(
     bit-identical to that of an uninterrupted batch.
     A run that makes no progress, whose equilibration fails or whose disks find no place at random is failed, with
     the reason in `stopped`. Raises RequestError if the scene leaves no place for its disks in any run, or has no such
-    observables.
+    observables, StorageError if the stored state is not one of such a batch.
     """
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator = prepare_equilibration(scene)
