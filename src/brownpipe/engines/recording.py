@@ -34,17 +34,13 @@ def sample_arrays(samples: int, disks: int) -> dict[str, np.ndarray]:
     }
 
 
-def tracer_track(scene: Scene, frame: Frame, recorder: Any) -> Track:
-    """Return the trajectory of the tracer, M = 1."""
-    return _track(scene, frame, recorder.position, recorder.velocity, recorder.image)
-
-
-def whole_track(scene: Scene, frame: Frame, recorder: Any) -> Track | None:
-    """Return the trajectories of all disks, M = N, in the scene's order; None if they were not recorded."""
+def tracks(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track | None]:
+    """Return the trajectory of the tracer, M = 1, and those of all disks, M = N; None if they were not recorded."""
+    tracer = _track(scene, frame, recorder.position, recorder.velocity, recorder.image)
     if len(frame.back) == 0 or recorder.whole_position.shape[1] == 0:
-        return None
+        return tracer, None
     samples = (recorder.whole_position, recorder.whole_velocity, recorder.whole_image)
-    return _track(scene, frame, *(values[:, frame.back] for values in samples))
+    return tracer, _track(scene, frame, *(values[:, frame.back] for values in samples))
 
 
 def _track(scene: Scene, frame: Frame, position: np.ndarray, velocity: np.ndarray, image: np.ndarray) -> Track:

@@ -38,7 +38,8 @@ def equilibrate(
     if prepared is None:
         return state
     scene = prepared.scene
-    start = beginning(prepared, _with_tracer_at_rest(state) if prepared.pinned else state)
+    moving = np.arange(len(state.mass)) >= int(prepared.pinned)  # all disks, or all but the tracer
+    start = beginning(prepared, state._replace(velocity=state.velocity * moving[:, None]))
     start = start._replace(equilibrating=True) if stored is None else stored
     result = evolve(prepared, start, np.array([scene.equilibrate]), {"all"}, saving)
     if result.observables["failed"]:
@@ -50,8 +51,3 @@ def equilibrate(
     if scene.velocities.zero_momentum:
         velocity = without_total_momentum(velocity, state.mass)
     return state._replace(position=position, velocity=velocity)
-
-
-def _with_tracer_at_rest(state: State) -> State:
-    moving = np.arange(len(state.mass)) > 0
-    return state._replace(velocity=state.velocity * moving[:, None])

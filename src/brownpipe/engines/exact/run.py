@@ -19,7 +19,7 @@ from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare
 from brownpipe.engines.exact.recording import joined, logged, new_recorder, report_of
 from brownpipe.engines.insertion import warm_up_call
-from brownpipe.engines.recording import SAMPLES, tracer_track, whole_track
+from brownpipe.engines.recording import SAMPLES, tracks
 from brownpipe.engines.state import Events, State
 from brownpipe.engines.units import Frame, frame_of, motion_of
 from brownpipe.errors import RunError, StorageError
@@ -119,7 +119,7 @@ def evolve(
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
     report = report_of(scene, frame, w, start.first[:, 2:])
-    return RunResult(tracer_track(scene, frame, recorder), whole_track(scene, frame, recorder), joined(logs), report)
+    return RunResult(*tracks(scene, frame, recorder), joined(logs), report)
 
 
 def _to_last_sample(

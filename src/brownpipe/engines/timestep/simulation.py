@@ -18,7 +18,7 @@ from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import equilibration
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.recording import tracer_track, whole_track
+from brownpipe.engines.recording import tracks
 from brownpipe.engines.state import Ensemble, State
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.layout import begin, prepare
@@ -110,7 +110,7 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
     report = report_of(scene, frame, w, first_velocity)
-    return RunResult(tracer_track(scene, frame, samples), whole_track(scene, frame, samples), None, report)
+    return RunResult(*tracks(scene, frame, samples), None, report)
 
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: ws.Workspace) -> ws.Workspace:
