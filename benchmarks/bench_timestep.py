@@ -24,7 +24,7 @@ from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.timestep import simulation as timestep
-from brownpipe.engines.timestep.settings import COLLISIONS
+from brownpipe.engines.timestep.settings import COLLISIONS, refuse_unfit
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene, read_scene
 
@@ -89,6 +89,7 @@ def runs_of_the_note(effort):
 def stepping(scene, dt, precision, collisions):
     """The engine; None where it refuses the time step, too short for the precision."""
     try:
+        refuse_unfit(scene, {"time_step": dt, "precision": precision}, ())
         return timestep.prepared(scene, dt, precision, collisions)
     except RequestError:
         return None

@@ -17,6 +17,7 @@ from brownpipe.engines import placement
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.timestep import simulation as timestep
+from brownpipe.engines.timestep.settings import largest_step
 from brownpipe.scene import parse_scene
 
 ASPECTS = (1, 7, 50, 5000)
@@ -105,7 +106,7 @@ def run_timestep():
     _check(timestep, "prepare", "recorder")
     for one in scenes():
         for steps in (12, 60):
-            step = min(one.duration / steps, 0.9 * timestep.largest_step(one))
+            step = min(one.duration / steps, 0.9 * largest_step(one))
             run = timestep.simulate(one, [1], {"all"}, time_step=step)
             assert not run.observables["failed"][0], one.name
 

@@ -21,9 +21,10 @@ from brownpipe.engines.exact.run import prepare_scene
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.exact.workspace import BLOCK, CROSSINGS
 from brownpipe.engines.initial_state import draw, without_total_momentum
-from brownpipe.engines.recording import each_represented, represented
+from brownpipe.engines.recording import represented
 from brownpipe.engines.state import State
 from brownpipe.engines.timestep import simulation as timestep
+from brownpipe.engines.timestep.settings import largest_step
 from brownpipe.engines.timestep.workspace import STEP
 from brownpipe.engines.units import motion_of
 from brownpipe.errors import RequestError
@@ -305,7 +306,7 @@ ENDS = (-440, 0, 440)  # 1e-132 to 1e132
 def test_units_of_both_engines(length, time, mass):
     """Trajectories to the bit, and every observable: its value in these units, or NaN where there is no such number."""
     plain, other = scaled(FEW["periodic"], 3), scaled(FEW["periodic"], 3, length, time, mass)
-    step = timestep.largest_step(plain) / 64
+    step = largest_step(plain) / 64
     powers = {"kinetic_energy": mass + 2 * (length - time), "virial": mass + 2 * length - time}
     powers["initial_square_speed"] = 2 * (length - time)
     for engine, short, long in (
@@ -333,7 +334,7 @@ def test_units_that_are_no_powers_of_two(factors):
     moved = State(state.position * length, state.velocity * (length / time), state.radius * length, state.mass * mass)
     sides = [side * length for side in (scene.box.width, scene.box.height)]
     other = explicit(box(*sides, P), moved, time)
-    step = timestep.largest_step(scene) / 64
+    step = largest_step(scene) / 64
     for engine, short, long in (
         (simulate, {}, {}),
         (timestep.simulate, {"time_step": step}, {"time_step": step * time}),
@@ -349,7 +350,7 @@ def test_what_the_units_cannot_express_is_nan(units):
     """The trajectories are right and the run is sound: only the energy is no floating-point number in these units."""
     scene, found = scaled(FEW["periodic"], 3, **units), {}
     found["exact"] = simulate(scene, [0])
-    found["timestep"] = timestep.simulate(scene, [0], time_step=timestep.largest_step(scene) / 64)
+    found["timestep"] = timestep.simulate(scene, [0], time_step=largest_step(scene) / 64)
     for run in found.values():
         assert np.isnan(run.observables["kinetic_energy"][0])
         virial = run.observables["virial"][0]
@@ -365,11 +366,11 @@ def test_small_products_of_large_and_small_units_are_exact():
         exact = sum(units) - 10
         found = represented(2.0**-10, *(2.0**power for power in units))
         assert found == math.ldexp(1.0, exact) if -1022 <= exact <= 1023 else math.isnan(found)
-        both = each_represented(np.array([2.0**-10, 0.0]), *(2.0**power for power in units))
+        both = represented(np.array([2.0**-10, 0.0]), *(2.0**power for power in units))
         assert np.array_equal(both, [found, 0.0], equal_nan=True)
     for value in (0.0, math.inf, math.nan):
         assert math.isnan(represented(value, 2.0**1000, 2.0**1000)) == (value != 0.0)
-        assert np.isnan(each_represented(np.array([value]), 2.0)[0]) == (value != 0.0)
+        assert np.isnan(represented(np.array([value]), 2.0)[0]) == (value != 0.0)
     rng = np.random.default_rng(1)
     for value, mass in np.exp(rng.normal(scale=20.0, size=(1000, 2))):
         assert represented(value, mass, 0.25, 4.0, 2.0) == value * mass * 2.0
@@ -385,7 +386,7 @@ def with_broken(engine, index, value):
         begin(w, first)
         w.disk[index] = value
         return recording.report_of(scene, one.frame, w, first[:, 2:])["failed"]
-    one = timestep.prepared(scene, timestep.largest_step(scene) / 64)
+    one = timestep.prepared(scene, largest_step(scene) / 64)
     w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
     timestep.begin(w, first)
     (w.x, w.y, w.vx, w.vy)[index][0] = value
@@ -411,7 +412,7 @@ def test_a_run_that_starts_nowhere_fails(engine, value):
         begin(one.workspace, first)
         found = recording.report_of(scene, one.frame, one.workspace, first[:, 2:])
     else:
-        one = timestep.prepared(scene, timestep.largest_step(scene) / 64)
+        one = timestep.prepared(scene, largest_step(scene) / 64)
         first = motion_of(state, one.frame)
         timestep.begin(one.workspace, first)
         found = timestep.report_of(scene, one.frame, one.workspace, first[:, 2:])
@@ -421,7 +422,7 @@ def test_a_run_that_starts_nowhere_fails(engine, value):
 def test_images_that_no_int32_can_count_fail_the_run():
     """2^31 boxes, of what one disk could cross if it had all the energy; after half of these all is well."""
     scene = FEW["periodic"]
-    one, step = prepare_scene(scene), timestep.prepared(scene, timestep.largest_step(scene) / 64)
+    one, step = prepare_scene(scene), timestep.prepared(scene, largest_step(scene) / 64)
     first = motion_of(draw(scene, 3), one.frame)
     mass = scene.mass[one.frame.order] / one.frame.mass
     fastest = math.sqrt(np.sum(mass * np.sum(first[:, 2:] ** 2, axis=1)) / mass.min())

@@ -155,7 +155,7 @@ def unhealthy(evolve):
     calls = []
 
     def evolve_and_fail(*arguments):
-        result = yield from evolve(*arguments)
+        result = evolve(*arguments)
         calls.append(result)
         return result._replace(observables=result.observables | {"failed": len(calls) % 2 == 0})
 

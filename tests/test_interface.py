@@ -1,5 +1,6 @@
 """The Python interface gives the numbers of the command line, to the bit, and names the argument that is wrong."""
 
+import math
 import subprocess
 import sys
 from importlib.metadata import version
@@ -142,7 +143,13 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, record=None), "record: must be a name or a list of names, not None"),
         (lambda: bp.simulate(SCENE, observables=3), "observables: must be a name or a list of names, not 3"),
         (lambda: bp.simulate(SCENE, engine="timestep"), "time_step: missing; must be given with engine timestep"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=0), "time_step: must be"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=0), "time_step: must be a finite number > 0, not 0"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=-1), "time_step: must be a finite number > 0, not -1"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.nan), "time_step: must be a finite number > 0"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.inf), "time_step: must be a finite number > 0"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step="1e-3"), "time_step: must be a finite number > 0"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=1e-3, precision="half"), "precision: 'half' is unkno"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=1e-3, collisions="early"), "collisions: 'early' is u"),
         (lambda: bp.simulate(SCENE, record="everything"), "record everything: must be one or several of tracer"),
         (lambda: bp.simulate(SCENE, observables=["msd"]), "observables: 'msd' is unknown"),
         (lambda: bp.simulate(bp.read_scene(SCENE), particles=3), "particles: must not be given with a scene"),

@@ -17,7 +17,7 @@ import numpy as np
 
 Numbers = float | np.ndarray
 
-# Constants in parts, whose products with integers up to 2^20 are exact but for those with the last part.
+# Constants as sums of parts: the products of all but the last with integers up to 2^20 are exact (Cody-Waite).
 LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
 HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 

@@ -19,7 +19,7 @@ Broadcast = Any  # a float if all arguments are floats, otherwise an array: more
 # erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
 _WALLS_UNSEEN = 0.0068
 _SERIES_TERMS = 24
-# What all Sonine orders together make of the first, for equal disks: factors of the viscosity of a thin gas and of D
+# Factors by which all further Sonine orders correct the first, for equal disks: of the viscosity of a dilute gas, of D
 SONINE_VISCOSITY = 1.022
 SONINE_DIFFUSION = 1.027
 _NODES = 64  # of the quadrature over a quarter circle; error 1e-15 for the narrowest density of the series
@@ -29,10 +29,7 @@ _NODES = 64  # of the quadrature over a quarter circle; error 1e-15 for the narr
 
 
 def diffusive_msd(t: Numbers, diffusion: Numbers) -> Broadcast:
-    """Return the mean squared displacement [length^2] of free diffusion in the plane, 4 D t: eq. (12).
-
-    docs/theory.md, section 2.
-    """
+    """Return the MSD [length^2] of free diffusion in the plane, 4 D t: eq. (12); docs/theory.md, section 2."""
     return 4.0 * diffusion * np.asarray(t, float)
 
 
@@ -66,7 +63,7 @@ def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -
 def reflecting_square_within(r: Numbers, t: float, diffusion: float, half_width: float) -> np.ndarray:
     """Return the probability (K,) that diffusion in a reflecting square ends within `r` (K,) of the centre.
 
-    It starts at the centre, at time `t > 0` before; `half_width` a is that of the accessible square. Both components
+    It started at the centre a time `t > 0` earlier; `half_width` a is that of the accessible square. Both components
     have the density p(x) = (1 + 2 sum_k cos(k pi x/a) exp(-D k^2 pi^2 t/a^2)) / 2a on [-a, a], whose integral over
     [-h, h] is C(h). With s = sqrt(max(r^2 - a^2, 0)) the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx,
     by Gauss-Legendre quadrature over the angle. For D t/a^2 < 0.0068 it is that of free diffusion; for r beyond the

@@ -46,7 +46,7 @@ class Batch(NamedTuple):
 
 
 def new_batch(
-    scene: Scene, seeds: Sequence[int], record: Collection[str], names: Collection[str] = (), average: str = "runs"
+    scene: Scene, seeds: Sequence[int], record: Collection[str], names: Collection[str], average: str
 ) -> Batch:
     """Return a batch with one column for each seed and no run yet; `names` are observables to be measured.
 
@@ -81,7 +81,6 @@ def add_run(batch: Batch, column: int, result: RunResult) -> None:
         ensemble.whole[seed] = result.whole
     if result.events is not None:
         ensemble.events[seed] = result.events
-    stages.report("runs", column + 1, len(ensemble.seeds))
 
 
 @contextmanager
@@ -100,6 +99,7 @@ def making_run(batch: Batch, column: int) -> Iterator[None]:
         if is_of_scene or not isinstance(error, RunError | PlacementError):
             raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seeds[column]}: {error}") from None
         _add_stopped(batch, column, str(error))
+    stages.report("runs", column + 1, len(seeds))
 
 
 def _add_stopped(batch: Batch, column: int, reason: str) -> None:
@@ -110,7 +110,6 @@ def _add_stopped(batch: Batch, column: int, reason: str) -> None:
     for values in ensemble.tracer or ():
         if values is not None:
             values[:, column] = blank((), values.dtype)
-    stages.report("runs", column + 1, len(ensemble.seeds))
 
 
 def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float | np.uint8]:

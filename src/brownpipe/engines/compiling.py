@@ -1,4 +1,4 @@
-"""Compile the kernels of a scene before its first run, or load their machine code; no two processes compile the same.
+"""Compile the kernels of a scene before its first run, or load their machine code; each once on a machine.
 
 A process takes a lock only to compile: `FILE.lock` beside the file of machine code that it is going to write. It waits
 for another process no longer than `LONGEST_WAIT`, and where the file system has no locks it compiles without one. Two

@@ -34,12 +34,13 @@ class Definition(NamedTuple):
     simulation: str  # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
     settings: dict[str, Setting]
     model: Callable[[Sequence[Scene], dict], str]  # (scenes, settings): the model, in a few words
-    refuse_unfit: Callable[[Scene, dict, frozenset[str]], None]  # (scene, settings, record): raises RequestError
     caution: Callable[[Scene], str | None]  # one line on the limits of its results in the scene, or None
     forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
-    # Settings that `brownpipe plan` tries, of which `check` shows the first, for any scene, also one that is refused
-    # later. Never empty: [{}] for an engine without settings.
-    candidates: Callable[[Scene], list[dict]]
+    # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
+    refuse_unfit: Callable[[Scene, dict, frozenset[str]], None] = lambda scene, settings, record: None
+    # Settings that `brownpipe plan` tries, of which `check` shows the first, at least one for any scene, also for one
+    # that is refused later
+    candidates: Callable[[Scene], list[dict]] = lambda scene: [{}]
     # (scene, settings): the scene whose disks are placed and moved; None if the engine needs no disk but the tracer
     scene_with_disks: Callable[[Scene, dict], Scene | None] = lambda scene, settings: scene
     counts_collisions: bool = True  # whether its runs have the rates of collisions among their observables

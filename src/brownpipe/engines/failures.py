@@ -12,13 +12,13 @@ HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")  # observables w
 
 def failures(ensemble: Ensemble) -> str:
     """Return which runs failed their health check, which could not go on and why the first could not; "" for none."""
-    runs, seeds = len(ensemble.seeds), ensemble.failed_seeds.tolist()
-    unhealthy = [seed for seed in seeds if seed not in ensemble.stopped]
+    runs = len(ensemble.seeds)
+    unhealthy = [seed for seed in ensemble.failed_seeds.tolist() if seed not in ensemble.stopped]
     parts = [f"failed their health check: {len(unhealthy)} of {runs} runs: {seed_text(unhealthy)}"] if unhealthy else []
     if ensemble.stopped:
         stopped = sorted(ensemble.stopped)
-        seeds, first = seed_text(stopped), f"seed {stopped[0]}: {ensemble.stopped[stopped[0]]}"
-        parts.append(f"could not go on: {len(stopped)} of {runs} runs: {seeds} ({first})")
+        first = f"seed {stopped[0]}: {ensemble.stopped[stopped[0]]}"
+        parts.append(f"could not go on: {len(stopped)} of {runs} runs: {seed_text(stopped)} ({first})")
     return "; ".join(parts)
 
 

@@ -10,6 +10,7 @@ collisions only. docs/theory.md, section 3.
 """
 
 import os
+from bisect import bisect_right
 from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
@@ -140,7 +141,7 @@ def _seconds_to_measure(scene: Scene, observable: Observable, average: str, bath
         return observable.seconds_per_run + samples * (observable.seconds_per_lag * (2 if disks > 1 else 1) + products)
     samples = 1 if observable.is_over_samples and not is_stationary(scene) else samples
     seconds = observable.seconds_per_run + per_disk_sample * samples * scene.particles
-    return seconds + (0.0 if observable.seconds_per_sample is None else samples * observable.seconds_per_sample(scene))
+    return seconds + samples * observable.seconds_per_sample(scene)
 
 
 def machine_memory() -> int:
@@ -150,11 +151,7 @@ def machine_memory() -> int:
 
 def most_runs(cost: Cost, available: float) -> int:
     """Return how many runs of this cost one process can make and write in so much memory [bytes]; 0 for none."""
-    low, high = 0, MOST_RUNS
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (middle, high) if memory(cost, middle) <= available else (low, middle - 1)
-    return low
+    return bisect_right(range(1, MOST_RUNS + 1), available, key=lambda runs: memory(cost, runs))
 
 
 def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:

@@ -1,7 +1,7 @@
 """Fours: vectors of four numbers, on which the processor computes with one instruction (SIMD).
 
-A four of floats, integers or truth values is computed with like a number, with the operators and functions below; the
-other operand is a four or one number. Each of the four results is rounded like that of a single operation, so they do
+The operators and functions below act on each number of a four of floats, integers or truth values; the other operand
+may be a four or one number. Each of the four results is rounded like that of a single operation, so they do
 not depend on the processor: one without such instructions computes the four one after the other. Outside of compiled
 kernels a four is a NumPy array (4,), and the functions are those of this file.
 

@@ -88,8 +88,8 @@ def partners_of(scene: Scene, crowded: bool = True) -> Partners:
     chi = np.ones(len(bath.number))
     if crowded:
         fluid = min(1.0, DENSEST / scene.packing_fraction)
-        density = fluid * np.array([species.count for species in present]) / scene.box.area
-        contact = theory.mixture_contact_values(density, 2 * np.array([species.radius for species in present]))
+        densities = fluid * np.array([species.count for species in present]) / scene.box.area
+        contact = theory.mixture_contact_values(densities, 2 * np.array([species.radius for species in present]))
         in_bath = np.array([species.count > (species is tracer) for species in present])
         chi = contact[present.index(tracer), in_bath]
     mu = theory.reduced_mass(1.0, bath.mass / tracer.mass)

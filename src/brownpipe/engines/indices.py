@@ -1,11 +1,11 @@
 """Make kernels faster: their indices are never negative, so none is counted from the end of an array.
 
-Of every signed index Numba asks whether it is negative, and if so adds the array's length: two or three instructions,
-of which a kernel has hundreds, and less room in registers. No kernel of this package uses negative indices
+For every signed index Numba compiles a test whether it is negative, and if so adds the array's length. This takes two
+or three instructions, hundreds of times in a kernel, and registers. No kernel of this package uses negative indices
 (tests/test_bounds.py runs them with arrays that refuse these). Functions of other packages are compiled as usual.
 
-This replaces a private function of Numba. With versions of Numba that `inlining` was not tested with it is left as it
-is; the kernels are slower then, and results are the same.
+This replaces a private function of Numba, except in versions of Numba that `inlining` was not tested with: the kernels
+are slower there, and results are the same.
 """
 
 from functools import cache

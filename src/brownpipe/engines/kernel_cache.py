@@ -168,10 +168,8 @@ def folder_of(module: str) -> Path | None:
                 folder.rmdir()
         if why is not None:
             _note(f"machine code is not kept in {place}: {why}", lines)
-    line = (
-        "machine code cannot be kept anywhere, so that every process compiles; set NUMBA_CACHE_DIR to a private folder"
-    )
-    _note(line, remarks_at_compiling)
+    cure = "set NUMBA_CACHE_DIR to a private folder"
+    _note(f"machine code cannot be kept anywhere, so that every process compiles; {cure}", remarks_at_compiling)
     return None
 
 

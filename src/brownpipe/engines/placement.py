@@ -81,8 +81,9 @@ def _on_lattice(
     low, size = scene.box.accessible(free.max())
     wanted, sites = len(free), np.zeros((0, 2))
     while len(sites) < len(free):
-        sites = low + _lattice(size, scene.box.periodic, wanted)
-        if _nearest(size, scene.box.periodic, wanted) < 2 * free.max() * (1 - 1e-14):
+        lattice, nearest = _lattice(size, scene.box.periodic, wanted)
+        sites = low + lattice
+        if nearest < 2 * free.max() * (1 - 1e-14):
             raise RequestError(
                 f"disks: no triangular lattice in this box has places for {len(free)} disks of radius "
                 f"{float(free.max())!r} (packing fraction {scene.packing_fraction:.4g}); must be fewer or smaller disks"
@@ -97,38 +98,18 @@ def _on_lattice(
     return position if fixed is None else np.concatenate([[fixed], position])
 
 
-def _spacings(size: np.ndarray, periodic: bool, rows: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
-    """Return the number of columns, the spacings of columns and of rows, and the distance of nearest neighbours.
+def _lattice(size: np.ndarray, periodic: bool, n: int) -> tuple[np.ndarray, float]:
+    """Return the sites (at least n, 2) of a triangular lattice in a rectangle, and the distance of nearest neighbours.
 
-    `rows` are numbers of rows of a lattice of at least n sites; the results are arrays of the same shape.
+    It has the number of rows for which this distance is greatest; in a periodic box this number is even, as every other
+    row is shifted. It is stretched along x or y to fill the rectangle: its triangles need not be equilateral.
     """
+    rows = np.arange(1 + periodic, n + 2 + periodic, 1 + periodic)  # each possible number, of which one is chosen
     columns = -(-n // rows)
-    column_spacing = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
-    row_spacing = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
-    nearest = np.minimum(np.minimum(column_spacing, 2 * row_spacing), np.hypot(column_spacing / 2, row_spacing))
-    return columns, column_spacing, row_spacing, nearest
-
-
-def _best_rows(size: np.ndarray, periodic: bool, n: int) -> np.ndarray:
-    """Return the number of rows for which a lattice of at least n sites has its nearest neighbours furthest apart.
-
-    In a periodic box this number is even, as every other row is shifted.
-    """
-    rows = np.arange(1 + periodic, n + 2 + periodic, 1 + periodic)
-    return rows[np.argmax(_spacings(size, periodic, rows, n)[3])]
-
-
-def _nearest(size: np.ndarray, periodic: bool, n: int) -> float:
-    """Return the distance of nearest neighbours of `_lattice`."""
-    return float(_spacings(size, periodic, _best_rows(size, periodic, n), n)[3])
-
-
-def _lattice(size: np.ndarray, periodic: bool, n: int) -> np.ndarray:
-    """Return the sites (at least n, 2) of the triangular lattice that `_best_rows` chooses for a rectangle, row by row.
-
-    It is stretched along x or y to fill the rectangle, so that its triangles need not be equilateral.
-    """
-    rows = _best_rows(size, periodic, n)
-    columns, column_spacing, row_spacing, _ = _spacings(size, periodic, rows, n)
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    return np.stack([(column + 0.5 * (row % 2)) * column_spacing, row * row_spacing], axis=1)
+    across = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))  # spacing of columns
+    up = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))  # spacing of rows
+    nearest = np.minimum(np.minimum(across, 2 * up), np.hypot(across / 2, up))
+    best = np.argmax(nearest)
+    row, column = np.divmod(np.arange(rows[best] * columns[best]), columns[best])
+    sites = np.stack([(column + 0.5 * (row % 2)) * across[best], row * up[best]], axis=1)
+    return sites, float(nearest[best])

@@ -34,17 +34,13 @@ def sample_arrays(samples: int, disks: int) -> dict[str, np.ndarray]:
     }
 
 
-def tracer_track(scene: Scene, frame: Frame, recorder: Any) -> Track:
-    """Return the trajectory of the tracer, M = 1."""
-    return _track(scene, frame, recorder.position, recorder.velocity, recorder.image)
-
-
-def whole_track(scene: Scene, frame: Frame, recorder: Any) -> Track | None:
-    """Return the trajectories of all disks, M = N, in the scene's order; None if they were not recorded."""
+def tracks(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track | None]:
+    """Return the trajectory of the tracer, M = 1, and those of all disks, M = N; None if they were not recorded."""
+    tracer = _track(scene, frame, recorder.position, recorder.velocity, recorder.image)
     if len(frame.back) == 0 or recorder.whole_position.shape[1] == 0:
-        return None
+        return tracer, None
     samples = (recorder.whole_position, recorder.whole_velocity, recorder.whole_image)
-    return _track(scene, frame, *(values[:, frame.back] for values in samples))
+    return tracer, _track(scene, frame, *(values[:, frame.back] for values in samples))
 
 
 def _track(scene: Scene, frame: Frame, position: np.ndarray, velocity: np.ndarray, image: np.ndarray) -> Track:
@@ -97,41 +93,27 @@ def report(
         "momentum_residual": conserved.momentum_residual,
         "failed": np.uint8(not sound),
         "kinetic_energy": represented(0.5 * conserved.twice_energy, frame.mass, speed, speed),
-        "virial": represented(float(impulses[0]), frame.mass, speed, frame.length),
+        "virial": represented(impulses[0], frame.mass, speed, frame.length),
         **(further or {}),
     }
     if not scene.box.periodic:
-        values["wall_impulse"] = represented(float(impulses[1:].sum()), frame.mass, speed)
+        values["wall_impulse"] = represented(impulses[1:].sum(), frame.mass, speed)
     return values
 
 
-def represented(value: float, *units: float) -> float:
-    """Return value * product(units), rounded once; NaN if the result overflows or underflows (0 stays 0).
+def represented(value: ArrayLike, *units: float) -> Any:
+    """Return value * product(units), a float or an array, rounded once; NaN where it over- or underflows (0 stays 0).
 
     Intermediate products may be beyond the range of floating-point numbers.
     """
-    mantissa, exponent = math.frexp(value)
-    for unit in units:
-        part, power = math.frexp(unit)
-        mantissa, exponent = mantissa * part, exponent + power
-    try:
-        product = math.ldexp(mantissa, exponent)
-    except OverflowError:
-        return math.nan
-    lost = not math.isfinite(product) or (abs(product) < SMALLEST_NORMAL and value != 0.0)
-    return math.nan if lost else product
-
-
-def each_represented(values: np.ndarray, *units: float) -> np.ndarray:
-    """Return `represented` of each number of an array."""
-    mantissa, exponent = np.frexp(values)
+    mantissa, exponent = np.frexp(value)
     for unit in units:
         part, power = math.frexp(unit)
         mantissa, exponent = mantissa * part, exponent + power
     with np.errstate(over="ignore", under="ignore"):
         product = np.ldexp(mantissa, exponent)
-    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST_NORMAL) & (values != 0.0))
-    return np.where(lost, np.nan, product)
+    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST_NORMAL) & (mantissa != 0.0))
+    return np.where(lost, np.nan, product)[()]
 
 
 def images_fit(scene: Scene, frame: Frame, crossings: int, path: float) -> bool:

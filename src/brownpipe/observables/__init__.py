@@ -5,8 +5,7 @@ stacked and stored as /observables/run/NAME, shape (S, ...). ARRAYS describes ea
 along its dimensions: T sample times, K species (the tracer is a species of its own), P pairs of species.
 
 A new observable is a function in a module of this package, its record in OBSERVABLES, its arrays in ARRAYS and new
-dimensions in AXES. The command line, files, checkpoints, studies and forecasts take it from there; what a
-forecast needs, the CPU seconds that the observable takes, is in its record.
+dimensions in AXES. The command line, files, checkpoints, studies and forecasts take it from there.
 """
 
 import math
@@ -50,12 +49,12 @@ class Observable(NamedTuple):
 
     measure: Callable[[Scene, Run, str], Mapping[str, np.ndarray | int]]  # (scene, run, average) -> values by array
     arrays: tuple[str, ...]  # names in ARRAYS; the first is measured in every scene
-    of_single_disks: bool  # made from tracks of single disks: all AVERAGES apply, and the tracer's track is enough
     seconds_per_run: float  # CPU seconds in every run, and
     seconds_per_disk_sample: float  # for each disk in each sample
+    of_single_disks: bool = False  # made from tracks of single disks: all AVERAGES apply, the tracer's track is enough
     seconds_per_lag: float = math.nan  # averages over time origins (`of_single_disks`): for each lag, and
     seconds_per_product: float = math.nan  # for each disk and time origin at that lag
-    seconds_per_sample: Callable[[Scene], float] | None = None  # besides, for each sample
+    seconds_per_sample: Callable[[Scene], float] = lambda scene: 0.0  # besides, for each sample
     is_also_of_bath: bool = False  # (`of_single_disks`) in a scene with a bath, made from its disks, too
     is_over_samples: bool = False  # counted or averaged over the samples of a stationary scene, otherwise the last one
     unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
@@ -144,14 +143,12 @@ OBSERVABLES = {
     "species_energy": Observable(
         velocity.species_energy,
         ("species_energy",),
-        of_single_disks=False,
         seconds_per_run=2e-5,
         seconds_per_disk_sample=1.7e-8,
     ),
     "velocity_distribution": Observable(
         velocity.distribution,
         ("velocity_counts", "speed_counts"),
-        of_single_disks=False,
         seconds_per_run=5e-5,
         seconds_per_disk_sample=2.8e-8,
         is_over_samples=True,
@@ -159,7 +156,6 @@ OBSERVABLES = {
     "pair_distribution": Observable(
         pairs.distribution,
         ("pair_counts", "pair_snapshots", "pair_expected"),
-        of_single_disks=False,
         seconds_per_run=1e-4,
         seconds_per_disk_sample=6e-7,
         seconds_per_sample=pairs.seconds_per_sample,
@@ -169,7 +165,6 @@ OBSERVABLES = {
     "density_profile": Observable(
         profile.density_profile,
         ("density_profile",),
-        of_single_disks=False,
         seconds_per_run=3e-5,
         seconds_per_disk_sample=4e-8,
         seconds_per_sample=profile.seconds_per_sample,
@@ -188,7 +183,6 @@ OBSERVABLES = {
     "orientational_order": Observable(
         orientation.order,
         ("orientational_order", "orientational_order_squared"),
-        of_single_disks=False,
         seconds_per_run=1e-4,
         seconds_per_disk_sample=4.9e-6,
         seconds_per_sample=lambda scene: 5.5e-4,
@@ -215,7 +209,7 @@ def needs_every_disk(scene: Scene, names: Iterable[str], average: str = "runs") 
 
 
 def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, ...], str]:
-    """Return the observables of these, and the average, that an engine of the tracer alone can measure."""
+    """Return which of these observables an engine of the tracer alone can measure, and with which average."""
     names = tuple(name for name in names if OBSERVABLES[name].of_single_disks)
     return names, average if names else "runs"
 
@@ -237,8 +231,7 @@ def axes(scene: Scene, array: str) -> dict[str, np.ndarray | list[str]]:
 
 def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run, all arrays together."""
-    shapes = [[len(values) for values in axes(scene, array).values()] for array in arrays_of(scene, names)]
-    return int(sum(np.prod(shape) for shape in shapes))
+    return sum(math.prod(map(len, axes(scene, array).values())) for array in arrays_of(scene, names))
 
 
 # -- refusals -------------------------------------------------------------------------------------------------------
@@ -278,9 +271,9 @@ def _unfit_average(scene: Scene, names: tuple[str, ...], average: str) -> str | 
         return f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
     if average == "runs":
         return None
-    of_single_disks, _ = of_tracer(OBSERVABLES)
-    if not set(of_single_disks) & set(names):
-        return f"{average} needs {' or '.join(of_single_disks)} among the observables"
+    averageable = [name for name, observable in OBSERVABLES.items() if observable.of_single_disks]
+    if not set(averageable) & set(names):
+        return f"{average} needs {' or '.join(averageable)} among the observables"
     why = why_not_stationary(scene)
     if why is not None:
         return f"{average} needs runs that are stationary from t = 0, but {why}"

@@ -1,9 +1,11 @@
 """Squared displacement of the tracer in one run, its rate of change, and its square. T sample times, M disks."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from brownpipe.observables.species import tracer_tracks
-from brownpipe.observables.time_origins import averaged
+from brownpipe.observables.time_origins import lags
 from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
@@ -16,13 +18,7 @@ def square_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.nd
     every sample as time origin (`origins`; Frenkel and Smit, Understanding Molecular Simulation, section 4.4.2), or of
     all disks equal to it (`disks`).
     """
-    track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
-
-    def products(earlier: slice, later: slice) -> tuple[np.ndarray, np.ndarray]:
-        moved = displacement(track.position, track.image, size, earlier, later)
-        return (moved**2).sum(axis=-1), dot(moved, track.velocity[later])
-
-    squared, growth = averaged(scene, average, products)
+    squared, growth = averaged(scene, run, average, lambda r, v0, v: ((r**2).sum(axis=-1), dot(r, v)))
     return {"square_displacement": squared, "displacement_velocity": growth}
 
 
@@ -31,24 +27,30 @@ def quartic_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.n
 
     Means over runs of both make up the non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1.
     """
-    track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
-
-    def product(earlier: slice, later: slice) -> tuple[np.ndarray]:
-        moved = displacement(track.position, track.image, size, earlier, later)
-        return ((moved**2).sum(axis=-1) ** 2,)
-
-    return {"quartic_displacement": averaged(scene, average, product)[0]}
+    (quartic,) = averaged(scene, run, average, lambda r, v0, v: ((r**2).sum(axis=-1) ** 2,))
+    return {"quartic_displacement": quartic}
 
 
 def velocity_displacement(scene: Scene, run: Run, average: str) -> np.ndarray:
     """Return v(0).(r(t) - r(0)) (T,) of one run: exactly the integral of v(0).v(s) over s from 0 to t."""
+    return averaged(scene, run, average, lambda r, v0, v: (dot(r, v0),))[0]
+
+
+def averaged(scene: Scene, run: Run, average: str, products: Callable) -> np.ndarray:
+    """Return K functions of time (K, T), averaged over disks and, for `origins`, over time origins.
+
+    `products(r, v0, v)` returns K arrays (T', M) from the displacements r (T', M, 2) of M disks between two samples,
+    and their velocities in the earlier sample, v0, and in the later one, v.
+    """
     track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
 
-    def product(earlier: slice, later: slice) -> tuple[np.ndarray]:
+    def between(earlier: slice, later: slice) -> tuple[np.ndarray, ...]:
         moved = displacement(track.position, track.image, size, earlier, later)
-        return (dot(moved, track.velocity[earlier]),)
+        return products(moved, track.velocity[earlier], track.velocity[later])
 
-    return averaged(scene, average, product)[0]
+    if average != "origins":
+        return np.stack([product.mean(axis=1) for product in between(slice(0, 1), slice(None))])
+    return np.array([[product.mean() for product in between(*pair)] for pair in lags(scene)]).T
 
 
 def displacement(

@@ -44,9 +44,7 @@ def equal_disks(scene: Scene) -> np.ndarray:
 
 def tracer_tracks(scene: Scene, run: Run, average: str) -> Track:
     """Return the track of the tracer, M = 1; for an average over `disks` the tracks of all disks equal to it."""
-    if average != "disks":
-        return run.tracer
-    return run.whole.of(equal_disks(scene))
+    return run.whole.of(equal_disks(scene)) if average == "disks" else run.tracer
 
 
 def bath_disks(scene: Scene) -> np.ndarray:

@@ -1,8 +1,6 @@
 """Averages over time origins: in a stationary run every sample is as good a start as t = 0."""
 
-from collections.abc import Callable, Iterator
-
-import numpy as np
+from collections.abc import Iterator
 
 from brownpipe.scene import Scene
 from brownpipe.scene.sample_times import SAME
@@ -38,17 +36,6 @@ def unfit(scene: Scene) -> str | None:
     if len(scene.times) > MOST_ORIGINS:
         return f"origins needs at most {MOST_ORIGINS} samples; there are {len(scene.times)}"
     return None
-
-
-def averaged(scene: Scene, average: str, products: Callable) -> np.ndarray:
-    """Return K time correlation functions (K, T), averaged over disks and, for `origins`, over time origins.
-
-    `products(earlier, later)` returns K arrays (T', M), the products of the samples in two slices of T' samples (of 1
-    and T' samples for a single origin) for M disks.
-    """
-    if average != "origins":
-        return np.stack([product.mean(axis=1) for product in products(slice(0, 1), slice(None))])
-    return np.array([[product.mean() for product in products(*pair)] for pair in lags(scene)]).T
 
 
 def lags(scene: Scene) -> Iterator[tuple[slice, slice]]:

@@ -1,7 +1,5 @@
 """Velocities of one run: autocorrelation, kinetic energies, histograms. T sample times, N disks, K species."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from brownpipe.observables.displacement import velocity_displacement
@@ -66,8 +64,9 @@ def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     velocity = run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
     scale = np.sqrt(scene.mass / (_temperature(scene, velocity) or np.inf))[:, None]
     components, speeds = (np.zeros((len(species.name), number), np.int64) for number in BINS.values())
-    for part in _parts(velocity):
-        scaled = part * scale
+    step = max(1, VALUES_AT_ONCE // velocity[0].size)  # samples at a time
+    for first in range(0, len(velocity), step):
+        scaled = velocity[first : first + step] * scale
         _count(components, species.label[:, None], scaled + LARGEST_COMPONENT)
         _count(speeds, species.label, np.hypot(scaled[..., 0], scaled[..., 1]))
     return {"velocity_counts": components, "speed_counts": speeds}
@@ -78,12 +77,6 @@ def _temperature(scene: Scene, velocity: np.ndarray) -> float:
     if scene.velocities is not None and scene.velocities.temperature is not None:
         return scene.velocities.temperature
     return float(np.mean([(scene.mass / 2 * np.sum(sample**2, axis=-1)).mean() for sample in velocity]))
-
-
-def _parts(velocity: np.ndarray) -> Iterator[np.ndarray]:
-    """Cut (T, N, 2) along T into parts of at most VALUES_AT_ONCE numbers, one sample at least."""
-    step = max(1, VALUES_AT_ONCE // velocity[0].size)
-    return (velocity[start : start + step] for start in range(0, len(velocity), step))
 
 
 def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:

@@ -25,9 +25,7 @@ class Origin(NamedTuple):
     """The text of a file, in which messages look up the line of a value."""
 
     text: str
-    keys: Mapping[
-        str, str | None
-    ] = {}  # at its head, if another one than in paths; None: the value is not from the text
+    keys: Mapping[str, str | None] = {}  # first key of a path: that in the text, or None if it has none
 
 
 class Entry(NamedTuple):

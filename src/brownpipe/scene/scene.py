@@ -37,7 +37,7 @@ class Box:
 
     @property
     def origin(self) -> tuple[float, float]:
-        """The lower left corner, from which the engines measure."""
+        """The lower left corner."""
         return self.x[0], self.y[0]
 
     @property

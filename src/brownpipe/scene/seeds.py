@@ -82,10 +82,8 @@ def batches(seeds: Sequence[int], size: int) -> list[tuple[int, int]]:
 
     Every range of consecutive seeds is cut at multiples of `size`: a study with more seeds keeps its complete batches.
     """
-    return [batch for first, last in ranges(seeds) for batch in _batches(first, last, size)]
-
-
-def _batches(first: int, last: int, size: int) -> list[tuple[int, int]]:
-    """Return the batches of one range of consecutive seeds."""
-    starts = [first, *range(first - first % size + size, last + 1, size)]
-    return [(start, min(last, start - start % size + size - 1)) for start in starts]
+    cut = []
+    for first, last in ranges(seeds):
+        starts = [first, *range(first - first % size + size, last + 1, size)]
+        cut += [(start, min(last, start - start % size + size - 1)) for start in starts]
+    return cut

@@ -1,14 +1,14 @@
 """Checkpoints of a batch of runs: the finished runs, and the unfinished one at the end of a block, as named arrays."""
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from brownpipe.engines.batch import Batch
 from brownpipe.engines.exact.layout import LEAST_SLOTS
-from brownpipe.engines.exact.run import RunState, never
+from brownpipe.engines.exact.run import RunState, Saving
 from brownpipe.engines.recording import SAMPLES
 from brownpipe.engines.state import Ensemble, Events, Track, blank
 from brownpipe.errors import StorageError
@@ -25,29 +25,13 @@ class Checkpoints(NamedTuple):
     stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
 
 
-MOST_SLOTS = 2**24  # of a cell in a stored state
-NO_CHECKPOINTS = Checkpoints(never, lambda _: None)
+MOST_STORED_SLOTS = 2**24  # of a cell in a stored state
+NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 
 
-def complete(
-    batch: Batch,
-    make_run: Callable[[int, RunState | None, Callable[[], bool]], Iterable[RunState]],
-    checkpoints: Checkpoints,
-) -> None:
-    """Make all runs of a batch, after those in the stored checkpoint, and store checkpoints when they are due.
-
-    `make_run(column, stored, due)` fills one column of the ensemble. It continues from the stored state of this run, if
-    there is one, and yields the run's state at the end of a block when a checkpoint is due.
-    Raises StorageError if the stored checkpoint is not one of such a batch.
-    """
-    ensemble, runs = batch.ensemble, len(batch.ensemble.seeds)
-    finished, stored = (0, None) if checkpoints.stored is None else _unpacked(checkpoints.stored, batch)
-    for column in range(finished, runs):
-        for state in make_run(column, stored, checkpoints.due):
-            checkpoints.store(pack(ensemble, column, state))
-        stored = None
-        if column + 1 < runs and checkpoints.due():
-            checkpoints.store(pack(ensemble, column + 1, None))
+def saving_of(checkpoints: Checkpoints, ensemble: Ensemble, column: int) -> Saving:
+    """Return when and how the run of this column is stored, together with the finished runs before it."""
+    return Saving(checkpoints.due, lambda state: checkpoints.store(pack(ensemble, column, state)))
 
 
 def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str, np.ndarray]:
@@ -77,14 +61,20 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     return arrays
 
 
-def _unpacked(arrays: dict[str, np.ndarray], batch: Batch) -> tuple[int, RunState | None]:
-    """Do the same as `unpack`; raise StorageError for arrays that are not those of `pack` for such a batch."""
+def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, RunState | None]:
+    """Copy the finished runs of a checkpoint, if there is one, into a batch; return what `unpack` does.
+
+    Raises StorageError for arrays that are not those of `pack` for such a batch.
+    """
+    if arrays is None:
+        return 0, None
     try:
         batch.stopped.update(_stopped_in(arrays))
         expected = _expected(arrays, batch)
-        wrong = [name for name in arrays.keys() | expected if _layout(arrays.get(name)) != expected.get(name)]
+        found = {name: (array.dtype, array.shape) for name, array in arrays.items()}
+        wrong = [name for name in found.keys() | expected if found.get(name) != expected.get(name)]
         finished, state = (0, None) if wrong else unpack(arrays, batch.ensemble)
-        if state is not None and not LEAST_SLOTS <= state.slots <= MOST_SLOTS:
+        if state is not None and not LEAST_SLOTS <= state.slots <= MOST_STORED_SLOTS:
             wrong = ["run.slots"]
     except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
         wrong = [type(error).__name__]
@@ -137,11 +127,6 @@ def _layouts_of_log(group: str, arrays: dict[str, np.ndarray]) -> dict[str, Layo
     count = arrays[f"{group}.time"].shape[0]
     times, disks, impulses = (np.dtype(float), (count,)), (np.dtype(np.int32), (count,)), (np.dtype(float), (count, 2))
     return {f"{group}.time": times, f"{group}.a": disks, f"{group}.b": disks, f"{group}.impulse": impulses}
-
-
-def _layout(array: np.ndarray | None) -> Layout | None:
-    """Return the type and shape of an array; None if there is none."""
-    return None if array is None else (array.dtype, array.shape)
 
 
 def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunState | None]:

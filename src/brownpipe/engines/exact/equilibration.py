@@ -3,29 +3,16 @@
 All engines that move all disks start from these states.
 """
 
-from collections.abc import Callable, Generator
-
 import numpy as np
 
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.exact import run
-from brownpipe.engines.exact.run import PreparedScene, RunState, beginning, evolve, never, prepare_scene, uninterrupted
-from brownpipe.engines.initial_state import draw, without_total_momentum
+from brownpipe.engines.exact.run import NOT_SAVED, PreparedScene, RunState, Saving, beginning, evolve, prepare_scene
+from brownpipe.engines.initial_state import without_total_momentum
 from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.state import State
 from brownpipe.errors import RunError
 from brownpipe.scene import Scene
-
-
-def states(scene: Scene) -> Callable[[int], State]:
-    """Return the function from a seed to the state at t = 0, with its kernels compiled.
-
-    It raises RunError if the equilibration fails, RequestError if the disks cannot be placed.
-    """
-    equilibrator = prepare_equilibration(scene)
-    if equilibrator is None:
-        return lambda seed: draw(scene, seed)
-    return lambda seed: uninterrupted(equilibrate(equilibrator, draw(scene, seed)))
 
 
 def prepare_equilibration(scene: Scene) -> PreparedScene | None:
@@ -41,17 +28,20 @@ def kernel_calls(scene: Scene) -> list[KernelCall]:
 
 
 def equilibrate(
-    prepared: PreparedScene, state: State, due: Callable[[], bool] = never, stored: RunState | None = None
-) -> Generator[RunState, None, State]:
+    prepared: PreparedScene | None, state: State, stored: RunState | None = None, saving: Saving = NOT_SAVED
+) -> State:
     """Run a drawn state for the scene's time to equilibrate, or continue a stored run; return the state at t = 0.
 
-    A pinned tracer keeps its place and regains its velocity at t = 0. Yield states of the run as `run.evolve` does.
-    Raises RunError if the run fails its health check.
+    `prepared` is from `prepare_equilibration`; if it is None, the drawn state is returned. A pinned tracer keeps its
+    place and regains its velocity at t = 0. Raises RunError if the run fails its health check or makes no progress.
     """
+    if prepared is None:
+        return state
     scene = prepared.scene
-    start = beginning(prepared, _with_tracer_at_rest(state) if prepared.pinned else state)
+    moving = np.arange(len(state.mass)) >= int(prepared.pinned)  # all disks, or all but the tracer
+    start = beginning(prepared, state._replace(velocity=state.velocity * moving[:, None]))
     start = start._replace(equilibrating=True) if stored is None else stored
-    result = yield from evolve(prepared, start, np.array([scene.equilibrate]), {"all"}, due)
+    result = evolve(prepared, start, np.array([scene.equilibrate]), {"all"}, saving)
     if result.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
     position, velocity = result.whole.position[-1], result.whole.velocity[-1]
@@ -61,8 +51,3 @@ def equilibrate(
     if scene.velocities.zero_momentum:
         velocity = without_total_momentum(velocity, state.mass)
     return state._replace(position=position, velocity=velocity)
-
-
-def _with_tracer_at_rest(state: State) -> State:
-    moving = np.arange(len(state.mass)) > 0
-    return state._replace(velocity=state.velocity * moving[:, None])

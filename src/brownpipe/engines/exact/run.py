@@ -5,8 +5,8 @@ alone (`events.begin_block`): cell list, event queue and neighbour lists are bui
 RunState is therefore bit-identical to one that was never interrupted.
 """
 
-from collections.abc import Callable, Collection, Generator
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable, Collection
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare
 from brownpipe.engines.exact.recording import joined, logged, new_recorder, report_of
 from brownpipe.engines.insertion import warm_up_call
-from brownpipe.engines.recording import SAMPLES, tracer_track, whole_track
+from brownpipe.engines.recording import SAMPLES, tracks
 from brownpipe.engines.state import Events, State
 from brownpipe.engines.units import Frame, frame_of, motion_of
 from brownpipe.errors import RunError, StorageError
@@ -28,7 +28,6 @@ from brownpipe.scene import Scene
 SECONDS_TO_COMPILE = 7.0  # of CPU
 EVENTS_PER_CALL = 2_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
 SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
-Outcome = TypeVar("Outcome")
 
 
 class PreparedScene(NamedTuple):
@@ -58,9 +57,14 @@ class RunState(NamedTuple):
     events: Events | None = None  # the log so far, in the scene's units and order
 
 
-def never() -> bool:
-    """Return False: no checkpoint is ever due."""
-    return False
+class Saving(NamedTuple):
+    """When and how the state of a run is stored."""
+
+    due: Callable[[], bool]  # whether to store at the next end of a block
+    store: Callable[[RunState], None]  # takes a state whose arrays are views of the workspace, which changes later
+
+
+NOT_SAVED = Saving(lambda: False, lambda _: None)
 
 
 def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
@@ -89,26 +93,21 @@ def beginning(prepared: PreparedScene, state: State) -> RunState:
 
 
 def run(prepared: PreparedScene, state: State, times: np.ndarray, record: Collection[str] = ()) -> RunResult:
-    """Run from a state without checkpoints, and sample at the given times (T,) [time].
-
-    Raises RunError if the run makes no progress.
-    """
-    return uninterrupted(evolve(prepared, beginning(prepared, state), times, record))
+    """Run from a state without checkpoints, and sample at the given times (T,) [time]; raise RunError as `evolve`."""
+    return evolve(prepared, beginning(prepared, state), times, record)
 
 
 def evolve(
     prepared: PreparedScene,
     start: RunState,
     times: np.ndarray,
-    record: Collection[str] = (),
-    due: Callable[[], bool] = never,
-) -> Generator[RunState, None, RunResult]:
+    record: Collection[str],
+    saving: Saving = NOT_SAVED,
+) -> RunResult:
     """Continue a run, sample it at the given times (T,) [time] and return its result.
 
-    Whenever a checkpoint is due, yield the run's state at the end of the block. Its arrays are views of the
-    workspace: use them before the run goes on. A run in which a cell or a neighbour list overflows restarts with twice
-    the capacity. The next run starts with the default capacity, as it must not depend on earlier runs.
-    Raises RunError if the run makes no progress.
+    A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next run starts with the
+    default capacity, as it must not depend on earlier runs. Raises RunError if the run makes no progress.
     """
     scene, frame, w, pinned = prepared
     while True:
@@ -116,20 +115,11 @@ def evolve(
             w = prepare(scene, frame, pinned, start.slots)
         recorder = new_recorder(frame, w, times, record)
         logs = _restore(start, w, recorder)
-        if (yield from _to_last_sample(prepared, w, recorder, start, logs, due)):
+        if _to_last_sample(prepared, w, recorder, start, logs, saving):
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
     report = report_of(scene, frame, w, start.first[:, 2:])
-    return RunResult(tracer_track(scene, frame, recorder), whole_track(scene, frame, recorder), joined(logs), report)
-
-
-def uninterrupted(states: Generator[RunState, None, Outcome]) -> Outcome:
-    """Run a generator of states to its end; return its result."""
-    while True:
-        try:
-            next(states)
-        except StopIteration as end:
-            return end.value
+    return RunResult(*tracks(scene, frame, recorder), joined(logs), report)
 
 
 def _to_last_sample(
@@ -138,13 +128,13 @@ def _to_last_sample(
     recorder: ws.Recorder,
     start: RunState,
     logs: list[Events],
-    due: Callable[[], bool],
-) -> Generator[RunState, None, bool]:
+    saving: Saving,
+) -> bool:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
     scene, frame = prepared.scene, prepared.frame
     before, events = _block_and_time(w), 0
     while True:
-        w.progress[ws.STOP] = due()
+        w.progress[ws.STOP] = saving.due()
         outcome = advance(w, recorder, EVENTS_PER_CALL)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
             events += EVENTS_PER_CALL if outcome == ws.PAUSED else len(recorder.log_time)
@@ -158,7 +148,7 @@ def _to_last_sample(
         if outcome in (ws.DONE, ws.CELL_FULL):
             return outcome == ws.DONE
         if outcome == ws.BLOCK_OVER:
-            yield _state_of(w, recorder, start, logs)
+            saving.store(_state_of(w, recorder, start, logs))
 
 
 def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: list[Events]) -> RunState:
@@ -219,7 +209,7 @@ def _progress_fits(state: RunState, recorder: ws.Recorder) -> bool:
 
 
 def _in_box(motion: np.ndarray, grid: ws.Grid) -> bool:
-    """Whether all numbers are finite and all positions within two boxes: a disk may lead its box by a block."""
+    """Whether all numbers are finite and all positions within two boxes: a disk may be outside until it is wrapped."""
     x, y = motion[:, 0] - grid.x, motion[:, 1] - grid.y
     inside = (np.abs(x) <= 2 * grid.width) & (np.abs(y) <= 2 * grid.height)
     return bool(np.isfinite(motion).all() and inside.all())

@@ -1,17 +1,17 @@
-"""The exact engine: event-driven molecular dynamics of hard disks, exact up to round-off.
+"""Runs of the exact engine, which can be interrupted and continued (`checkpoint`).
 
 Each run is drawn from its seed (`initial_state`), equilibrated (`equilibration`), run from collision to collision
-(`run`) and measured (`batch`). A batch of runs can be interrupted and continued (`checkpoint`).
+(`run`) and measured (`batch`).
 """
 
-from collections.abc import Callable, Collection, Generator, Sequence
+from collections.abc import Collection, Sequence
 
 from brownpipe.engines.batch import add_run, making_run, new_batch
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.exact import equilibration, run
-from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, complete
+from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, pack, resume, saving_of
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
-from brownpipe.engines.exact.run import RunState, beginning, evolve, prepare_scene
+from brownpipe.engines.exact.run import beginning, evolve, prepare_scene
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.state import Ensemble
 from brownpipe.scene import Scene
@@ -40,24 +40,22 @@ def simulate(
     bit-identical to that of an uninterrupted batch.
     A run that makes no progress, whose equilibration fails or whose disks find no place at random is failed, with
     the reason in `stopped`. Raises RequestError if the scene leaves no place for its disks in any run, or has no such
-    observables.
+    observables, StorageError if the stored state is not one of such a batch.
     """
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator = prepare_equilibration(scene)
     prepared = prepare_scene(scene)
-
-    def make_run(column: int, stored: RunState | None, due: Callable[[], bool]) -> Generator[RunState, None, None]:
-        """Make one run of the batch, or finish a stored one; yield its state whenever a checkpoint is due."""
-        seed = int(batch.ensemble.seeds[column])
+    ensemble, runs = batch.ensemble, len(batch.ensemble.seeds)
+    finished, stored = resume(checkpoints.stored, batch)
+    for column in range(finished, runs):
+        saving = saving_of(checkpoints, ensemble, column)
         with making_run(batch, column):
             start = stored
             if start is None or start.equilibrating:
-                state = draw(scene, seed)
-                if equilibrator is not None:
-                    state = yield from equilibrate(equilibrator, state, due, stored)
-                start = beginning(prepared, state)
-            result = yield from evolve(prepared, start, scene.times, batch.needed_record, due)
-            add_run(batch, column, result)
-
-    complete(batch, make_run, checkpoints)
-    return batch.ensemble
+                drawn = draw(scene, int(ensemble.seeds[column]))
+                start = beginning(prepared, equilibrate(equilibrator, drawn, stored, saving))
+            add_run(batch, column, evolve(prepared, start, scene.times, batch.needed_record, saving))
+        stored = None
+        if column + 1 < runs and checkpoints.due():
+            checkpoints.store(pack(ensemble, column + 1, None))
+    return ensemble

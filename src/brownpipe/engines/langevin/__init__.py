@@ -28,7 +28,7 @@ RATE_RUNS = 8  # of the exact engine that share these collisions
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
 SECONDS_PER_RUN = 4.5e-5  # CPU seconds, most of them to set up two random number generators
 SECONDS_PER_SAMPLE = 1.3e-7  # CPU seconds
-BYTES_PER_SAMPLE = 180  # of memory, during a run: random numbers, the path and intermediate arrays
+BYTES_PER_SAMPLE = 180.0  # of memory, during a run: random numbers, the path and intermediate arrays
 FRICTIONS = ("enskog", "boltzmann", "measured")
 
 
@@ -91,26 +91,22 @@ def _forecast(
     seconds = SECONDS_PER_RUN + SECONDS_PER_SAMPLE * len(scene.times)
     seconds += forecast.seconds_to_measure_tracer(scene, observables, average)
     exact = forecast.of_run(scene, record, observables, average)
-    rate_scene = scene_with_disks(scene, settings)
-    once = 0.0 if rate_scene is None else RATE_RUNS * forecast.of_run(rate_scene).seconds
-    working = 0.0 if rate_scene is None else forecast.of_run(rate_scene).working
-    working = max(working, BYTES_PER_SAMPLE * len(scene.times))
     storing = forecast.SECONDS_PER_BYTE * exact.recorded
+    once, working = 0.0, BYTES_PER_SAMPLE * len(scene.times)
+    if rate_scene := scene_with_disks(scene, settings):
+        rate = forecast.of_run(rate_scene)
+        once, working = RATE_RUNS * rate.seconds, max(rate.working, working)
     return forecast.Cost(0.0, 0.0, seconds, exact.recorded, exact.kept, working, storing, once)
 
 
 def scene_with_disks(scene: Scene, settings: dict) -> Scene | None:
-    """Return the scene in which the collision rate is measured; None for a friction that needs no disks."""
-    return scene_to_measure_rate(scene) if settings["friction"] == "measured" else None
+    """Return the scene in which the exact engine measures the tracer's collision rate.
 
-
-def scene_to_measure_rate(scene: Scene) -> Scene | None:
-    """Return the scene in which the exact engine measures the tracer's collision rate; None if nothing moves.
-
-    All disks are in equilibrium at the temperature of the bath, and the tracer moves freely. The rate, from the first
-    RATE_RUNS seeds, is an average over the positions of the tracer and does not depend on the seeds of the study.
+    None if the friction is not `measured`, or nothing moves. All disks are in equilibrium at the temperature of the
+    bath, and the tracer moves freely. The rate, from the first RATE_RUNS seeds, is an average over the positions of the
+    tracer and does not depend on the seeds of the study.
     """
-    expected = partners_of(scene).rate.sum()
+    expected = partners_of(scene).rate.sum() if settings["friction"] == "measured" else 0.0
     if expected == 0:
         return None
     duration = float(RATE_COLLISIONS / (RATE_RUNS * expected))

@@ -7,22 +7,12 @@ from collections.abc import Collection
 
 from brownpipe.engines import forecast
 from brownpipe.engines.definition import Definition, Setting, one_of
-from brownpipe.engines.timestep.settings import COLLISIONS, PRECISIONS, largest_step, refuse_bad_step
-from brownpipe.errors import RequestError
+from brownpipe.engines.timestep.settings import COLLISIONS, PRECISIONS, largest_step, refuse_unfit
 from brownpipe.scene import reading
 from brownpipe.scene.scene import Scene
 
 SECONDS_PER_DISK_STEP = 8e-10  # CPU seconds per disk and time step
-TRIAL_STEPS = (0.5, 0.15, 0.05)  # time steps that `brownpipe plan` tries, in units of the largest allowed one
-
-
-def _refuse_unfit(scene: Scene, settings: dict, record: frozenset) -> None:
-    """Raise RequestError for a time step that does not fit the scene, or a record of events."""
-    refuse_bad_step(scene, **settings)
-    if "events" in record:
-        raise RequestError(
-            "--record events: the timestep engine knows no instants of collisions; must be tracer or all"
-        )
+TRIAL_STEPS = (0.5, 0.15, 0.05)  # that `brownpipe plan` tries, in units of the largest allowed step; to one digit
 
 
 def _forecast(
@@ -32,11 +22,6 @@ def _forecast(
     exact = forecast.of_run(scene, record, observables, average)
     steps = scene.duration / settings["time_step"]
     return exact._replace(seconds=exact.seconds + SECONDS_PER_DISK_STEP * scene.particles * steps)
-
-
-def _candidates(scene: Scene) -> list[dict]:
-    """Return TRIAL_STEPS, rounded to one digit."""
-    return [{"time_step": float(f"{largest_step(scene) * step:.1g}")} for step in TRIAL_STEPS]
 
 
 TIMESTEP = Definition(
@@ -51,8 +36,8 @@ TIMESTEP = Definition(
         ),
     },
     model=lambda scenes, settings: "all disks, in time steps",
-    refuse_unfit=_refuse_unfit,
+    refuse_unfit=refuse_unfit,
     caution=forecast.few_collisions,
     forecast=_forecast,
-    candidates=_candidates,
+    candidates=lambda scene: [{"time_step": float(f"{largest_step(scene) * part:.1g}")} for part in TRIAL_STEPS],
 )

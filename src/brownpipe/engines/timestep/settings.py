@@ -1,6 +1,7 @@
 """The time steps, precisions and treatments of collisions that a scene can be run with."""
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -14,17 +15,10 @@ MOST_STEPS = 1e10  # in a run
 FINEST = 64  # shortest path of a disk in a step, in units of the round-off of the largest coordinate
 
 
-def refuse_bad_step(scene: Scene, time_step: float, precision: str, collisions: str) -> None:
-    """Raise RequestError, in one line, for settings that the scene cannot be run with."""
-    if collisions not in COLLISIONS:
-        raise RequestError(f"collisions: must be one of {', '.join(COLLISIONS)}, found {collisions!r}")
-    if precision not in PRECISIONS:
-        raise RequestError(f"precision: must be one of {', '.join(PRECISIONS)}, found {precision!r}")
+def refuse_unfit(scene: Scene, settings: dict, record: Collection[str]) -> None:
+    """Raise RequestError for a time step that does not fit the scene, or a record of events."""
+    time_step, precision = settings["time_step"], settings["precision"]
     most, least = largest_step(scene), smallest_step(scene, precision)
-    if not (isinstance(time_step, int | float) and math.isfinite(time_step) and time_step > 0):
-        raise RequestError(
-            f"{scene.name}: time_step: must be a finite number above 0 and at most {most:.4g}, found {time_step!r}"
-        )
     if time_step > most:
         raise RequestError(
             f"{scene.name}: time_step: must be at most {most:.4g}, in which a disk at thermal speed covers its radius, "
@@ -34,6 +28,10 @@ def refuse_bad_step(scene: Scene, time_step: float, precision: str, collisions: 
         raise RequestError(
             f"{scene.name}: time_step: must be at least {least:.4g} in {precision} precision, for at most "
             f"{MOST_STEPS:g} steps in which disks move by more than round-off, found {time_step!r}"
+        )
+    if "events" in record:
+        raise RequestError(
+            "--record events: the timestep engine knows no instants of collisions; must be tracer or all"
         )
 
 

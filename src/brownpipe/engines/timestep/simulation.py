@@ -15,20 +15,18 @@ from brownpipe import stages
 from brownpipe.engines.batch import RunResult, add_run, making_run, new_batch
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
-from brownpipe.engines.exact.equilibration import kernel_calls as states_calls
-from brownpipe.engines.exact.equilibration import states
-from brownpipe.engines.recording import tracer_track, whole_track
+from brownpipe.engines.exact import equilibration
+from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
+from brownpipe.engines.initial_state import draw
+from brownpipe.engines.recording import tracks
 from brownpipe.engines.state import Ensemble, State
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.layout import begin, prepare
 from brownpipe.engines.timestep.recording import recorder, report_of
-from brownpipe.engines.timestep.settings import largest_step, refuse_bad_step, smallest_step
+from brownpipe.engines.timestep.settings import refuse_unfit
 from brownpipe.engines.timestep.steps import advance
 from brownpipe.engines.units import Frame, frame_of, motion_of
-from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
-
-__all__ = ["SteppingSetup", "largest_step", "prepared", "run", "simulate", "smallest_step"]
 
 SECONDS_TO_COMPILE = 7.0  # of CPU
 DISK_STEPS_PER_CALL = 100_000_000  # between two chances for Python to handle signals
@@ -63,25 +61,24 @@ def simulate(
     overlaps at the end of the step. A sample is a free flight from the last step before it, so that no step depends on
     the sample times.
     A run whose disks find no place at random or whose equilibration fails is failed, with the reason in `stopped`.
-    Raises RequestError for settings that the scene cannot be run with (`refuse_bad_step`), for a record of events, and
-    if the scene leaves no place for its disks in any run.
+    Raises RequestError for a time step or record that the engine refuses, and if the scene leaves no place for its
+    disks in any run.
     """
-    if "events" in record:
-        raise RequestError("record: must be tracer, all or none, as collisions happen between time steps; found events")
+    refuse_unfit(scene, {"time_step": time_step, "precision": precision}, record)
     batch = new_batch(scene, seeds, record, observables, average)
-    initial_state = states(scene)
+    equilibrator = prepare_equilibration(scene)
     setup = prepared(scene, time_step, precision, collisions)
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         with making_run(batch, column):
-            add_run(batch, column, run(setup, initial_state(seed), scene.times, batch.needed_record))
+            start = equilibrate(equilibrator, draw(scene, seed))
+            add_run(batch, column, run(setup, start, scene.times, batch.needed_record))
     return batch.ensemble
 
 
 def prepared(
     scene: Scene, time_step: float, precision: str = "double", collisions: str = "at_contact"
 ) -> SteppingSetup:
-    """Return the setup for runs of a scene, with its kernels compiled. Raises RequestError for unfit settings."""
-    refuse_bad_step(scene, time_step, precision, collisions)
+    """Return the setup for runs of a scene, with its kernels compiled."""
     frame = frame_of(scene)
     w = prepare(scene, frame, time_step, precision, collisions)
     compile_all([_call(scene, frame, time_step, w)])
@@ -92,7 +89,7 @@ def kernel_calls(scene: Scene, time_step: float, precision: str, collisions: str
     """Return the calls that compile the kernels for a scene."""
     frame = frame_of(scene)
     w = prepare(scene, frame, time_step, precision, collisions)
-    return [_call(scene, frame, time_step, w), *states_calls(scene)]
+    return [_call(scene, frame, time_step, w), *equilibration.kernel_calls(scene)]
 
 
 def _call(scene: Scene, frame: Frame, time_step: float, w: ws.Workspace) -> KernelCall:
@@ -113,7 +110,7 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
     report = report_of(scene, frame, w, first_velocity)
-    return RunResult(tracer_track(scene, frame, samples), whole_track(scene, frame, samples), None, report)
+    return RunResult(*tracks(scene, frame, samples), None, report)
 
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: ws.Workspace) -> ws.Workspace:
