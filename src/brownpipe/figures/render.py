@@ -1,9 +1,8 @@
-"""Write the figures of a dataset, each as PNG, SVG and CSV."""
+"""Draw the figures of a dataset."""
 
 from __future__ import annotations
 
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import FigureError
@@ -11,12 +10,8 @@ from brownpipe.figures.cases import cases_of, check_count, check_names, has, one
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.catalogue import Figure as Entry
 from brownpipe.figures.drawing import Drawing, drawing_of
-from brownpipe.figures.origin import Record, stamped
 from brownpipe.figures.style import drawing
-from brownpipe.figures.summary import summary_table
-from brownpipe.figures.tables import to_csv
 from brownpipe.stages import tracked
-from brownpipe.storage import write_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,22 +19,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
     from xarray import Dataset
-
-FILE_TYPES = ("png", "svg", "csv")
-
-
-def render(
-    dataset: Dataset,
-    folder: str | Path,
-    names: Sequence[str] | None = None,
-    particles: int | None = None,
-    record: Record | None = None,
-) -> list[Path]:
-    """Write figures of a dataset and `summary.csv` into a folder; return the paths. Arguments and errors: see `drawn`.
-
-    With a `record` of what they were made from, the pictures state it.
-    """
-    return write_drawings(drawn(dataset, names, particles), dataset, folder, record)
 
 
 def drawn(dataset: Dataset, names: Sequence[str] | None = None, particles: int | None = None) -> list[Drawing]:
@@ -62,29 +41,8 @@ def drawn(dataset: Dataset, names: Sequence[str] | None = None, particles: int |
     return drawings
 
 
-def write_drawings(
-    drawings: Sequence[Drawing], dataset: Dataset, folder: str | Path, record: Record | None = None
-) -> list[Path]:
-    """Write drawings of a dataset and then `summary.csv` into a folder; return the paths.
-
-    Figures in the folder that are not among the drawings are removed, as they may belong to another dataset.
-    """
-    files: dict[str, bytes] = {}
-    for shown in drawings:
-        for suffix, image in shown.images.items():
-            files[f"{shown.name}.{suffix}"] = stamped(image, f"{shown.name}.{suffix}", record)
-        files[f"{shown.name}.csv"] = to_csv(shown.table)
-    files["summary.csv"] = to_csv(summary_table(dataset))
-    for path in (Path(folder) / f"{name}.{suffix}" for name in FIGURES for suffix in FILE_TYPES):
-        if path.name not in files:
-            path.unlink(missing_ok=True)
-    for name, contents in files.items():
-        write_file(Path(folder) / name, contents)
-    return [Path(folder) / name for name in files]
-
-
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
-    """Return one figure of a dataset, as `render` writes it; the same errors."""
+    """Return one figure of a dataset, as `drawn` draws it; the same errors."""
     shown = cases_shown(dataset, particles, [name])
     _refuse_lacking(name, shown)
     with drawing():

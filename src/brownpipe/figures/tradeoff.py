@@ -7,19 +7,16 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brownpipe.figures.cases import check_names, plus_minus
 from brownpipe.figures.drawing import Drawing, drawing_of
-from brownpipe.figures.origin import Record, closing_lines, stamped
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, log_axis
-from brownpipe.figures.tables import Table, aligned, to_csv
+from brownpipe.figures.tables import Table, aligned
 from brownpipe.quoting import in_lines
 from brownpipe.stages import tracked
-from brownpipe.storage import write_file
 from brownpipe.tradeoff.front import FEWEST_RUNS, Interval, Setting, pareto_front, settings_of, total_error
 
 if TYPE_CHECKING:
@@ -257,14 +254,6 @@ def scenes_of(dataset: Dataset) -> list[str]:
     return [scene for scene in dataset.scene.values if np.count_nonzero(dataset.runs.sel(scene=scene)) > 1]
 
 
-def render(dataset: Dataset, folder: str | Path, record: Record | None = None) -> list[Path]:
-    """Write tradeoff_SCENE.png and .svg for every scene, tradeoff.csv and tradeoff.txt; return the paths.
-
-    With a `record` of what they were made from, pictures and text state it.
-    """
-    return write_drawings(drawn(dataset), dataset, folder, record)
-
-
 def drawn(dataset: Dataset) -> list[Drawing]:
     """Draw the trade-off of every scene; the table of each drawing has that scene alone."""
     check_names(dataset)
@@ -273,18 +262,3 @@ def drawn(dataset: Dataset) -> list[Drawing]:
             drawing_of(f"tradeoff_{scene}", draw(dataset, scene), table(dataset, [scene]))
             for scene in tracked(scenes_of(dataset), "figures")
         ]
-
-
-def write_drawings(
-    drawings: Sequence[Drawing], dataset: Dataset, folder: str | Path, record: Record | None = None
-) -> list[Path]:
-    """Write the pictures of drawings, tradeoff.csv and tradeoff.txt into a folder; return the paths."""
-    files: dict[str, bytes] = {}
-    for shown in drawings:
-        for suffix, image in shown.images.items():
-            files[f"{shown.name}.{suffix}"] = stamped(image, f"{shown.name}.{suffix}", record)
-    text = summary(dataset) + ("" if record is None else closing_lines(record))
-    files |= {"tradeoff.csv": to_csv(table(dataset)), "tradeoff.txt": text.encode()}
-    for name, contents in files.items():
-        write_file(Path(folder) / name, contents)
-    return [Path(folder) / name for name in files]
