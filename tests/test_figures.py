@@ -602,11 +602,11 @@ def test_only_pairs_that_there_are_take_room(dataset):
         f"thermal, N = 20: {PAIRS[2]}",
     ]
     assert all(axes.axison for axes in panels)
-    assert figure.get_size_inches() == pytest.approx([3 * style.PANEL[0], 3.6])
+    assert figure.get_size_inches() == pytest.approx([3 * style.WIDTH, 3.6])
     other = (dataset.scene == "hot") == (dataset.species_pair == PAIRS[1])
     figure, panels = made("pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(other)))
     assert [axes.axison for axes in panels] == [True, True]
-    assert figure.get_size_inches() == pytest.approx([2 * style.PANEL[0], 3.6])
+    assert figure.get_size_inches() == pytest.approx([2 * style.WIDTH, 3.6])
 
 
 @pytest.mark.slow

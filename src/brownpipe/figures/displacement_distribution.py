@@ -22,9 +22,10 @@ from brownpipe.figures.style import (
     INK,
     MODEL,
     MOST_COLUMNS,
+    WIDTH,
+    grid,
     heads,
     residual_panel,
-    tall_and_low,
 )
 from brownpipe.figures.tables import Table
 
@@ -37,7 +38,8 @@ if TYPE_CHECKING:
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (MODEL, DASHED, "s"), "square": (INK, DOTTED, "^")}  # colour, line, marker
 SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "reflecting square, D"}
 LINE = 58  # characters of a line below a column
-HEIGHT = 6.4  # of a row [inch]
+HEIGHT = 6.4  # of a row: the counts and their residuals [inch]
+RATIO = 2.2  # of the heights of these two
 LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where no runs are expected
 OVERFLOW = 2.6  # half the width of the strip that counts the runs beyond the last ring, in ring widths
 VARIABLES = ("displacement_counts",)
@@ -55,8 +57,8 @@ def draw(cases: list[Dataset]) -> Figure:
         table = [[row[0] for row in table]]
     table = [row[k : k + MOST_COLUMNS] for row in table for k in range(0, len(row), MOST_COLUMNS)]
     comparable = len({_width(case) for row in table for case in row}) == 1  # counts in rings of equal width
-    sharing = {"sharex": False, "sharey": "row" if comparable else False}
-    figure, axes = tall_and_low(max(map(len, table)), rows=len(table), ratio=2.2, height=HEIGHT, **sharing)
+    options = {"sharey": "row" if comparable else False, "height_ratios": (RATIO, 1) * len(table)}
+    figure, axes = grid(2 * len(table), max(map(len, table)), WIDTH, HEIGHT / 2, **options)
     for k, row in enumerate(table):
         _row(axes[2 * k : 2 * k + 2], row)
     return figure

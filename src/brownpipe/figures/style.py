@@ -33,7 +33,7 @@ DOTTED = (0, (1, 1.2))
 DASH_DOT = (0, (4, 1.5, 1, 1.5))
 # Colour, line and marker of the first, second, ... species, fit window or scene
 SERIES = ((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D"))
-PANEL = (4.8, 5.4)  # width and height of the panel of a case [inch]
+WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis
 BETWEEN = 0.09  # padding on each side of a panel [inch]
@@ -135,20 +135,6 @@ def _figure(width: float, height: float) -> Figure:
     return Figure((width, height), layout=ConstrainedLayoutEngine(w_pad=BETWEEN))
 
 
-def tall_and_low(
-    columns: int, rows: int = 1, ratio: float = 2.6, sharex: Any = "col", sharey: Any = "row", height: float = PANEL[1]
-) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its axes (2 rows, columns): `rows` pairs of a tall panel and a low one in each column.
-
-    `ratio` is that of their heights, `height` [inch] that of a pair; `sharex` and `sharey` as in matplotlib.
-    """
-    figure = _figure(PANEL[0] * columns, height * rows)
-    axes = figure.subplots(
-        2 * rows, columns, sharex=sharex, sharey=sharey, squeeze=False, height_ratios=(ratio, 1) * rows
-    )
-    return figure, axes
-
-
 def time_axis(axes: Axes, times: np.ndarray) -> None:
     """Label the time axis and set its limits; make it logarithmic if the samples after t = 0 are not equally spaced."""
     later = times[times > 0]
@@ -239,10 +225,13 @@ def error_bars(axes: Axes, x: Sequence, y: Sequence, reach: np.ndarray, at: Sequ
     setattr(axes.errorbar(at, y, reach, **looks), STATED_X, [*x])
 
 
-def grid(rows: int, columns: int, width: float, height: float, **sharing: Any) -> tuple[Figure, np.ndarray]:
-    """Return a figure of panels of equal width and height [inch], and its axes (rows, columns)."""
+def grid(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
+    """Return a figure of panels and its axes (rows, columns).
+
+    `width` and `height` [inch] are those of a panel, on average over the rows; `options` as for `Figure.subplots`.
+    """
     figure = _figure(width * columns, height * rows)
-    return figure, figure.subplots(rows, columns, squeeze=False, **sharing)
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def columns(
@@ -255,7 +244,7 @@ def columns(
     """
     wide = min(count, MOST_COLUMNS)
     rows, panels = -(-count // wide), len(heights)
-    figure = _figure(PANEL[0] * wide, sum(heights) * rows)
+    figure = _figure(WIDTH * wide, sum(heights) * rows)
     axes = figure.subplots(panels * rows, wide, squeeze=False, height_ratios=tuple(heights) * rows)
     stacks = axes.reshape(rows, panels, wide).swapaxes(0, 1).reshape(panels, rows * wide)
     for panel in stacks[:, count:].flat:

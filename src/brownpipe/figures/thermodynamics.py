@@ -13,7 +13,7 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import by_series, has
-from brownpipe.figures.style import DASHED, GREY, INK, PANEL, SERIES, apart, bars, error_bars, grid, heads, tall_and_low
+from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, apart, bars, error_bars, grid, heads
 from brownpipe.figures.tables import Table, long_table
 
 if TYPE_CHECKING:
@@ -71,8 +71,8 @@ def _panels(columns: int, with_theory: bool, series: int) -> tuple[Figure, np.nd
     """A row of panels, with theory a low one for the deviations below each; higher if the legend has many series."""
     legend = 0.19 * max(0, series - 2)
     if with_theory:
-        return tall_and_low(columns, ratio=2.0, sharey=False, height=5.6 + legend)
-    return grid(1, columns, PANEL[0], 4.0 + legend)
+        return grid(2, columns, WIDTH, (5.6 + legend) / 2, sharex="col", height_ratios=(2, 1))
+    return grid(1, columns, WIDTH, 4.0 + legend)
 
 
 def _horizontal(cases: list[Dataset]) -> tuple[float, float]:
