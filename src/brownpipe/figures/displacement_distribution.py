@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.figures.cases import distributions_of, plus_minus, title_of
+from brownpipe.figures.cases import distributions_of, parts_of, plus_minus, title_of
 from brownpipe.figures.style import (
     DASHED,
     DATA,
@@ -96,9 +96,9 @@ def _time(case: Dataset) -> float:
 
 def _verdicts(case: Dataset) -> str:
     """The verdict on every model that is shown, the power of the first test, and the kurtosis, in wrapped lines."""
-    sources = [_source(model) for model, _ in _models(case)]
-    tested = [SOURCES[source] if source == "square" else f"eq. (18) with {SOURCES[source]}" for source in sources]
-    verdicts = [model.verdict.item().partition("; ") for model, _ in _models(case)]
+    models = _models(case)
+    tested = [SOURCES[source] if source == "square" else f"eq. (18) with {SOURCES[source]}" for source in models]
+    verdicts = [model.verdict.item().partition("; ") for model in models.values()]
     lines = [f"{model}: {verdict}" for model, (verdict, _, _) in zip(tested, verdicts, strict=True)]
     lines += [power for _, _, power in verdicts[:1]]
     if np.isfinite(case.kurtosis):
@@ -116,8 +116,9 @@ def _counts(axes: Axes, case: Dataset) -> None:
     bars = np.abs(np.stack([case.displacement_counts_low, case.displacement_counts_high]) - observed)
     axes.errorbar(r, observed, bars, fmt="none", ecolor=DATA, elinewidth=1.1)
     axes.plot(r, observed, "o", color=DATA, markersize=3.5, label=f"{int(case.runs):,} runs, 95 % intervals")
-    for model, (colour, line, _) in _models(case):
-        axes.plot(r, model.expected_counts, color=colour, linestyle=line, label=_legend(model))
+    for source, model in _models(case).items():
+        colour, line, _ = LOOKS[source]
+        axes.plot(r, model.expected_counts, color=colour, linestyle=line, label=_legend(model, source))
     _overflow_strip(axes, case)
     beyond = f"{int(case.displacement_overflow):,} runs beyond $r$ = {edge:g}"
     at = (edge + OVERFLOW * _width(case), 0.5)
@@ -131,17 +132,12 @@ def _overflow_strip(axes: Axes, case: Dataset) -> None:
     axes.axvline(edge, color=GREY, linewidth=0.8)
 
 
-def _legend(model: Dataset) -> str:
+def _legend(model: Dataset, source: str) -> str:
     """The D of a model, its chi-square over the degrees of freedom, and the runs it expects beyond the rings."""
     diffusion = float(model.model_diffusion_coefficient)
     beyond = float(model.expected_overflow)
     test = f"$\\chi^2$/dof = {float(model.chi_square):.1f}/{int(model.degrees_of_freedom)}"
-    return f"{SOURCES[_source(model)]} = {diffusion:.3g}: {test}; {beyond:.0f} beyond"
-
-
-def _source(model: Dataset) -> str:
-    """Where the D of a model comes from: the first word of its name."""
-    return str(model.model.values).partition(" ")[0]
+    return f"{SOURCES[source]} = {diffusion:.3g}: {test}; {beyond:.0f} beyond"
 
 
 def _residuals(axes: Axes, case: Dataset) -> None:
@@ -151,7 +147,8 @@ def _residuals(axes: Axes, case: Dataset) -> None:
     residual_panel(axes)
     _overflow_strip(axes, case)
     models = _models(case)
-    for k, (model, (colour, _, marker)) in enumerate(models):
+    for k, (source, model) in enumerate(models.items()):
+        colour, _, marker = LOOKS[source]
         aside = (k - (len(models) - 1) / 2) * 0.22 * width  # so that no marker hides another
         at = np.append(case.r, edge + OVERFLOW * width) + aside * np.append(np.ones(case.r.size), 4)
         axes.plot(at, _standardised(case, model), marker, color=colour, markersize=4)
@@ -169,16 +166,14 @@ def _standardised(case: Dataset, model: Dataset) -> np.ndarray:
     return np.where(defined, (observed - expected) / np.sqrt(np.maximum(variance, LEAST_VARIANCE)), np.nan)
 
 
-def _models(case: Dataset) -> list[tuple[Dataset, tuple]]:
-    """The first defined model of each source of D, and its LOOKS; the reflecting square only where its walls matter."""
-    models = [case.isel(model=k) for k in range(case.sizes["model"])]
+def _models(case: Dataset) -> dict[str, Dataset]:
+    """The first defined model of each source of D; the reflecting square only where its walls matter."""
     first: dict[str, Dataset] = {}
-    for model in models:
-        if np.isfinite(model.model_diffusion_coefficient):
-            first.setdefault(_source(model), model)
+    for model in parts_of(case, "model", "model_diffusion_coefficient"):
+        first.setdefault(model.model.item().partition(" ")[0], model)
     if {"msd", "square"} <= first.keys() and not _differ(first["msd"], first["square"]):
         del first["square"]
-    return [(model, LOOKS[source]) for source, model in first.items()]
+    return first
 
 
 def _differ(a: Dataset, b: Dataset) -> bool:
