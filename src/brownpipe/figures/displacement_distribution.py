@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from brownpipe.analysis.variables import EACH
 from brownpipe.figures.cases import distributions_of, parts_of, plus_minus, title_of
 from brownpipe.figures.style import (
     DASHED,
@@ -27,7 +28,7 @@ from brownpipe.figures.style import (
     heads,
     residual_panel,
 )
-from brownpipe.figures.tables import Table
+from brownpipe.figures.tables import Table, label_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -189,12 +190,12 @@ def _width(case: Dataset) -> float:
 
 def table(cases: list[Dataset]) -> Table:
     """Return one row per case, time and ring; the last one holds all displacements beyond the rings."""
-    header = ("scene", "particles", "engine", "time", "r_inner", "r_outer", "runs", "runs_low", "runs_high")
+    header = (*EACH, "time", "r_inner", "r_outer", "runs", "runs_low", "runs_high")
     models = [f"expected, {model}" for model in cases[0].model.values]
     names = ("r_inner", "r_outer", "displacement_counts", "displacement_counts_low", "displacement_counts_high")
     rows = []
     for case in chain.from_iterable(map(distributions_of, cases)):
-        label = (case.scene.item(), case.particles.item(), case.engine.item(), _time(case))
+        label = (*label_of(case), _time(case))
         columns = [case[name].values for name in names]
         rows += [(*label, *values) for values in zip(*columns, *case.expected_counts.values, strict=True)]
         beyond = (case.r_outer.values[-1], np.inf, case.displacement_overflow.item(), np.nan, np.nan)

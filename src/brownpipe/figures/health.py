@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brownpipe.analysis.variables import FAILED
+from brownpipe.analysis.variables import EACH, FAILED
 from brownpipe.figures.cases import title_of
 from brownpipe.figures.style import DASHED, DATA, FIT, grid
 from brownpipe.figures.tables import Table
@@ -88,7 +88,7 @@ def _sizes(case: Dataset, name: str) -> np.ndarray:
 
 def table(cases: list[Dataset]) -> Table:
     """Return one row per case and measure: its bound, and minimum, quantiles and maximum over the runs."""
-    of_case = ("scene", "particles", "engine", "runs", "failed_runs")
+    of_case = (*EACH, "runs", "failed_runs")
     rows = []
     for case in cases:
         label = [case[name].item() for name in of_case]

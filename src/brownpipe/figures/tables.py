@@ -7,8 +7,6 @@ import io
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from brownpipe.analysis.variables import EACH
 
 if TYPE_CHECKING:
@@ -34,19 +32,14 @@ def long_table(cases: list[Dataset], dims: Sequence[str], names: Sequence[str]) 
     names = [f"{name}{part}" for name in names for part in PARTS if f"{name}{part}" in cases[0]]
     rows = []
     for case in cases:
-        label = tuple(case[name].item() for name in EACH)
-        shape = case[names].to_array()[0]
-        columns = [case[name].broadcast_like(shape).transpose(*dims).values for name in names]
-        places = [case[dim].values for dim in dims]
-        for at in np.ndindex(columns[0].shape):
-            values = [column[at] for column in columns]
-            if not all(map(_is_nan, values)):
-                rows.append((*label, *(place[k] for place, k in zip(places, at, strict=True)), *values))
+        frame = case[names].expand_dims(EACH).to_dataframe([*EACH, *dims])[names].dropna(how="all")
+        rows += frame.reset_index().itertuples(index=False, name=None)
     return Table((*EACH, *dims, *names), rows)
 
 
-def _is_nan(value: object) -> bool:
-    return isinstance(value, float) and math.isnan(value)
+def label_of(case: Dataset) -> tuple[str, int, str]:
+    """Return scene, particle count and engine, by which the rows of a case begin."""
+    return case.scene.item(), case.particles.item(), case.engine.item()
 
 
 def aligned(columns: Sequence[Sequence[str]]) -> list[str]:
