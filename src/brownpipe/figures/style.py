@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.typing import RcKeyType
+    from numpy.typing import ArrayLike
     from xarray import Dataset
 
 # Colours by meaning: measured data, fits, models, reference lines, text and theory
@@ -220,7 +221,7 @@ def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
     return np.abs([[float(case[f"{name}_{end}"] - case[name]) for case in cases] for end in ("low", "high")])
 
 
-def error_bars(axes: Axes, x: Sequence, y: Sequence, reach: np.ndarray, at: Sequence, **looks: Any) -> None:
+def error_bars(axes: Axes, x: Sequence, y: ArrayLike, reach: np.ndarray, at: Sequence, **looks: Any) -> None:
     """Draw error bars of values at x, shifted to the places `at` so that they do not overlap; they note their x."""
     setattr(axes.errorbar(at, y, reach, **looks), STATED_X, [*x])
 
