@@ -38,7 +38,7 @@ def draw(cases: list[Dataset]) -> Figure:
     figure, axes = grid(1, len(MEASURES), 3.4, height, sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         for row, case in enumerate(cases):
-            _range(panel, row, _sizes(case, name))
+            _range(panel, row, sizes_of(case, name))
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
         place = {"ha": "right", "va": "bottom", "transform": panel.get_xaxis_transform()}
         panel.text(bound, 1.0, f"expected below {bound:g} ", color=FIT, **place)
@@ -80,8 +80,8 @@ def failed_of(cases: list[Dataset]) -> list[str]:
     return lines if more <= 0 else [*lines[:MOST_LINES], f"and runs of {more} other cases"]
 
 
-def _sizes(case: Dataset, name: str) -> np.ndarray:
-    """Absolute values of a measure over the runs that have one."""
+def sizes_of(case: Dataset, name: str) -> np.ndarray:
+    """Return the absolute values of a measure over the runs that have one."""
     values = np.abs(case[name].values)
     return values[np.isfinite(values)]
 
@@ -93,7 +93,7 @@ def table(cases: list[Dataset]) -> Table:
     for case in cases:
         label = [case[name].item() for name in of_case]
         for name, (_, bound) in MEASURES.items():
-            sizes = _sizes(case, name)
+            sizes = sizes_of(case, name)
             quantiles = np.quantile(sizes, (0, *QUANTILES, 1)) if sizes.size else [np.nan] * 5
             rows.append((*label, name, bound, *quantiles))
     return Table((*of_case, "measure", "bound", "least", "5 %", "median", "95 %", "greatest"), rows)
