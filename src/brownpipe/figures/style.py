@@ -194,18 +194,13 @@ def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: 
 
     Their order stays. If the interval is too short for that, they divide it evenly.
     """
+    from scipy.optimize import isotonic_regression
+
     places, count = np.asarray(places, float), len(places)
     order = np.argsort(places, kind="stable")
     steps = min(least, (high - low) / max(1, count - 1)) * np.arange(count)
-    blocks = []  # (mean, number) of places that touch: the isotonic regression of places - steps
-    for place in places[order] - steps:
-        blocks.append((place, 1))
-        while len(blocks) > 1 and blocks[-2][0] >= blocks[-1][0]:
-            (a, m), (b, n) = blocks[-2:]
-            blocks[-2:] = [((m * a + n * b) / (m + n), m + n)]
     moved = np.empty(count)
-    means, numbers = zip(*blocks, strict=True)
-    moved[order] = np.clip(np.repeat(means, numbers), low, high - steps[-1]) + steps
+    moved[order] = np.clip(isotonic_regression(places[order] - steps).x, low, high - steps[-1]) + steps
     return moved
 
 
