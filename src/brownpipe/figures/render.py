@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from brownpipe.errors import FigureError
 from brownpipe.figures.cases import cases_of, check_count, check_names, has, one_count
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
-from brownpipe.figures.catalogue import Figure as Entry
 from brownpipe.figures.drawing import Drawing, drawing_of
 from brownpipe.figures.style import drawing
 from brownpipe.stages import tracked
@@ -31,11 +30,9 @@ def drawn(dataset: Dataset, names: Sequence[str] | None = None, particles: int |
     Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
     """
     shown = cases_shown(dataset, particles, names)
-    for name in names or ():
-        _refuse_lacking(name, shown)
     drawings = []
     with drawing():
-        for name in tracked(names or [name for name, cases in shown.items() if cases], "figures"):
+        for name in tracked([*shown], "figures"):
             module, cases = module_of(name), shown[name]
             drawings.append(drawing_of(name, module.draw(cases), module.table(cases)))
     return drawings
@@ -44,14 +41,8 @@ def drawn(dataset: Dataset, names: Sequence[str] | None = None, particles: int |
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
     """Return one figure of a dataset, as `drawn` draws it; the same errors."""
     shown = cases_shown(dataset, particles, [name])
-    _refuse_lacking(name, shown)
     with drawing():
         return module_of(name).draw(shown[name])
-
-
-def _refuse_lacking(name: str, shown: dict[str, list[Dataset]]) -> None:
-    if not shown[name]:
-        raise FigureError(f"{name}: cannot be drawn from this dataset: {module_of(name).LACKING}")
 
 
 def module_of(name: str) -> ModuleType:
@@ -62,18 +53,23 @@ def module_of(name: str) -> ModuleType:
 def cases_shown(
     dataset: Dataset, particles: int | None = None, names: Sequence[str] | None = None
 ) -> dict[str, list[Dataset]]:
-    """Return for each figure, or each of `names`, the cases it shows: those with data for it, of one particle count
-    or of all.
+    """Return the cases that each figure shows: those with data for it, of one particle count or of all.
+
+    Arguments and errors as of `drawn`.
     """
     check_names(dataset)
     cases = cases_of(dataset)
     check_count(cases, particles)
-    return {name: _selected(FIGURES[name], cases, particles) for name in names or FIGURES}
+    shown = {name: _selected(name, cases, particles) for name in names or FIGURES}
+    for name in names or ():
+        if not shown[name]:
+            raise FigureError(f"{name}: cannot be drawn from this dataset: {module_of(name).LACKING}")
+    return {name: selected for name, selected in shown.items() if selected}
 
 
-def _selected(figure: Entry, cases: list[Dataset], particles: int | None) -> list[Dataset]:
-    cases = [case for case in cases if has(case, *module_of(figure.name).VARIABLES)]
-    if not figure.every_count:
+def _selected(name: str, cases: list[Dataset], particles: int | None) -> list[Dataset]:
+    cases = [case for case in cases if has(case, *module_of(name).VARIABLES)]
+    if not FIGURES[name].every_count:
         return one_count(cases, particles)
-    too_few = SEVERAL_COUNTS in figure.needs and len({int(case.particles) for case in cases}) < 2
+    too_few = SEVERAL_COUNTS in FIGURES[name].needs and len({int(case.particles) for case in cases}) < 2
     return [] if too_few else cases
