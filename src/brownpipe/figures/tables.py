@@ -59,7 +59,7 @@ def to_csv(table: Table) -> bytes:
 
 def _cell(value: object) -> object:
     """A number as Python prints it, whole numbers without a point."""
-    value = value.item() if hasattr(value, "item") else value
     if isinstance(value, float):
-        return "" if math.isnan(value) else repr(int(value) if value.is_integer() and abs(value) < 1e15 else value)
+        is_whole = value.is_integer() and abs(value) < 1e15
+        return "" if math.isnan(value) else repr(int(value) if is_whole else float(value))
     return value

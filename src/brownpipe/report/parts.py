@@ -126,7 +126,6 @@ def numbers(shown: Table, title: str) -> str:
 
 def _cell(value: object) -> str:
     """Return a number or name of a table of numbers in words."""
-    value = value.item() if hasattr(value, "item") else value
     if isinstance(value, float):
         return "-" if math.isnan(value) else f"{value:.{DIGITS}g}"
     return str(value)
