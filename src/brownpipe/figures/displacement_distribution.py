@@ -61,12 +61,15 @@ def draw(cases: list[Dataset]) -> Figure:
     options = {"sharey": "row" if comparable else False, "height_ratios": (RATIO, 1) * len(table)}
     figure, axes = grid(2 * len(table), max(map(len, table)), WIDTH, HEIGHT / 2, **options)
     for k, row in enumerate(table):
-        _row(axes[2 * k : 2 * k + 2], row)
+        _row(axes[2 * k : 2 * k + 2], row, comparable)
     return figure
 
 
-def _row(axes: np.ndarray, cases: list[Dataset]) -> None:
-    """Draw one row of columns on axes (2, columns), with the verdicts below them; hide the axes that are left over."""
+def _row(axes: np.ndarray, cases: list[Dataset], comparable: bool) -> None:
+    """Draw one row of columns on axes (2, columns), with the verdicts below them; hide the axes that are left over.
+
+    Cases that are comparable share their vertical axes.
+    """
     for case, (main, low) in zip(cases, axes.T, strict=False):
         low.sharex(main)
         main.tick_params(labelbottom=False)
@@ -74,20 +77,18 @@ def _row(axes: np.ndarray, cases: list[Dataset]) -> None:
         _residuals(low, case)
         low.tick_params(labelbottom=True)
         low.set_xlabel("displacement $r$")
+        low.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
         below = {"xycoords": ("axes fraction", low.xaxis.label), "fontsize": 8.8, "va": "top"}
         low.annotate(_verdicts(case), (0, 0), (0, -5), textcoords="offset points", **below)
     heads(axes[0, : len(cases)], [f"{title_of(case)}, $t$ = {_time(case):g}" for case in cases])
     for main, low in axes.T[len(cases) :]:
         main.set_axis_off()
         low.set_axis_off()
-    shared = axes[0, 0].get_shared_y_axes().get_siblings(axes[0, 0])
     for main, case in zip(axes[0], cases, strict=False):
-        beside = cases if len(shared) > 1 else [case]
+        beside = cases if comparable else [case]
         main.set_ylim(0, 1.05 * max(float(other.displacement_counts_high.max()) for other in beside))
-        if main is axes[0, 0] or len(shared) == 1:
+        if main is axes[0, 0] or not comparable:
             main.set_ylabel(f"runs between $r$ and $r$ + {_width(case):.4g}")
-    for low in axes[1, : len(cases)]:
-        low.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
     axes[1, 0].set_ylabel("(observed - expected)\n/ standard error")
 
 

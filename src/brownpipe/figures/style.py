@@ -140,8 +140,7 @@ def time_axis(axes: Axes, times: np.ndarray) -> None:
     """Label the time axis and set its limits; make it logarithmic if the samples after t = 0 are not equally spaced."""
     later = times[times > 0]
     steps = np.diff(later)
-    logarithmic = len(steps) > 1 and steps.max() > 10 * steps[:-1].min()
-    if logarithmic:
+    if len(steps) > 1 and steps.max() > 10 * steps[:-1].min():
         log_axis(axes, "x", later[0], later[-1])
     else:
         axes.set_xlim(0, later[-1])
