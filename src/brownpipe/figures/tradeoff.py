@@ -142,11 +142,15 @@ def table(dataset: Dataset, scenes: Sequence[str] | None = None) -> Table:
     header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *WORST, *PAYS)
     rows = []
     for scene in scenes_of(dataset) if scenes is None else scenes:
-        for setting in settings_of(dataset, scene):
-            values = dataset.sel(scene=scene, setting=setting.label)
-            numbers = (values[name].item() if name in values else np.nan for name in header)
-            rows.append((scene, int(values.particles), setting.label, *numbers))
+        for setting in _measured(dataset, scene):
+            numbers = (setting[name].item() if name in setting else np.nan for name in header)
+            rows.append((scene, int(setting.particles), setting.setting.item(), *numbers))
     return Table(("scene", "particles", "setting", *header), rows)
+
+
+def _measured(dataset: Dataset, scene: str) -> list[Dataset]:
+    """The part of the dataset on each setting of a scene that has runs, the exact one first."""
+    return [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
 
 
 def summary(dataset: Dataset) -> str:
@@ -177,19 +181,16 @@ def _of_scene(dataset: Dataset, scene: str) -> Iterator[str]:
 
 def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:
     """Return the table of a scene in words, by columns; g(contact) is left out where no g(r) was measured."""
-    of_scene = dataset.sel(scene=scene)
-    settings = settings_of(dataset, scene)
-    values = [of_scene.sel(setting=setting.label) for setting in settings]
-    rows = [(*HEADER, "front, s"), *(_row(of_setting, settings[0].seconds) for of_setting in values)]
+    settings = _measured(dataset, scene)
+    rows = [(*HEADER, "front, s"), *(_row(setting, float(settings[0].seconds)) for setting in settings)]
     return [column for column in zip(*rows, strict=True) if column[0] != "g(contact)" or set(column[1:]) != {"-"}]
 
 
 def off_front(dataset: Dataset, scene: str) -> Iterator[str]:
     """Yield lines that name the settings of a scene that are not, or perhaps not, on the Pareto front."""
-    values = [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
-    missing = [of_setting for of_setting in values if np.isnan(of_setting.pays_from)]
-    never = [of_setting.setting.item() for of_setting in missing if np.isnan(of_setting.may_pay_from)]
-    possibly = [of_setting.setting.item() for of_setting in missing if not np.isnan(of_setting.may_pay_from)]
+    missing = [setting for setting in _measured(dataset, scene) if np.isnan(setting.pays_from)]
+    never = [setting.setting.item() for setting in missing if np.isnan(setting.may_pay_from)]
+    possibly = [setting.setting.item() for setting in missing if not np.isnan(setting.may_pay_from)]
     yield f"not on the Pareto front: {'; '.join(never) or 'none of them'}"
     if possibly:
         yield f"on it only if an unresolved bias is small or its cost low: {'; '.join(possibly)}"
