@@ -46,7 +46,9 @@ def draw(cases: list[Dataset]) -> Figure:
         panel.minorticks_off()
         panel.set_xlabel(label)
     axes[0, 0].set_title("\n".join(lines), pad=22, fontweight="normal", fontsize=9)
-    _name_rows(axes[0, 0], cases)
+    axes[0, 0].set_yticks(range(len(cases)), map(title_of, cases))
+    axes[0, 0].set_ylim(len(cases) - 0.4, -0.6)
+    axes[0, 0].tick_params(axis="y", length=0)
     return figure
 
 
@@ -60,12 +62,6 @@ def _range(axes: Axes, row: int, sizes: np.ndarray) -> None:
     thick: dict[str, Any] = {"linewidth": 6, "alpha": 0.45, "solid_capstyle": "butt"}
     axes.plot([low, high], [row, row], color=DATA, label="central 90 % of the runs", **thick)
     axes.plot([middle], [row], "o", color=DATA, markersize=5, label="median")
-
-
-def _name_rows(axes: Axes, cases: list[Dataset]) -> None:
-    axes.set_yticks(range(len(cases)), map(title_of, cases))
-    axes.set_ylim(len(cases) - 0.4, -0.6)
-    axes.tick_params(axis="y", length=0)
 
 
 def failed_of(cases: list[Dataset]) -> list[str]:
