@@ -53,8 +53,8 @@ class Marks(NamedTuple):
     colour: str
     x: np.ndarray  # (P,) where they are drawn
     y: np.ndarray  # (P,)
-    stated_x: np.ndarray  # (P,) their values of x; not x for markers that are shifted to avoid overlap
-    is_measured: bool  # has a marker, and so belongs on the page without a label, too
+    stated_x: np.ndarray  # (P,) values of x on the page; they differ from `x` where markers are shifted side by side
+    is_measured: bool  # drawn with markers: measured values, which are on the page even without a label
 
 
 Intervals = dict[tuple[str, float], list[tuple[float, float]]]  # low and high ends at each colour and x

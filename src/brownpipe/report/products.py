@@ -28,7 +28,7 @@ FILE_TYPES = ("png", "svg", "csv")  # of a figure
 
 
 def read(path: str | Path, names: Sequence[str] | None = None, particles: int | None = None) -> tuple[Dataset, Record]:
-    """Return the dataset at `path` and what is to be written of it.
+    """Return the dataset at `path` and the record of its products, which says what figures there are to be.
 
     names, particles: as in `render.drawn`. Raises FigureError for a trade-off if either is given, as it is shown as a
     whole, and what `read_dataset` raises.
