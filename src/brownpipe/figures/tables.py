@@ -8,9 +8,10 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from brownpipe.analysis.variables import EACH
+from brownpipe.figures.cases import has
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from xarray import Dataset
 
@@ -24,12 +25,14 @@ class Table(NamedTuple):
     rows: list[tuple]
 
 
-def long_table(cases: list[Dataset], dims: Sequence[str], names: Sequence[str]) -> Table:
+def long_table(cases: list[Dataset], dims: Sequence[str], names: Iterable[str]) -> Table:
     """Return one row per case and point along `dims` with the variables `names` there; empty rows are left out.
 
-    Each variable is followed by its standard error and the ends of its interval where the dataset has them.
+    So are variables that no case has. Each variable is followed by its standard error and the ends of its interval
+    where the dataset has them.
     """
-    names = [f"{name}{part}" for name in names for part in PARTS if f"{name}{part}" in cases[0]]
+    measured = [name for name in names if any(has(case, name) for case in cases)]
+    names = [f"{name}{part}" for name in measured for part in PARTS if f"{name}{part}" in cases[0]]
     rows = []
     for case in cases:
         frame = case[names].expand_dims(EACH).to_dataframe([*EACH, *dims])[names].dropna(how="all")

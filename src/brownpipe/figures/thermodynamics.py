@@ -148,6 +148,4 @@ def table(cases: list[Dataset]) -> Table:
     """Return one row per case: the measured quantities with their uncertainties, and the theoretical ones."""
     rates = (rate for name in (RATE, TRACER) for rate in (name, f"{name}_at_temperature"))
     measured = (Z, f"{Z}_rate", f"wall_{Z}", *rates, "wall_pressure", "kinetic_temperature")
-    references = (f"enskog_{name}" for name in PANELS)
-    names = [name for name in (*measured, *references) if any(has(case, name) for case in cases)]
-    return long_table(cases, (), ["packing_fraction", *names])
+    return long_table(cases, (), ("packing_fraction", *measured, *(f"enskog_{name}" for name in PANELS)))
