@@ -311,8 +311,7 @@ def can_be_placed(case):
 def drawn(speeds):
     """The picture, bytes of a PNG: the cost of a collision against the number of disks."""
     with style.drawing():
-        figure, axes = style.grid(1, 1, 5.6, 4.2)
-        axes = axes[0, 0]
+        figure, ((axes,),) = style.grid(1, 1, 5.6, 4.2)
         for colour, phi in zip((style.DATA, style.FIT, style.MODEL), FRACTIONS, strict=True):
             for dashes, row in (("-", ("periodic", "equal")), (style.DASHED, ("periodic", "radii 1 and 1.25"))):
                 there = [case for case in speeds if case.phi == phi and case[2:] == row]

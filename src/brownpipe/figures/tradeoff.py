@@ -44,8 +44,7 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     times = np.geomspace(
         FEWEST_RUNS * min(setting.seconds for setting in settings), _last_time(settings, front), POINTS
     )
-    figure, axes = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
-    axes = axes[0, 0]
+    figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
     coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
     colours = dict(zip(coloured, COLOURS * 9, strict=False))
     for setting in settings:
