@@ -94,8 +94,7 @@ def main():
 
 def picture(table, names):
     with drawing():
-        figure, axes = grid(1, 1, 5.6, 4.0)
-        axes = axes[0, 0]
+        figure, ((axes,),) = grid(1, 1, 5.6, 4.0)
         colours = [DATA, FIT, *shades(len(names) - 2)]
         for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
             axes.plot(list(table), [1e6 * row[k] / n for n, row in table.items()], "o-", color=colour, label=name)

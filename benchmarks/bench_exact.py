@@ -36,7 +36,7 @@ FOR_EVER = np.array([1e9])
 NOTE = ROOT / "config/scenes/harrison2020.yaml"
 NUMBERS, FRACTIONS = (150, 1_000, 10_000, 100_000, 1_000_000), (0.14, 0.5, 0.7)
 # Radius and mass of the species, in equal numbers; a big disk comes on top. A lattice has room for 1.25 at phi = 0.7.
-KINDS = {
+MIXTURES = {
     "equal": [(0.5, 1.0)],
     "two masses": [(0.5, 1.0), (0.5, 2.0)],
     "radii 1 and 1.25": [(0.5, 1.0), (0.625, 1.5625)],
@@ -51,7 +51,7 @@ class Case(NamedTuple):
     n: int
     phi: float  # of the big disk's bath, without it
     boundary: str
-    kinds: str
+    mixture: str
 
 
 class Speed(NamedTuple):
@@ -66,7 +66,7 @@ class Effort(NamedTuple):
     """How much is measured."""
 
     numbers: tuple[int, ...]  # of disks
-    rows: list[tuple[str, str]]  # of the table: boundary, kinds
+    rows: list[tuple[str, str]]  # of the table: boundary, mixture
     melting: int  # events before anything is timed, at least
     events: int  # of a timed stretch, at least
     stretches: int  # of which the median is taken
@@ -75,18 +75,18 @@ class Effort(NamedTuple):
 
 
 WALLED = ("equal", "radii 1 and 1.25", "one of radius 50")
-ROWS = [("periodic", kinds) for kinds in KINDS if kinds != WALLED[-1]] + [("reflecting", kinds) for kinds in WALLED]
+ROWS = [("periodic", name) for name in MIXTURES if name != WALLED[-1]] + [("reflecting", name) for name in WALLED]
 FULL = Effort(NUMBERS, ROWS, 400_000, 150_000, 5, 400, (1_000, 100_000))
 QUICK = Effort(NUMBERS[:1], ROWS[:1], 2_000, 2_000, 1, 10, NUMBERS[:1])
 
 
 def scene_of(case):
     """A scene with small disks of diameter 1 and kT = 1."""
-    n, phi, boundary, kinds = case
-    each, big = n // len(KINDS[kinds]), kinds == "one of radius 50"
-    area = sum(each * math.pi * radius**2 for radius, _ in KINDS[kinds]) / phi
+    n, phi, boundary, mixture = case
+    each, big = n // len(MIXTURES[mixture]), mixture == "one of radius 50"
+    area = sum(each * math.pi * radius**2 for radius, _ in MIXTURES[mixture]) / phi
     side = math.sqrt(area + big * math.pi * (BIG["radius"] + 0.5) ** 2) + (boundary == "reflecting")
-    species = [{"name": f"s{j}", "count": each, "radius": r, "mass": m} for j, (r, m) in enumerate(KINDS[kinds])]
+    species = [{"name": f"s{j}", "count": each, "radius": r, "mass": m} for j, (r, m) in enumerate(MIXTURES[mixture])]
     tracer = {"tracer": BIG | {"position": [side / 2, side / 2]}} if big else {}
     return parse_scene(
         {
@@ -272,13 +272,13 @@ def report(effort, speeds):
     yield "Million pair collisions per CPU second, and bytes of working memory per disk:\n"
     yield "| N | box | disks | phi = 0.14 | 0.5 | 0.7 | bytes per disk |"
     yield "|---|---|---|---|---|---|---|"
-    for boundary, kinds in effort.rows:
+    for boundary, mixture in effort.rows:
         for n in effort.numbers:
-            cases = [Case(n, phi, boundary, kinds) for phi in FRACTIONS]
+            cases = [Case(n, phi, boundary, mixture) for phi in FRACTIONS]
             speeds |= {case: speed_of(case, effort) for case in cases if can_be_placed(case)}
             rates = [f"{speeds[case].rate / 1e6:.2f}" if case in speeds else "" for case in cases]
             size = max(speeds[case].size for case in cases if case in speeds)
-            yield f"| {n} | {boundary} | {kinds} | {' | '.join(rates)} | {size:.0f} |"
+            yield f"| {n} | {boundary} | {mixture} | {' | '.join(rates)} | {size:.0f} |"
             loads.append(os.getloadavg()[0])
     spreads = [100 * speed.spread for speed in speeds.values()]
     yield (
@@ -311,8 +311,7 @@ def can_be_placed(case):
 def drawn(speeds):
     """The picture, bytes of a PNG: the cost of a collision against the number of disks."""
     with style.drawing():
-        figure, axes = style.grid(1, 1, 5.6, 4.2)
-        axes = axes[0, 0]
+        figure, ((axes,),) = style.grid(1, 1, 5.6, 4.2)
         for colour, phi in zip((style.DATA, style.FIT, style.MODEL), FRACTIONS, strict=True):
             for dashes, row in (("-", ("periodic", "equal")), (style.DASHED, ("periodic", "radii 1 and 1.25"))):
                 there = [case for case in speeds if case.phi == phi and case[2:] == row]

@@ -8,13 +8,13 @@ its bias as the plan has it joins. The CPU time is that of `brownpipe simulate`,
 """
 
 import argparse
-import resource
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
+from bench_study import timed
 
 from brownpipe import tradeoff
 from brownpipe.study import performance, read_study, writing
@@ -51,21 +51,13 @@ def row(scene, tolerance, folder):
     for job in planned.jobs():
         words = [f"{ROOT / 'config' / 'scenes' / job.scene}.yaml", "--seeds", f"{job.first}-{job.last}"]
         words += ["--engine", *chosen.engine.options.split(), "--output", str(folder / f"{job.first}.h5")]
-        taken += seconds([sys.executable, "-m", "brownpipe", "simulate", *words])
+        taken += timed([sys.executable, "-m", "brownpipe", "simulate", *words])[1]
     (runs,) = tradeoff.read_runs(sorted(folder.glob("*.h5")))
     scatter = tradeoff.spread_of(runs, "msd", (0.0, runs.times[-1])) / np.sqrt(len(runs.seeds))
     achieved = float(np.hypot(scatter, np.sqrt(case.engines[chosen.engine].bias_square)))
     first = f"| {scene} | {tolerance} | {chosen.engine.label} | {chosen.runs} | {chosen.error:.4f} | {achieved:.4f} "
     ratios = f"| {achieved / chosen.error:.2f} | {chosen.seconds:.2f} | {taken:.2f} | {taken / chosen.seconds:.2f} |"
     return first + ratios
-
-
-def seconds(words):
-    """CPU seconds of a command."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(words, check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 if __name__ == "__main__":

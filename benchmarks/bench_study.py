@@ -11,13 +11,14 @@ Prints a table in Markdown. Wall times of jobs are those of Snakemake's benchmar
 import argparse
 import contextlib
 import os
-import platform
 import resource
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+
+from bench_exact import processor
 
 from brownpipe.study import from_command_line, read_study
 from brownpipe.study.resources import used
@@ -65,7 +66,7 @@ def timed(words):
 
 def table(jobs, wall, cpu, start, start_cpu, idle, cores):
     lines = [
-        f"{machine()}, {cores} cores; {cpu:.1f} s of CPU in all; a process starts in {start_cpu:.2f} s of CPU.",
+        f"{processor()}, {cores} cores; {cpu:.1f} s of CPU in all; a process starts in {start_cpu:.2f} s of CPU.",
         "",
         "| what | jobs | wall time, s | forecast, s of CPU | memory of a job, MB | asked for, MB |",
         "|---|---|---|---|---|---|",
@@ -87,11 +88,6 @@ def row(what, jobs):
     largest = max(jobs, key=lambda job: job.memory / job.need.megabytes())
     memory, asked = largest.memory / 1e6, largest.need.megabytes()
     return f"| {what} | {len(jobs)} | {took:.1f} | {forecast:.1f} | {memory:.0f} | {asked} |"
-
-
-def machine():
-    names = [line.partition(": ")[2] for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line]
-    return names[0] if names else platform.machine()
 
 
 if __name__ == "__main__":

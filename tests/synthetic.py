@@ -7,11 +7,18 @@ import numpy as np
 import xarray
 
 from brownpipe import theory
+from brownpipe.report.products import write
 
 SPECIES = ("tracer", "bath")
 PAIRS = ("tracer-tracer", "tracer-bath", "bath-bath")
 CONTACT = (0.6, 0.4, 0.2)  # distances
 EACH = ("scene", "particles", "engine")
+RECORD = {"figures": None, "particles": None, "made_by": {}, "dataset": {"sha256": "0" * 64}}
+
+
+def render(dataset, folder, names=None, particles=None):
+    """Write the products of a dataset, of the figures only `names` if given, into a folder; return the paths."""
+    return write(dataset, folder, RECORD | {"particles": particles}, names)
 
 
 def with_measures(dataset):

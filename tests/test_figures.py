@@ -21,13 +21,14 @@ from brownpipe.engines import Engine, state
 from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
-from brownpipe.figures.render import cases_shown, module_of, render
+from brownpipe.figures.render import cases_shown, module_of
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tables import Table, to_csv
 from ensembles import make_runs, make_scene, study, write
-from synthetic import CONTACT, PAIRS, SPECIES, at_times, with_measures
+from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures
 
 NAMES = tuple(FIGURES)
+OF_ALL = {"summary.csv", "summary.txt", "provenance.json"}  # written beside the figures
 OF_TRAJECTORIES = [name for name in NAMES if {FOLLOWED, COLLISIONS, TRACKED, SPREADING} >= set(FIGURES[name].needs)]
 OF_OBSERVABLES = {
     name: module_of(name).VARIABLES
@@ -118,7 +119,7 @@ def rows(path):
 
 @pytest.mark.slow
 def test_every_figure_is_png_svg_and_csv(pictures):
-    expected = {f"{name}.{kind}" for name in NAMES for kind in ("png", "svg", "csv")} | {"summary.csv"}
+    expected = {f"{name}.{kind}" for name in NAMES for kind in ("png", "svg", "csv")} | OF_ALL
     assert {path.name for path in pictures.iterdir()} == expected
     for name in NAMES:
         assert (pictures / f"{name}.png").read_bytes().startswith(b"\x89PNG")
@@ -131,8 +132,9 @@ def test_same_bytes_whatever_the_user_has_set_and_that_is_put_back(hot, pictures
         before = dict(matplotlib.rcParams)
         paths = render(hot, tmp_path, ["msd", "velocity_distribution", "health"])
         assert dict(matplotlib.rcParams) == before
-    assert len(paths) == 10
-    assert all(path.read_bytes() == (pictures / path.name).read_bytes() for path in paths)
+    assert len(paths) == 9 + len(OF_ALL)
+    same = [path for path in paths if path.name != "provenance.json"]  # which lists the files
+    assert all(path.read_bytes() == (pictures / path.name).read_bytes() for path in same)
 
 
 @pytest.mark.slow
@@ -162,7 +164,7 @@ def test_layout_leaves_no_round_off_in_the_names_of_an_svg(hot, monkeypatch):
 @pytest.mark.slow
 def test_one_particle_count_has_nothing_to_compare(plain, tmp_path, no_pictures):
     names = {path.stem for path in render(plain.sel(particles=[10]), tmp_path)}
-    assert names == {*OF_TRAJECTORIES, "summary"}
+    assert names == {*OF_TRAJECTORIES, "summary", "provenance"}
 
 
 def test_the_catalogue_lists_every_figure_there_is():
@@ -220,7 +222,7 @@ def test_figures_not_drawn_again_do_not_stay(dataset, tmp_path, no_pictures):
     render(dataset, tmp_path, ["msd"])
     render(dataset, tmp_path, ["health"])
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"msd.txt", "health.png", "health.svg", "health.csv", "summary.csv"}
+    assert names == {"msd.txt", "health.png", "health.svg", "health.csv", *OF_ALL}
 
 
 def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatch, no_pictures):
@@ -229,7 +231,7 @@ def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatc
             raise storage.StorageError("full")
         path.touch()
 
-    monkeypatch.setattr("brownpipe.figures.render.write_file", full)
+    monkeypatch.setattr("brownpipe.report.products.write_file", full)
     with pytest.raises(storage.StorageError):
         render(dataset, tmp_path, ["health"])
     assert not (tmp_path / "summary.csv").exists()
@@ -238,7 +240,7 @@ def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatc
 @pytest.mark.slow
 def test_figures_asked_for(dataset, tmp_path, no_pictures):
     names = {path.stem for path in render(dataset, tmp_path, ["health", "msd"])}
-    assert names == {"health", "msd", "summary"}
+    assert names == {"health", "msd", "summary", "provenance"}
     with pytest.raises(FigureError, match="particle_counts: cannot be drawn"):
         render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "particle_counts"])
     assert not (tmp_path / "other").exists()
@@ -600,11 +602,11 @@ def test_only_pairs_that_there_are_take_room(dataset):
         f"thermal, N = 20: {PAIRS[2]}",
     ]
     assert all(axes.axison for axes in panels)
-    assert figure.get_size_inches() == pytest.approx([3 * style.PANEL[0], 3.6])
+    assert figure.get_size_inches() == pytest.approx([3 * style.WIDTH, 3.6])
     other = (dataset.scene == "hot") == (dataset.species_pair == PAIRS[1])
     figure, panels = made("pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(other)))
     assert [axes.axison for axes in panels] == [True, True]
-    assert figure.get_size_inches() == pytest.approx([2 * style.PANEL[0], 3.6])
+    assert figure.get_size_inches() == pytest.approx([2 * style.WIDTH, 3.6])
 
 
 @pytest.mark.slow
@@ -804,7 +806,7 @@ def test_few_runs_draw_without_a_warning(runs, tmp_path, run_through):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         dataset = aggregate([write(tmp_path, trajectories)])
-        assert len(render(dataset, tmp_path)) == 1 + 3 * len(OF_TRAJECTORIES)
+        assert len(render(dataset, tmp_path)) == len(OF_ALL) + 3 * len(OF_TRAJECTORIES)
     assert "plain" in summary(dataset)
 
 
@@ -813,11 +815,11 @@ def test_disk_at_rest_and_no_disk(tmp_path, run_through):
     trajectories = make_runs(make_scene(), range(12))
     rest = trajectories.ensemble._replace(tracer=state.Track(0 * trajectories.ensemble.tracer.position))
     nothing = trajectories.ensemble._replace(tracer=None)
-    for ensemble, files in ((rest, 1 + 3 * len(OF_TRAJECTORIES)), (nothing, 7)):
+    for ensemble, shown in ((rest, len(OF_TRAJECTORIES)), (nothing, 2)):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             dataset = aggregate([write(tmp_path, trajectories._replace(ensemble=ensemble))])
-            assert len(render(dataset, tmp_path)) == files
+            assert len(render(dataset, tmp_path)) == len(OF_ALL) + 3 * shown
         assert "plain" in summary(dataset)
 
 

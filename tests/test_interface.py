@@ -15,7 +15,8 @@ import brownpipe as bp
 from brownpipe.cli import main
 from brownpipe.engines.exact import recording
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
-from brownpipe.figures.render import render
+from brownpipe.figures.origin import stamped
+from synthetic import RECORD, render
 
 SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
 KEYS = yaml.safe_load(Path(SCENE).read_text())
@@ -178,7 +179,10 @@ def test_an_error_names_the_argument(call, message):
 @pytest.mark.slow
 def test_a_figure_is_that_of_the_command_line(result, tmp_path):
     render(result, tmp_path, ["msd"])
-    assert bp.plot(result)._repr_png_() == (tmp_path / "msd.png").read_bytes(), "as notebooks show it"
+    shown = bp.plot(result)._repr_png_()
+    assert stamped(shown, "msd.png", RECORD | {"particles": None}) == (tmp_path / "msd.png").read_bytes(), (
+        "in notebooks"
+    )
     with pytest.raises(RequestError, match="figure: 'mds' is unknown; did you mean msd"):
         bp.plot(result, "mds")
     with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):

@@ -33,10 +33,9 @@ def test_effect_of_a_fixed_number_of_disks_is_that_of_the_virial_series():
 
 @pytest.mark.parametrize("phi", [0.05, 0.4])
 def test_density_in_contact_is_the_pressure_of_scaled_particle_theory(phi):
-    """Contact theorem; what is left falls with the square of the cell, 3e-5 at phi = 0.4."""
+    """Contact theorem, Z = 1/(1 - phi)^2; what is left falls with the square of the cell, 3e-5 at phi = 0.4."""
     _, profile = fundamental_measure.wall_profile(phi)
-    expected = fundamental_measure.scaled_particle_compressibility(phi)
-    assert fundamental_measure.contact(profile) == pytest.approx(expected, rel=1e-4)
+    assert fundamental_measure.contact(profile) == pytest.approx(1 / (1 - phi) ** 2, rel=1e-4)
     assert profile[-1] == pytest.approx(1, abs=1e-5)
 
 

@@ -20,10 +20,10 @@ from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.figures.movie import movie
-from brownpipe.figures.render import render
 from brownpipe.stages import Stage
 from brownpipe.storage import read_trajectories, write_trajectories
 from brownpipe.study import performance
+from synthetic import render
 from test_exact import P, box, make
 
 SCENE = replace(make(box(6, 6, P), [(1, 0.6, 9), (30, 0.25, 1)], 4.0), equilibrate=4.0)

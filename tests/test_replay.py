@@ -104,7 +104,7 @@ def farthest(scene, positions, recorded):
 def test_flown_positions_are_those_of_the_run(name, runs):
     scene, ensemble = runs[name].scene, runs[name].ensemble
     assert len(ensemble.events[SEED].time) > 5 or scene.particles == 1
-    data = data_of(replay.replay_fragment(runs[name], "runs.h5", SEED).text)
+    data = data_of(replay.replay_fragment(runs[name], "runs.h5").text)
     error = farthest(scene, flown(data, ensemble.times), ensemble.whole[SEED].position) / scene.radius.min()
     assert error <= replay.WORST and data["bits"] == 32
     stated = replay.replay_of(runs[name], "runs.h5").departure

@@ -272,6 +272,13 @@ def test_a_file_that_snakemake_cannot_read_as_a_study(content, message, monkeypa
         assert "\n" not in ended.value.code
 
 
+def test_a_target_after_a_config_file_is_no_file(monkeypatch, tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text("seeds: 1\n")
+    monkeypatch.setattr("sys.argv", ["snakemake", f"--configfile={path}", "tradeoff_figures"])
+    display(monkeypatch)  # refuses nothing
+
+
 @pytest.mark.parametrize("entry", ["box.x=3", "seeds", "9=1"])
 def test_a_key_that_snakemake_refuses(entry, monkeypatch):
     from snakemake.cli import parse_config

@@ -22,8 +22,8 @@ def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
     """Return the comparisons of Z at every published density, and of Z_N in small boxes."""
     fluid, small = _fluid(datasets), cases(datasets[SMALL_BOXES])
     return [
-        *(one for name in ROUTES for one in _comparisons(fluid, name)),
-        *_comparisons(small, "compressibility_rate", at_n=True),
+        *(_of_many_disks(fluid.isel(case=k), name) for name in ROUTES for k in range(fluid.sizes["case"])),
+        *(_in_small_box(small.isel(case=k)) for k in range(small.sizes["case"])),
     ]
 
 
@@ -35,30 +35,25 @@ def _fluid(datasets: Mapping[str, Dataset]) -> Dataset:
     return fluid.isel(case=known)
 
 
-def _comparisons(fluid: Dataset, name: str, at_n: bool = False) -> list[Comparison]:
-    """Compare Z of infinitely many disks, or Z_N if `at_n`."""
-    comparison = _in_small_box if at_n else _of_many_disks
-    return [comparison(fluid.isel(case=k), name) for k in range(fluid.sizes["case"])]
-
-
 def _of_many_disks(case: Dataset, name: str) -> Comparison:
+    """Compare Z of infinitely many disks."""
     z, error, source = published(float(case.density))
     ours = float(case[name] - finite_size(case.packing_fraction, case.particles))
     sigma = float(case[f"{name}_standard_error"])
     return Comparison(f"$Z$, {_place(case)}, {ROUTES[name]}", z, error, ours, sigma, source)
 
 
-def _in_small_box(case: Dataset, name: str) -> Comparison:
-    """Compare Z_N; in a narrow box the term in 1/N is no exact theory, as correlations reach around it."""
+def _in_small_box(case: Dataset) -> Comparison:
+    """Compare Z_N by the collision rate; in a narrow box the term in 1/N is not exact: correlations reach around it."""
     z, error, source = published(float(case.density))
     z_n = z + float(finite_size(case.packing_fraction, case.particles))
     narrow = bool(case.particles < float(case.density) * NARROW**2)
     return Comparison(
-        f"$Z_N$, $N = {int(case.particles)}$, {_place(case)}, {ROUTES[name]}",
+        f"$Z_N$, $N = {int(case.particles)}$, {_place(case)}, collision rate",
         z_n,
         error,
-        float(case[name]),
-        float(case[f"{name}_standard_error"]),
+        float(case.compressibility_rate),
+        float(case.compressibility_rate_standard_error),
         f"{source}, with the term in $1/N$",
         approximate=narrow,
         remark="correlations reach around the box" if narrow else "",

@@ -21,11 +21,6 @@ DEPTH = 8.0  # distance from the wall where the fluid counts as homogeneous
 MIXING, STEPS, CHANGE = 0.2, 1000, 1e-10  # of the iteration; largest change of ln n in its last step
 
 
-def scaled_particle_compressibility(phi: float) -> float:
-    """Return Z of scaled-particle theory: that of this theory, and by the contact theorem its density at the wall."""
-    return 1 / (1 - phi) ** 2
-
-
 def wall_profile(phi: float) -> tuple[np.ndarray, np.ndarray]:
     """Return distances (B,) of the edge from the wall and the density (B,) there over that in the bulk.
 

@@ -7,6 +7,7 @@ shown as Snakemake formats them.
 Jobs note their progress in a folder (`brownpipe.progress`), so that it is known before the first of them has ended.
 """
 
+import argparse
 import json
 import logging
 import os
@@ -17,7 +18,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -104,7 +104,7 @@ class LogHandler(LogHandlerBase):
         self.verbatim = settings.dryrun or settings.verbose or settings.debug_dag
         self.stream = sys.stdout if settings.stdout else sys.stderr
         self.terminal = self.stream.isatty() and os.environ.get("TERM") != "dumb"
-        self.planned: Counter[str] = Counter()  # jobs by rule
+        self.simulates = False  # whether jobs that simulate are planned
         self.runs = 0  # to be simulated
         self.runs_of_finished = 0  # simulated by finished jobs
         self.runs_done = 0  # also those that running jobs have noted
@@ -146,7 +146,7 @@ class LogHandler(LogHandlerBase):
             self.fail(record)
         elif record.levelno > logging.INFO or event in (None, LogEvent.GROUP_ERROR, LogEvent.ERROR):
             self.runs = getattr(record, "runs", self.runs)
-            if getattr(record, "forecast", False) and not self.planned["simulate"]:
+            if getattr(record, "forecast", False) and not self.simulates:
                 return
             text = self.format(record)
             self.interrupted |= text.startswith("Terminating processes on user request")
@@ -162,7 +162,7 @@ class LogHandler(LogHandlerBase):
 
     def start(self, stats: dict[str, int]) -> None:
         """Start to count jobs and to watch the logs of running ones; `stats` has the planned jobs of each rule."""
-        self.planned = Counter({rule: count for rule, count in stats.items() if rule != "total"})
+        self.simulates = "simulate" in stats
         self.started = self.last_line = time.monotonic()
         self.pace = Pace()
         threading.Thread(target=self.watch, daemon=True).start()
@@ -307,16 +307,11 @@ def mistake_in_configfiles(arguments: Sequence[str]) -> str | None:
     return None
 
 
-def configfiles(arguments: Sequence[str]) -> Iterator[str]:
-    """Yield the values of --configfile."""
-    is_value = False
-    for word in arguments:
-        if word.startswith("-"):
-            option, _, value = word.partition("=")
-            is_value = option in ("--configfile", "--configfiles")
-            yield from [value] if is_value and value else []
-        elif is_value:
-            yield word
+def configfiles(arguments: Sequence[str]) -> list[str]:
+    """Return the values of --configfile, which Snakemake has accepted."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--configfile", "--configfiles", nargs="+", action="extend", default=[])
+    return parser.parse_known_args(arguments)[0].configfile
 
 
 def job_of(record: Message) -> RunningJob:
@@ -365,9 +360,6 @@ def cure_for(status: int, text: str) -> str | None:
 
 def briefly(failures: Sequence[str]) -> list[str]:
     """Return the explanations of the first failed jobs, and of the others the line with the rule and its command."""
-    more = len(failures) - MOST_FAILURES
-    if more <= 0:
-        return [*failures]
     return [*failures[:MOST_FAILURES], *(text.partition("\n")[0] for text in failures[MOST_FAILURES:])]
 
 

@@ -1,7 +1,6 @@
 """Energy, momentum and overlaps against the number of events, for extreme masses and radii."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -26,12 +25,7 @@ SCENES = {  # half side of the box; number, radius and mass of each species, at 
 }
 LONG = {"equal disks": (1e8,), "masses 1 : 1e12": (1e8,), "radii 1 : 1e3": (1e8,)}
 COMPARED = 1e6  # events of the runs in the table
-
-
-class Ledger(NamedTuple):
-    """Runs of each scene and program, by the number of events that was aimed at."""
-
-    runs: dict[tuple[str, str], dict[float, Outcome]]
+Found = dict[tuple[str, str], dict[float, Outcome]]  # scene and program: about how many events: run
 
 
 def measure(
@@ -40,9 +34,9 @@ def measure(
     long: Mapping[str, Sequence[float]] | None = None,
     scenes: Sequence[str] = tuple(SCENES),
     steps: int = MOST_STEPS,
-) -> Ledger:
+) -> Found:
     """Run every scene for about so many events; `long`: further numbers of events of single scenes, brownpipe alone."""
-    runs: dict[tuple[str, str], dict[float, Outcome]] = {}
+    runs: Found = {}
     long = LONG if long is None else long
     for name in scenes:
         start = gas(*SCENES[name])
@@ -54,23 +48,23 @@ def measure(
         game = pymunk(start, steps * time_step(start))
         if game is not None:
             runs[name, GAME] = {float(game.events): game}
-    return Ledger(runs)
+    return runs
 
 
 def _rate(start: Start, duration: float = 200.0) -> float:
     return EVENT_DRIVEN["brownpipe"](start, duration).events / duration
 
 
-def rows(found: Ledger) -> list[Row]:
+def rows(found: Found) -> list[Row]:
     """Return rows: relative energy drift, momentum residual, worst overlap."""
     made = []
-    for name in dict.fromkeys(scene for scene, _ in found.runs):
-        ours = found.runs[name, "brownpipe"]
+    for name in dict.fromkeys(scene for scene, _ in found):
+        ours = found[name, "brownpipe"]
         for n, run in ours.items():
             if n < COMPARED and n != max(ours):
                 continue
-            cells = [_cell(found.runs.get((name, program), {}).get(n)) for program in EVENT_DRIVEN]
-            game = found.runs.get((name, GAME), {}) if n == COMPARED else {}
+            cells = [_cell(found.get((name, program), {}).get(n)) for program in EVENT_DRIVEN]
+            game = found.get((name, GAME), {}) if n == COMPARED else {}
             cells.append("; ".join(f"{_cell(one)} ({k:,.0f} events)" for k, one in game.items()) or "-")
             kept = not run.failed and max(map(abs, run[3:6])) <= HEALTH_BOUND
             made.append(Row(f"{name}, {count(n)} events", shown(HEALTH_BOUND), cells, kept))
@@ -81,17 +75,17 @@ def _cell(run: Outcome | None) -> str:
     return "-" if run is None else shown(run.energy_drift, run.momentum_residual, run.worst_overlap)
 
 
-def draw(found: Ledger) -> Figure:
+def draw(found: Found) -> Figure:
     """Draw the energy drift and the worst overlap against the number of events."""
     figure, (panels,) = grid(1, 2, 4.4, 3.5)
-    names = dict.fromkeys(scene for scene, _ in found.runs)
+    names = dict.fromkeys(scene for scene, _ in found)
     looks = dict(zip((*OTHERS, GAME), SERIES[1:], strict=True))
     labels = {"energy_drift": "energy drift (relative)", "worst_overlap": "worst overlap [contact distances]"}
     for axes, (field, label) in zip(panels, labels.items(), strict=True):
         for name, colour in zip(names, shades(len(names)), strict=True):
-            _line(axes, found.runs[name, "brownpipe"], field, color=colour, marker="o", label=name)
+            _line(axes, found[name, "brownpipe"], field, color=colour, marker="o", label=name)
         for program, (colour, line, marker) in looks.items():
-            drawn = [found.runs[name, program] for name in names if (name, program) in found.runs]
+            drawn = [found[name, program] for name in names if (name, program) in found]
             for k, runs in enumerate(drawn):
                 _line(axes, runs, field, color=colour, linestyle=line, marker=marker, linewidth=0.8, alpha=0.6,
                       label=f"{program}, the same scenes" if k == 0 else None)  # fmt: skip

@@ -66,11 +66,6 @@ def draw(found: Found) -> Figure:
     for axes, label in zip(panels, ("worst overlap [diameters]", "energy drift (relative)"), strict=True):
         axes.axhline(HEALTH_BOUND, color=GREY, linestyle=DOTTED, label="promised")
         axes.set(xscale="log", yscale="log", xlabel="gap [diameters]", ylabel=label, ylim=(1e-17, 10))
-    panels[0].plot(gaps_of(found), gaps_of(found), color=GREY, linewidth=0.8, label="the gap itself")
+    panels[0].plot([*found["brownpipe"]], [*found["brownpipe"]], color=GREY, linewidth=0.8, label="the gap itself")
     panels[1].legend(*panels[0].get_legend_handles_labels(), fontsize=7)
     return figure
-
-
-def gaps_of(found: Found) -> np.ndarray:
-    """Return the gaps of the packings."""
-    return np.array(list(found["brownpipe"]))

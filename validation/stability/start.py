@@ -44,11 +44,11 @@ def listed(half: float, rows: list[tuple[float, ...]]) -> Start:
     return Start((-half, half), (-half, half), State(table[:, :2], table[:, 2:4], table[:, 4], table[:, 5]))
 
 
-def gas(half: float, kinds: list[tuple[int, float, float]], seed: int = 1) -> Start:
-    """Return disks at random places in [-half, half]^2 at kT = 1; kinds: (number, radius, mass)."""
-    species = [{"name": f"s{k}", "count": n, "radius": r, "mass": m} for k, (n, r, m) in enumerate(kinds)]
+def gas(half: float, species: list[tuple[int, float, float]], seed: int = 1) -> Start:
+    """Return disks at random places in [-half, half]^2 at kT = 1; species: (number, radius, mass)."""
+    named = [{"name": f"s{k}", "count": n, "radius": r, "mass": m} for k, (n, r, m) in enumerate(species)]
     box = {"x": [-half, half], "y": [-half, half]}
-    mapping = {"box": box, "disks": {"species": species}, "velocities": {"temperature": 1.0}, "duration": 1.0}
+    mapping = {"box": box, "disks": {"species": named}, "velocities": {"temperature": 1.0}, "duration": 1.0}
     return Start((-half, half), (-half, half), draw(parse_scene(mapping, "gas.yaml"), seed))
 
 

@@ -91,9 +91,15 @@ def defined(case: Dataset, name: str, dim: str) -> Dataset:
     return case.isel({dim: values.any([other for other in values.dims if other != dim]).values})
 
 
+def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
+    """Return the case at each point along `dim`, such as each species, where it has a finite value of `name`."""
+    parts = [case.isel({dim: k}) for k in range(case.sizes[dim])]
+    return [part for part in parts if has(part, name)]
+
+
 def distributions_of(case: Dataset) -> list[Dataset]:
     """Return the case at each time of its displacement distribution, with the rings used at that time."""
-    at_times = [case.isel(displacement_time=k) for k in np.flatnonzero(np.isfinite(case.displacement_overflow))]
+    at_times = parts_of(case, "displacement_time", "displacement_overflow")
     return [defined(at_time, "displacement_counts", "r") for at_time in at_times]
 
 
@@ -104,8 +110,7 @@ def at_last_distribution(case: Dataset) -> Dataset:
 
 def fits_of(case: Dataset) -> list[Dataset]:
     """Return the case at each fit window in which a line could be fitted to the MSD."""
-    windows = [case.isel(window=k) for k in range(case.sizes["window"])]
-    return [fit for fit in windows if np.isfinite(fit.slope)]
+    return parts_of(case, "window", "slope")
 
 
 def title_of(case: Dataset) -> str:

@@ -11,20 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
-from brownpipe.figures.style import (
-    DASH_DOT,
-    DASHED,
-    DATA,
-    DOTTED,
-    FIT,
-    GREY,
-    INK,
-    MODEL,
-    band,
-    columns,
-    heads,
-    time_axis,
-)
+from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, columns, heads, time_axis
 from brownpipe.figures.tables import Table, long_table
 
 if TYPE_CHECKING:
@@ -33,10 +20,10 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 ROUTES = {
-    "diffusion_running": ("d$\\langle r^2 \\rangle$/d$t$ / 4", DATA, "-"),
-    "msd_over_4t": ("$\\langle r^2 \\rangle$ / 4$t$", FIT, DASHED),
-    "green_kubo": ("Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2", MODEL, DASH_DOT),
-}  # variable: label, colour, line
+    "diffusion_running": "d$\\langle r^2 \\rangle$/d$t$ / 4",
+    "msd_over_4t": "$\\langle r^2 \\rangle$ / 4$t$",
+    "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
+}  # variable: label
 FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
 HEADROOM = 1.25  # the axis ends at least at this times the largest mean,
 BAND = 2.0  # at most at this times it,
@@ -70,7 +57,7 @@ def _extent(case: Dataset) -> tuple[float, float]:
 
 def _routes(axes: Axes, case: Dataset) -> None:
     later = case.isel(time=case.time.values > 0)
-    for name, (label, colour, line) in ROUTES.items():
+    for (name, label), (colour, line, _) in zip(ROUTES.items(), SERIES, strict=False):
         if has(case, name) and (name in FROM_MSD or _in_equilibrium(case)):
             band(axes, later.time.values, later, name, colour, linestyle=line, label=label)
 
@@ -97,4 +84,4 @@ def _enskog(case: Dataset) -> str:
 
 def table(cases: list[Dataset]) -> Table:
     """Return one row per case and time with D by each route."""
-    return long_table(cases, ("time",), [name for name in ROUTES if any(has(case, name) for case in cases)])
+    return long_table(cases, ("time",), ROUTES)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.figures.cases import distributions_of, plus_minus, title_of
+from brownpipe.analysis.variables import EACH
+from brownpipe.figures.cases import distributions_of, parts_of, plus_minus, title_of
 from brownpipe.figures.style import (
     DASHED,
     DATA,
@@ -22,11 +23,12 @@ from brownpipe.figures.style import (
     INK,
     MODEL,
     MOST_COLUMNS,
+    WIDTH,
+    grid,
     heads,
     residual_panel,
-    tall_and_low,
 )
-from brownpipe.figures.tables import Table
+from brownpipe.figures.tables import Table, label_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +39,8 @@ if TYPE_CHECKING:
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (MODEL, DASHED, "s"), "square": (INK, DOTTED, "^")}  # colour, line, marker
 SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "reflecting square, D"}
 LINE = 58  # characters of a line below a column
-HEIGHT = 6.4  # of a row [inch]
+HEIGHT = 6.4  # of a row: the counts and their residuals [inch]
+RATIO = 2.2  # of the heights of these two
 LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where no runs are expected
 OVERFLOW = 2.6  # half the width of the strip that counts the runs beyond the last ring, in ring widths
 VARIABLES = ("displacement_counts",)
@@ -55,15 +58,18 @@ def draw(cases: list[Dataset]) -> Figure:
         table = [[row[0] for row in table]]
     table = [row[k : k + MOST_COLUMNS] for row in table for k in range(0, len(row), MOST_COLUMNS)]
     comparable = len({_width(case) for row in table for case in row}) == 1  # counts in rings of equal width
-    sharing = {"sharex": False, "sharey": "row" if comparable else False}
-    figure, axes = tall_and_low(max(map(len, table)), rows=len(table), ratio=2.2, height=HEIGHT, **sharing)
+    options = {"sharey": "row" if comparable else False, "height_ratios": (RATIO, 1) * len(table)}
+    figure, axes = grid(2 * len(table), max(map(len, table)), WIDTH, HEIGHT / 2, **options)
     for k, row in enumerate(table):
-        _row(axes[2 * k : 2 * k + 2], row)
+        _row(axes[2 * k : 2 * k + 2], row, comparable)
     return figure
 
 
-def _row(axes: np.ndarray, cases: list[Dataset]) -> None:
-    """Draw one row of columns on axes (2, columns), with the verdicts below them; hide the axes that are left over."""
+def _row(axes: np.ndarray, cases: list[Dataset], comparable: bool) -> None:
+    """Draw one row of columns on axes (2, columns), with the verdicts below them; hide the axes that are left over.
+
+    Cases that are comparable share their vertical axes.
+    """
     for case, (main, low) in zip(cases, axes.T, strict=False):
         low.sharex(main)
         main.tick_params(labelbottom=False)
@@ -71,20 +77,18 @@ def _row(axes: np.ndarray, cases: list[Dataset]) -> None:
         _residuals(low, case)
         low.tick_params(labelbottom=True)
         low.set_xlabel("displacement $r$")
+        low.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
         below = {"xycoords": ("axes fraction", low.xaxis.label), "fontsize": 8.8, "va": "top"}
         low.annotate(_verdicts(case), (0, 0), (0, -5), textcoords="offset points", **below)
     heads(axes[0, : len(cases)], [f"{title_of(case)}, $t$ = {_time(case):g}" for case in cases])
     for main, low in axes.T[len(cases) :]:
         main.set_axis_off()
         low.set_axis_off()
-    shared = axes[0, 0].get_shared_y_axes().get_siblings(axes[0, 0])
     for main, case in zip(axes[0], cases, strict=False):
-        beside = cases if len(shared) > 1 else [case]
+        beside = cases if comparable else [case]
         main.set_ylim(0, 1.05 * max(float(other.displacement_counts_high.max()) for other in beside))
-        if main is axes[0, 0] or len(shared) == 1:
+        if main is axes[0, 0] or not comparable:
             main.set_ylabel(f"runs between $r$ and $r$ + {_width(case):.4g}")
-    for low in axes[1, : len(cases)]:
-        low.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
     axes[1, 0].set_ylabel("(observed - expected)\n/ standard error")
 
 
@@ -94,9 +98,9 @@ def _time(case: Dataset) -> float:
 
 def _verdicts(case: Dataset) -> str:
     """The verdict on every model that is shown, the power of the first test, and the kurtosis, in wrapped lines."""
-    sources = [_source(model) for model, _ in _models(case)]
-    tested = [SOURCES[source] if source == "square" else f"eq. (18) with {SOURCES[source]}" for source in sources]
-    verdicts = [model.verdict.item().partition("; ") for model, _ in _models(case)]
+    models = _models(case)
+    tested = [SOURCES[source] if source == "square" else f"eq. (18) with {SOURCES[source]}" for source in models]
+    verdicts = [model.verdict.item().partition("; ") for model in models.values()]
     lines = [f"{model}: {verdict}" for model, (verdict, _, _) in zip(tested, verdicts, strict=True)]
     lines += [power for _, _, power in verdicts[:1]]
     if np.isfinite(case.kurtosis):
@@ -114,8 +118,9 @@ def _counts(axes: Axes, case: Dataset) -> None:
     bars = np.abs(np.stack([case.displacement_counts_low, case.displacement_counts_high]) - observed)
     axes.errorbar(r, observed, bars, fmt="none", ecolor=DATA, elinewidth=1.1)
     axes.plot(r, observed, "o", color=DATA, markersize=3.5, label=f"{int(case.runs):,} runs, 95 % intervals")
-    for model, (colour, line, _) in _models(case):
-        axes.plot(r, model.expected_counts, color=colour, linestyle=line, label=_legend(model))
+    for source, model in _models(case).items():
+        colour, line, _ = LOOKS[source]
+        axes.plot(r, model.expected_counts, color=colour, linestyle=line, label=_legend(model, source))
     _overflow_strip(axes, case)
     beyond = f"{int(case.displacement_overflow):,} runs beyond $r$ = {edge:g}"
     at = (edge + OVERFLOW * _width(case), 0.5)
@@ -129,17 +134,12 @@ def _overflow_strip(axes: Axes, case: Dataset) -> None:
     axes.axvline(edge, color=GREY, linewidth=0.8)
 
 
-def _legend(model: Dataset) -> str:
+def _legend(model: Dataset, source: str) -> str:
     """The D of a model, its chi-square over the degrees of freedom, and the runs it expects beyond the rings."""
     diffusion = float(model.model_diffusion_coefficient)
     beyond = float(model.expected_overflow)
     test = f"$\\chi^2$/dof = {float(model.chi_square):.1f}/{int(model.degrees_of_freedom)}"
-    return f"{SOURCES[_source(model)]} = {diffusion:.3g}: {test}; {beyond:.0f} beyond"
-
-
-def _source(model: Dataset) -> str:
-    """Where the D of a model comes from: the first word of its name."""
-    return str(model.model.values).partition(" ")[0]
+    return f"{SOURCES[source]} = {diffusion:.3g}: {test}; {beyond:.0f} beyond"
 
 
 def _residuals(axes: Axes, case: Dataset) -> None:
@@ -149,7 +149,8 @@ def _residuals(axes: Axes, case: Dataset) -> None:
     residual_panel(axes)
     _overflow_strip(axes, case)
     models = _models(case)
-    for k, (model, (colour, _, marker)) in enumerate(models):
+    for k, (source, model) in enumerate(models.items()):
+        colour, _, marker = LOOKS[source]
         aside = (k - (len(models) - 1) / 2) * 0.22 * width  # so that no marker hides another
         at = np.append(case.r, edge + OVERFLOW * width) + aside * np.append(np.ones(case.r.size), 4)
         axes.plot(at, _standardised(case, model), marker, color=colour, markersize=4)
@@ -167,16 +168,14 @@ def _standardised(case: Dataset, model: Dataset) -> np.ndarray:
     return np.where(defined, (observed - expected) / np.sqrt(np.maximum(variance, LEAST_VARIANCE)), np.nan)
 
 
-def _models(case: Dataset) -> list[tuple[Dataset, tuple]]:
-    """The first defined model of each source of D, and its LOOKS; the reflecting square only where its walls matter."""
-    models = [case.isel(model=k) for k in range(case.sizes["model"])]
+def _models(case: Dataset) -> dict[str, Dataset]:
+    """The first defined model of each source of D; the reflecting square only where its walls matter."""
     first: dict[str, Dataset] = {}
-    for model in models:
-        if np.isfinite(model.model_diffusion_coefficient):
-            first.setdefault(_source(model), model)
+    for model in parts_of(case, "model", "model_diffusion_coefficient"):
+        first.setdefault(model.model.item().partition(" ")[0], model)
     if {"msd", "square"} <= first.keys() and not _differ(first["msd"], first["square"]):
         del first["square"]
-    return [(model, LOOKS[source]) for source, model in first.items()]
+    return first
 
 
 def _differ(a: Dataset, b: Dataset) -> bool:
@@ -192,12 +191,12 @@ def _width(case: Dataset) -> float:
 
 def table(cases: list[Dataset]) -> Table:
     """Return one row per case, time and ring; the last one holds all displacements beyond the rings."""
-    header = ("scene", "particles", "engine", "time", "r_inner", "r_outer", "runs", "runs_low", "runs_high")
+    header = (*EACH, "time", "r_inner", "r_outer", "runs", "runs_low", "runs_high")
     models = [f"expected, {model}" for model in cases[0].model.values]
     names = ("r_inner", "r_outer", "displacement_counts", "displacement_counts_low", "displacement_counts_high")
     rows = []
     for case in chain.from_iterable(map(distributions_of, cases)):
-        label = (case.scene.item(), case.particles.item(), case.engine.item(), _time(case))
+        label = (*label_of(case), _time(case))
         columns = [case[name].values for name in names]
         rows += [(*label, *values) for values in zip(*columns, *case.expected_counts.values, strict=True)]
         beyond = (case.r_outer.values[-1], np.inf, case.displacement_overflow.item(), np.nan, np.nan)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.figures.cases import has, over_time, plus_minus, title_of
+from brownpipe.figures.cases import has, over_time, parts_of, plus_minus, title_of
 from brownpipe.figures.style import DOTTED, INK, SERIES, band, columns, heads, time_axis
 from brownpipe.figures.tables import Table, long_table
 
@@ -46,11 +46,10 @@ def _top(case: Dataset) -> float:
 
 
 def _curves(axes: Axes, case: Dataset) -> None:
-    present = [name for name in case.species.values if has(case.sel(species=name), NAME)]
-    for name, (colour, line, _) in zip(present, cycle(SERIES), strict=False):
-        species = case.sel(species=name)
-        last = plus_minus(species[NAME][-1], species[f"{NAME}_standard_error"][-1])
-        band(axes, species.time.values, species, NAME, colour, linestyle=line, label=f"{name}: {last} at the end")
+    for part, (colour, line, _) in zip(parts_of(case, "species", NAME), cycle(SERIES), strict=False):
+        last = plus_minus(part[NAME][-1], part[f"{NAME}_standard_error"][-1])
+        label = f"{part.species.item()}: {last} at the end"
+        band(axes, part.time.values, part, NAME, colour, linestyle=line, label=label)
 
 
 def table(cases: list[Dataset]) -> Table:

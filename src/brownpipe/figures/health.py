@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brownpipe.analysis.variables import FAILED
+from brownpipe.analysis.variables import EACH, FAILED
 from brownpipe.figures.cases import title_of
 from brownpipe.figures.style import DASHED, DATA, FIT, grid
 from brownpipe.figures.tables import Table
@@ -38,7 +38,7 @@ def draw(cases: list[Dataset]) -> Figure:
     figure, axes = grid(1, len(MEASURES), 3.4, height, sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         for row, case in enumerate(cases):
-            _range(panel, row, _sizes(case, name))
+            _range(panel, row, sizes_of(case, name))
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
         place = {"ha": "right", "va": "bottom", "transform": panel.get_xaxis_transform()}
         panel.text(bound, 1.0, f"expected below {bound:g} ", color=FIT, **place)
@@ -46,7 +46,9 @@ def draw(cases: list[Dataset]) -> Figure:
         panel.minorticks_off()
         panel.set_xlabel(label)
     axes[0, 0].set_title("\n".join(lines), pad=22, fontweight="normal", fontsize=9)
-    _name_rows(axes[0, 0], cases)
+    axes[0, 0].set_yticks(range(len(cases)), map(title_of, cases))
+    axes[0, 0].set_ylim(len(cases) - 0.4, -0.6)
+    axes[0, 0].tick_params(axis="y", length=0)
     return figure
 
 
@@ -62,12 +64,6 @@ def _range(axes: Axes, row: int, sizes: np.ndarray) -> None:
     axes.plot([middle], [row], "o", color=DATA, markersize=5, label="median")
 
 
-def _name_rows(axes: Axes, cases: list[Dataset]) -> None:
-    axes.set_yticks(range(len(cases)), map(title_of, cases))
-    axes.set_ylim(len(cases) - 0.4, -0.6)
-    axes.tick_params(axis="y", length=0)
-
-
 def failed_of(cases: list[Dataset]) -> list[str]:
     """Return a line for each case with failed runs: how many, and their seeds."""
     lines = []
@@ -80,20 +76,20 @@ def failed_of(cases: list[Dataset]) -> list[str]:
     return lines if more <= 0 else [*lines[:MOST_LINES], f"and runs of {more} other cases"]
 
 
-def _sizes(case: Dataset, name: str) -> np.ndarray:
-    """Absolute values of a measure over the runs that have one."""
+def sizes_of(case: Dataset, name: str) -> np.ndarray:
+    """Return the absolute values of a measure over the runs that have one."""
     values = np.abs(case[name].values)
     return values[np.isfinite(values)]
 
 
 def table(cases: list[Dataset]) -> Table:
     """Return one row per case and measure: its bound, and minimum, quantiles and maximum over the runs."""
-    of_case = ("scene", "particles", "engine", "runs", "failed_runs")
+    of_case = (*EACH, "runs", "failed_runs")
     rows = []
     for case in cases:
         label = [case[name].item() for name in of_case]
         for name, (_, bound) in MEASURES.items():
-            sizes = _sizes(case, name)
+            sizes = sizes_of(case, name)
             quantiles = np.quantile(sizes, (0, *QUANTILES, 1)) if sizes.size else [np.nan] * 5
             rows.append((*label, name, bound, *quantiles))
     return Table((*of_case, "measure", "bound", "least", "5 %", "median", "95 %", "greatest"), rows)

@@ -38,18 +38,16 @@ def movie(
     fps: float = 25.0,
     comment: str = "",
 ) -> bytes:
-    """Return the bytes of a picture (`.png`), an animation (`.gif`) or a video (`.mp4`) of one whole run.
+    """Return the bytes of a picture (`.png`), an animation (`.gif`) or else a video (`.mp4`) of one whole run.
 
     `path` is the file of the trajectories, for messages. A picture shows the run at its end. An animation shows
     `frames` of its samples (default: all), equally spaced and ending with the last, at `fps` per second, which a GIF
     rounds to hundredths of a second per frame. `comment` goes into the metadata of a video. The same run gives the same
     bytes, except for a video, which ffmpeg encodes.
 
-    Raise RequestError for a file without this run; FigureError for another suffix, and for a video if ffmpeg is not
-    installed; OSError if ffmpeg fails.
+    Raise RequestError for a file without this run; for a video, FigureError if ffmpeg is not installed and OSError if
+    it fails.
     """
-    if suffix not in SUFFIXES:
-        raise FigureError(f"movie: the output must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}, not {suffix!r}")
     run = whole_run(trajectories, path, seed)
     if suffix == ".png":
         return snapshot(run)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe import theory
+from brownpipe.analysis.variables import EACH
 from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, MODEL, band, columns, heads, log_axis
-from brownpipe.figures.tables import Table
+from brownpipe.figures.tables import Table, label_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -149,16 +150,15 @@ def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:
 
 def table(cases: list[Dataset]) -> Table:
     """Return one row per case and time: the curves of the figure. Fitted lines are empty outside their windows."""
-    header = ("scene", "particles", "engine", "time", "msd", "msd_standard_error", "msd_low", "msd_high", "msd_over_4t")
+    names = ("time", "msd", "msd_standard_error", "msd_low", "msd_high", "msd_over_4t")
     rows = []
     for case in map(over_time, cases):
-        label = (case.scene.item(), case.particles.item(), case.engine.item())
-        columns = [case[name].values for name in header[3:]]
+        columns = [case[name].values for name in names]
         ballistic = theory.ballistic_msd(columns[0], float(case.initial_square_speed))
         diffusing = np.full(len(columns[0]), np.nan)
         for diffusion, _ in _diffusing(case):
             diffusing = _diffusion(case, columns[0], diffusion)
         lines = [_fitted(case.isel(window=k), columns[0]) for k in range(case.sizes["window"])]
-        rows += [(*label, *values) for values in zip(*columns, ballistic, diffusing, *lines, strict=True)]
+        rows += [(*label_of(case), *values) for values in zip(*columns, ballistic, diffusing, *lines, strict=True)]
     fits = (f"fit over {window}" for window in cases[0].window.values)
-    return Table((*header, "ballistic", "diffusion", *fits), rows)
+    return Table((*EACH, *names, "ballistic", "diffusion", *fits), rows)

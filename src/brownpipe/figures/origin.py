@@ -116,10 +116,8 @@ def installation_in_words(made: Mapping[str, Any]) -> str:
 # -- pictures -------------------------------------------------------------------------------------------------------
 
 
-def stamped(image: bytes, name: str, record: Record | None) -> bytes:
-    """Return the picture of a file (png, svg, gif or html) with its record, if there is one, in its metadata."""
-    if record is None:
-        return image
+def stamped(image: bytes, name: str, record: Record) -> bytes:
+    """Return the picture of a file (png, svg, gif or html) with its record in its metadata."""
     text, kind = json.dumps({"file": name} | record, sort_keys=True), name.rpartition(".")[2].lower()
     again = f" {AGAIN}" if "dataset" in record else ""
     if kind == "png":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.figures.cases import defined, has, plus_minus, title_of
+from brownpipe.figures.cases import defined, has, parts_of, plus_minus, title_of
 from brownpipe.figures.style import DATA, DOTTED, FILL, FIT, GREY, MODEL, band, bars, columns, heads
 from brownpipe.figures.tables import Table, long_table
 
@@ -34,24 +34,19 @@ def draw(cases: list[Dataset]) -> Figure:
 
     If all cases have equally many pairs, each case has a column; otherwise the panels follow each other.
     """
-    stacks = [[(case, pair) for pair in case.species_pair.values if has(_of(case, pair), NAME)] for case in cases]
+    stacks = [parts_of(case, "species_pair", NAME) for case in cases]
     if len(set(map(len, stacks))) > 1:
-        stacks = [[panel] for stack in stacks for panel in stack]
+        stacks = [[part] for parts in stacks for part in parts]
     rows = list(zip(*stacks, strict=True))
-    figure, axes = columns(
-        ["pair distribution function $g(r)$"] * len(rows), len(stacks), [3.6] * len(rows), sharey=False
-    )
+    labels = ["pair distribution function $g(r)$"] * len(rows)
+    figure, axes = columns(labels, len(stacks), [3.6] * len(rows), sharey=False)
     for panels, row in zip(axes, rows, strict=True):
-        for panel, (case, pair) in zip(panels, row, strict=True):
-            _panel(panel, defined(_of(case, pair), NAME, "distance"))
-        heads(panels, [f"{title_of(case)}: {pair}" for case, pair in row])
+        for panel, part in zip(panels, row, strict=True):
+            _panel(panel, defined(part, NAME, "distance"))
+        heads(panels, [f"{title_of(part)}: {part.species_pair.item()}" for part in row])
     for panel in axes[-1]:
         panel.set_xlabel("centre-to-centre distance $r$")
     return figure
-
-
-def _of(case: Dataset, pair: str) -> Dataset:
-    return case.sel(species_pair=pair)
 
 
 def _panel(axes: Axes, case: Dataset) -> None:

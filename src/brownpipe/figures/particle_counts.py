@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from brownpipe.analysis.variables import EACH
 from brownpipe.figures.cases import by_series, fits_of, over_time
 from brownpipe.figures.style import GREY, SERIES, apart, band, bars, error_bars, grid, heads, shades
-from brownpipe.figures.tables import Table
+from brownpipe.figures.tables import PARTS, Table, label_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,15 +94,10 @@ def _name_counts(axes: Axes, counts: list[int]) -> None:
 
 def table(cases: list[Dataset]) -> Table:
     """Return one row per case and fit window: D, and the MSD at the end of the run."""
-    header = ("scene", "particles", "engine", "packing_fraction", "window_start", "window_end")
-    diffusion = [f"diffusion_coefficient{part}" for part in ("", "_standard_error", "_low", "_high")]
-    final = [f"msd{part}" for part in ("", "_standard_error", "_low", "_high")]
+    of_fit = ["packing_fraction", "window_start", "window_end", *(f"diffusion_coefficient{part}" for part in PARTS)]
+    of_end = ["time", *(f"msd{part}" for part in PARTS)]
     rows = []
     for case in map(over_time, cases):
-        last = [case[name].values[-1] for name in final]
-        label = [case[name].item() for name in header[:4]]
-        rows += [
-            (*label, *(fit[name].item() for name in (*header[4:], *diffusion)), case.time.values[-1], *last)
-            for fit in fits_of(case)
-        ]
-    return Table((*header, *diffusion, "time", *final), rows)
+        end = [case[name].values[-1] for name in of_end]
+        rows += [(*label_of(case), *(fit[name].item() for name in of_fit), *end) for fit in fits_of(case)]
+    return Table((*EACH, *of_fit, *of_end), rows)

@@ -31,7 +31,6 @@ MOST_DISKS = 1000
 WORST = 1e-3  # departure from the recorded samples that single precision may cause [smallest radius]
 RECORD = "all,events"  # what `--record` must be given
 ELONGATION = 6.0  # longer side of the picture over the shorter one at most; of longer boxes a part is shown
-BESIDE = Path(__file__)  # the style and the script have the same name
 
 
 class Flight(NamedTuple):
@@ -62,16 +61,9 @@ class Fragment(NamedTuple):
     run: Record  # all that is needed to make the run again
 
 
-def replay_fragment(trajectories: Trajectories, path: str, seed: int | None = None) -> Fragment:
-    """Return the replay of a run as a part of a page.
-
-    `path` is the file of the trajectories, for messages. The run of `seed`, by default of the smallest, is replayed up
-    to the time until which its collisions fit into MOST_BYTES.
-
-    Raises RequestError for a file without this run, its tracks or its collisions, for more than MOST_DISKS disks, and
-    for collisions that do not lead to the recorded positions.
-    """
-    replay = replay_of(trajectories, path, seed)
+def replay_fragment(trajectories: Trajectories, path: str) -> Fragment:
+    """Return the replay of the run of the smallest seed as a part of a page; errors as of `replay_of`."""
+    replay = replay_of(trajectories, path)
     return Fragment(_section(replay), runs_record(trajectories.outline, [replay.seed], RECORD))
 
 
@@ -104,9 +96,14 @@ h1 {{ font-size: 1.3rem; line-height: 1.25; margin: 0 0 .5rem; }}
 
 
 def replay_of(trajectories: Trajectories, path: str, seed: int | None = None) -> Replay:
-    """Return the replay of a run; arguments and errors as of `replay_fragment`.
+    """Return the replay of a run up to the time until which its collisions fit into MOST_BYTES.
 
-    It has single precision if this displaces no disk by more than WORST from its samples, otherwise double precision.
+    `path` is the file of the trajectories, for messages; the run is that of `seed`, by default of the smallest. The
+    replay has single precision if this displaces no disk by more than WORST from its samples, otherwise double
+    precision.
+
+    Raises RequestError for a file without this run, its tracks or its collisions, for more than MOST_DISKS disks, and
+    for collisions that do not lead to the recorded positions.
     """
     seed = replayed_seed(trajectories, path, seed)
     scene, ensemble = trajectories.scene, trajectories.ensemble
@@ -130,7 +127,7 @@ def replay_of(trajectories: Trajectories, path: str, seed: int | None = None) ->
 
 
 def replayed_seed(trajectories: Trajectories, path: str, seed: int | None = None) -> int:
-    """Return the seed of the run to replay; arguments and errors as of `replay_fragment`."""
+    """Return the seed of the run to replay; arguments and errors as of `replay_of`."""
     ensemble, scene = trajectories.ensemble, trajectories.scene
     if scene.particles == 0:
         raise RequestError(f"{path}: has no disks to replay")
@@ -192,7 +189,7 @@ def _departure(scene: Scene, flight: Flight, times: np.ndarray, recorded: np.nda
 
 def _section(replay: Replay) -> str:
     """Return the HTML section: style, canvas, controls, numbers and curves, the data, and the script that moves it."""
-    style, script = (BESIDE.with_suffix(suffix).read_text(encoding="utf-8") for suffix in (".css", ".js"))
+    style, script = (Path(__file__).with_suffix(suffix).read_text(encoding="utf-8") for suffix in (".css", ".js"))
     data = json.dumps(_data(replay), sort_keys=True, allow_nan=False)
     name = html.escape(printable(f"Replay of {replay.scene.name}, N = {replay.scene.particles}, seed {replay.seed}"))
     mean = "; dashed: mean of the other disks" if replay.scene.particles > 1 else ""

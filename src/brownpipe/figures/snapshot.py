@@ -11,8 +11,8 @@ from brownpipe.figures.style import DATA, INK, drawing, image_bytes
 from brownpipe.storage.trajectories import whole_seed
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.collections import EllipseCollection
     from matplotlib.figure import Figure
 
     from brownpipe.scene import Scene
@@ -40,14 +40,6 @@ class WholeRun(NamedTuple):
     image: np.ndarray | None  # (T, 2) periodic images that disk 0 has crossed
 
 
-class Scenery(NamedTuple):
-    """A figure of a run, the artists that move, and the function that sets them to sample k."""
-
-    figure: Figure
-    moving: tuple
-    show: Callable[[int], None]
-
-
 def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) -> WholeRun:
     """Return the whole run of a seed, by default of the smallest, of the trajectories in the file at `path`.
 
@@ -62,16 +54,22 @@ def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) ->
 def snapshot(run: WholeRun) -> bytes:
     """Return the bytes of a PNG that shows a run at its last sample. The same run gives the same bytes."""
     with drawing():
-        scenery = scenery_of(run)
-        scenery.show(len(run.times) - 1)
-        return image_bytes(scenery.figure, "png")
+        figure, _, show = scenery_of(run)
+        show(len(run.times) - 1)
+        return image_bytes(figure, "png")
 
 
-def scenery_of(run: WholeRun) -> Scenery:
-    """Return the figure of a run with box, disks and path, to be set to a sample within the context `style.drawing`."""
+def scenery_of(run: WholeRun) -> tuple[Figure, tuple[Artist, ...], Callable[[int], None]]:
+    """Return the figure of a run with box, disks and path, the artists that move, and the function that sets them.
+
+    The function sets them to sample k; to be called within the context `style.drawing`, as this one.
+    """
+    from matplotlib.collections import EllipseCollection
+
     shades = shades_of(run.scene)
     figure, axes = _box(run.scene, f"{run.scene.name}, N = {run.scene.particles}, seed {run.seed}", shades)
-    disks = _disks(axes)
+    disks = EllipseCollection([], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5)
+    axes.add_collection(disks)
     (path,) = axes.plot([], [], color=DATA, linewidth=1.2)
     (centre,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
     axes.plot(*run.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3)
@@ -89,7 +87,7 @@ def scenery_of(run: WholeRun) -> Scenery:
         centre.set_data(*run.position[k, :1].T)
         time.set_text(_time_text(run.times, k))
 
-    return Scenery(figure, (disks, path, centre, time), show)
+    return figure, (disks, path, centre, time), show
 
 
 # --- the background
@@ -171,15 +169,6 @@ def _scale_bar(axes: Axes, box: Box, height: float) -> None:
 
 
 # --- disks and path
-
-
-def _disks(axes: Axes) -> EllipseCollection:
-    """Circles in units of the box, none as yet."""
-    from matplotlib.collections import EllipseCollection
-
-    disks = EllipseCollection([], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5)
-    axes.add_collection(disks)
-    return disks
 
 
 def _with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.typing import RcKeyType
+    from numpy.typing import ArrayLike
     from xarray import Dataset
 
 # Colours by meaning: measured data, fits, models, reference lines, text and theory
@@ -33,7 +34,7 @@ DOTTED = (0, (1, 1.2))
 DASH_DOT = (0, (4, 1.5, 1, 1.5))
 # Colour, line and marker of the first, second, ... species, fit window or scene
 SERIES = ((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D"))
-PANEL = (4.8, 5.4)  # width and height of the panel of a case [inch]
+WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis
 BETWEEN = 0.09  # padding on each side of a panel [inch]
@@ -135,26 +136,11 @@ def _figure(width: float, height: float) -> Figure:
     return Figure((width, height), layout=ConstrainedLayoutEngine(w_pad=BETWEEN))
 
 
-def tall_and_low(
-    columns: int, rows: int = 1, ratio: float = 2.6, sharex: Any = "col", sharey: Any = "row", height: float = PANEL[1]
-) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its axes (2 rows, columns): `rows` pairs of a tall panel and a low one in each column.
-
-    `ratio` is that of their heights, `height` [inch] that of a pair; `sharex` and `sharey` as in matplotlib.
-    """
-    figure = _figure(PANEL[0] * columns, height * rows)
-    axes = figure.subplots(
-        2 * rows, columns, sharex=sharex, sharey=sharey, squeeze=False, height_ratios=(ratio, 1) * rows
-    )
-    return figure, axes
-
-
 def time_axis(axes: Axes, times: np.ndarray) -> None:
     """Label the time axis and set its limits; make it logarithmic if the samples after t = 0 are not equally spaced."""
     later = times[times > 0]
     steps = np.diff(later)
-    logarithmic = len(steps) > 1 and steps.max() > 10 * steps[:-1].min()
-    if logarithmic:
+    if len(steps) > 1 and steps.max() > 10 * steps[:-1].min():
         log_axis(axes, "x", later[0], later[-1])
     else:
         axes.set_xlim(0, later[-1])
@@ -207,18 +193,13 @@ def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: 
 
     Their order stays. If the interval is too short for that, they divide it evenly.
     """
+    from scipy.optimize import isotonic_regression
+
     places, count = np.asarray(places, float), len(places)
     order = np.argsort(places, kind="stable")
     steps = min(least, (high - low) / max(1, count - 1)) * np.arange(count)
-    blocks = []  # (mean, number) of places that touch: the isotonic regression of places - steps
-    for place in places[order] - steps:
-        blocks.append((place, 1))
-        while len(blocks) > 1 and blocks[-2][0] >= blocks[-1][0]:
-            (a, m), (b, n) = blocks[-2:]
-            blocks[-2:] = [((m * a + n * b) / (m + n), m + n)]
     moved = np.empty(count)
-    means, numbers = zip(*blocks, strict=True)
-    moved[order] = np.clip(np.repeat(means, numbers), low, high - steps[-1]) + steps
+    moved[order] = np.clip(isotonic_regression(places[order] - steps).x, low, high - steps[-1]) + steps
     return moved
 
 
@@ -234,15 +215,18 @@ def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
     return np.abs([[float(case[f"{name}_{end}"] - case[name]) for case in cases] for end in ("low", "high")])
 
 
-def error_bars(axes: Axes, x: Sequence, y: Sequence, reach: np.ndarray, at: Sequence, **looks: Any) -> None:
+def error_bars(axes: Axes, x: Sequence, y: ArrayLike, reach: np.ndarray, at: Sequence, **looks: Any) -> None:
     """Draw error bars of values at x, shifted to the places `at` so that they do not overlap; they note their x."""
     setattr(axes.errorbar(at, y, reach, **looks), STATED_X, [*x])
 
 
-def grid(rows: int, columns: int, width: float, height: float, **sharing: Any) -> tuple[Figure, np.ndarray]:
-    """Return a figure of panels of equal width and height [inch], and its axes (rows, columns)."""
+def grid(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
+    """Return a figure of panels and its axes (rows, columns).
+
+    `width` and `height` [inch] are those of a panel, on average over the rows; `options` as for `Figure.subplots`.
+    """
     figure = _figure(width * columns, height * rows)
-    return figure, figure.subplots(rows, columns, squeeze=False, **sharing)
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def columns(
@@ -255,7 +239,7 @@ def columns(
     """
     wide = min(count, MOST_COLUMNS)
     rows, panels = -(-count // wide), len(heights)
-    figure = _figure(PANEL[0] * wide, sum(heights) * rows)
+    figure = _figure(WIDTH * wide, sum(heights) * rows)
     axes = figure.subplots(panels * rows, wide, squeeze=False, height_ratios=tuple(heights) * rows)
     stacks = axes.reshape(rows, panels, wide).swapaxes(0, 1).reshape(panels, rows * wide)
     for panel in stacks[:, count:].flat:

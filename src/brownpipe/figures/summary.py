@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
-from brownpipe.analysis.variables import FAILED, MISSING
+from brownpipe.analysis.variables import EACH, FAILED, MISSING
 from brownpipe.engines.failures import stopped_in_words
 from brownpipe.figures.cases import at_last_distribution, cases_of, has, over_time, plus_minus, title_of
 from brownpipe.figures.tables import Table, aligned
@@ -131,7 +131,7 @@ def stopped_of(case: Dataset) -> dict[int, str]:
 
 def summary_table(dataset: Dataset) -> Table:
     """Return every number of the summary, and those of the other fit windows: one row per case and window."""
-    label = ("scene", "particles", "engine", "runs", "failed_runs", "missing_seeds")
+    label = (*EACH, "runs", "failed_runs", "missing_seeds")
     end_of_run = ("msd", "msd_standard_error")
     fits: tuple[str, ...] = ("window_start", "window_end", "slope", "slope_standard_error", "naive_slope_error")
     fits += ("diffusion_coefficient", "diffusion_coefficient_standard_error")

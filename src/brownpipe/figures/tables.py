@@ -7,12 +7,11 @@ import io
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from brownpipe.analysis.variables import EACH
+from brownpipe.figures.cases import has
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from xarray import Dataset
 
@@ -26,27 +25,24 @@ class Table(NamedTuple):
     rows: list[tuple]
 
 
-def long_table(cases: list[Dataset], dims: Sequence[str], names: Sequence[str]) -> Table:
+def long_table(cases: list[Dataset], dims: Sequence[str], names: Iterable[str]) -> Table:
     """Return one row per case and point along `dims` with the variables `names` there; empty rows are left out.
 
-    Each variable is followed by its standard error and the ends of its interval where the dataset has them.
+    So are variables that no case has. Each variable is followed by its standard error and the ends of its interval
+    where the dataset has them.
     """
-    names = [f"{name}{part}" for name in names for part in PARTS if f"{name}{part}" in cases[0]]
+    measured = [name for name in names if any(has(case, name) for case in cases)]
+    names = [f"{name}{part}" for name in measured for part in PARTS if f"{name}{part}" in cases[0]]
     rows = []
     for case in cases:
-        label = tuple(case[name].item() for name in EACH)
-        shape = case[names].to_array()[0]
-        columns = [case[name].broadcast_like(shape).transpose(*dims).values for name in names]
-        places = [case[dim].values for dim in dims]
-        for at in np.ndindex(columns[0].shape):
-            values = [column[at] for column in columns]
-            if not all(map(_is_nan, values)):
-                rows.append((*label, *(place[k] for place, k in zip(places, at, strict=True)), *values))
+        frame = case[names].expand_dims(EACH).to_dataframe([*EACH, *dims])[names].dropna(how="all")
+        rows += frame.reset_index().itertuples(index=False, name=None)
     return Table((*EACH, *dims, *names), rows)
 
 
-def _is_nan(value: object) -> bool:
-    return isinstance(value, float) and math.isnan(value)
+def label_of(case: Dataset) -> tuple[str, int, str]:
+    """Return scene, particle count and engine, by which the rows of a case begin."""
+    return case.scene.item(), case.particles.item(), case.engine.item()
 
 
 def aligned(columns: Sequence[Sequence[str]]) -> list[str]:
@@ -66,7 +62,7 @@ def to_csv(table: Table) -> bytes:
 
 def _cell(value: object) -> object:
     """A number as Python prints it, whole numbers without a point."""
-    value = value.item() if hasattr(value, "item") else value
     if isinstance(value, float):
-        return "" if math.isnan(value) else repr(int(value) if value.is_integer() and abs(value) < 1e15 else value)
+        is_whole = value.is_integer() and abs(value) < 1e15
+        return "" if math.isnan(value) else repr(int(value) if is_whole else float(value))
     return value

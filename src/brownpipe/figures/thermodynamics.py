@@ -5,20 +5,21 @@ Theory is Luding's equation of state for equal disks, and Enskog's for rates and
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import by_series, has
-from brownpipe.figures.style import DASHED, GREY, INK, PANEL, SERIES, apart, bars, error_bars, grid, heads, tall_and_low
+from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, apart, bars, error_bars, grid, heads
 from brownpipe.figures.tables import Table, long_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
     from xarray import Dataset
 
 Z = "compressibility"
@@ -31,7 +32,9 @@ PANELS = {
 }
 MARGIN = 0.12  # beyond the data, as a fraction of their range; at least 0.1 of the value, except for Z
 MARKER = 0.022  # least distance of two markers, as a fraction of the horizontal axis
-LOOKS = [(SERIES[k % 4][0], SERIES[(k + k // 4) % 4][2]) for k in range(16)]  # of scenes: colour and marker
+# Of the markers of the first, second, ... scene: 16 pairs of colour and shape
+LOOKS = [{"color": SERIES[k % 4][0], "fmt": SERIES[(k + k // 4) % 4][2]} for k in range(16)]
+HOLLOW = {"markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
 VARIABLES = (RATE,)
 LACKING = "there are no collision rates"
 
@@ -46,10 +49,10 @@ def draw(cases: list[Dataset]) -> Figure:
     figure, axes = _panels(len(names), with_theory, len(by_series(cases)))
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
-        ends = _horizontal(measured)
-        phi = _fractions(measured)
-        place = apart(phi, min(MARKER, 0.5 / len(phi)) * (ends[1] - ends[0]), *ends)
-        series = list(_series(measured, place))
+        phi = _values(measured, "packing_fraction")
+        ends = _horizontal(phi)
+        places = apart(phi, min(MARKER, 0.5 / len(phi)) * (ends[1] - ends[0]), *ends)
+        series = by_series([case.assign(place=place) for case, place in zip(measured, places, strict=True)])
         _points(main, series, name)
         compared = [case for case in measured if np.isfinite(_expected(case, name))]
         for panel in low:
@@ -60,7 +63,7 @@ def draw(cases: list[Dataset]) -> Figure:
         main.set_xlim(*ends)
         main.locator_params(axis="x", nbins=5)
         below = low[0] if compared else main
-        moved = not np.allclose(place, phi, rtol=1e-9)
+        moved = not np.allclose(places, phi, rtol=1e-9)
         below.set_xlabel("packing fraction $\\phi$" + (" (markers shifted to avoid overlap)" if moved else ""))
         below.tick_params(labelbottom=True)
     heads(axes[0], [PANELS[name][1] for name in names])
@@ -71,36 +74,31 @@ def _panels(columns: int, with_theory: bool, series: int) -> tuple[Figure, np.nd
     """A row of panels, with theory a low one for the deviations below each; higher if the legend has many series."""
     legend = 0.19 * max(0, series - 2)
     if with_theory:
-        return tall_and_low(columns, ratio=2.0, sharey=False, height=5.6 + legend)
-    return grid(1, columns, PANEL[0], 4.0 + legend)
+        return grid(2, columns, WIDTH, (5.6 + legend) / 2, sharex="col", height_ratios=(2, 1))
+    return grid(1, columns, WIDTH, 4.0 + legend)
 
 
-def _horizontal(cases: list[Dataset]) -> tuple[float, float]:
+def _horizontal(phi: list[float]) -> tuple[float, float]:
     """Limits of the axis of packing fractions: from 0 if they differ by more than a factor of 2, else around them."""
-    phi = [float(case.packing_fraction) for case in cases]
     margin = max(0.15 * (max(phi) - min(phi)), 0.08 * max(phi))
     return (0.0 if 2 * min(phi) < max(phi) else min(phi) - margin), max(phi) + margin
 
 
-def _series(cases: list[Dataset], places: np.ndarray) -> Iterator[tuple[str, dict, list[Dataset], list[float]]]:
-    """Yield for each scene and engine its label, the looks of its markers, its cases and where their markers stand."""
-    at = {id(case): place for case, place in zip(cases, places, strict=True)}
-    for k, (label, of_series) in enumerate(by_series(cases).items()):
-        colour, marker = LOOKS[k % len(LOOKS)]
-        looks = {"fmt": marker, "color": colour, "markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
-        yield label, looks, of_series, [at[id(case)] for case in of_series]
+def _values(cases: list[Dataset], name: str) -> list[float]:
+    return [float(case[name]) for case in cases]
 
 
-def _fractions(cases: list[Dataset]) -> list[float]:
-    return [float(case.packing_fraction) for case in cases]
+def _markers(axes: Axes, cases: list[Dataset], y: ArrayLike, reach: np.ndarray, **looks: Any) -> None:
+    """Draw values of cases with error bars at the places of their markers."""
+    places = _values(cases, "place")
+    error_bars(axes, _values(cases, "packing_fraction"), y, reach, places, **HOLLOW, **looks)
 
 
-def _points(axes: Axes, series: list[tuple], name: str) -> None:
+def _points(axes: Axes, series: dict[str, list[Dataset]], name: str) -> None:
     """Draw the values of each series with their 95 % intervals, and set the limits of their axis."""
     values = [1.0] if name == Z else []
-    for label, looks, cases, phi in series:
-        means = [float(case[name]) for case in cases]
-        error_bars(axes, _fractions(cases), means, bars(cases, name), phi, label=label, **looks)
+    for (label, cases), looks in zip(series.items(), cycle(LOOKS), strict=False):
+        _markers(axes, cases, _values(cases, name), bars(cases, name), label=label, **looks)
         values += [float(case[part]) for case in cases for part in (name, f"{name}_low", f"{name}_high")]
         values += [_expected(case, name) for case in cases]
     low, high = np.nanmin(values), np.nanmax(values)
@@ -109,17 +107,15 @@ def _points(axes: Axes, series: list[tuple], name: str) -> None:
     axes.set_ylabel(PANELS[name][0])
 
 
-def _deviations(axes: Axes, series: list[tuple], name: str) -> None:
+def _deviations(axes: Axes, series: dict[str, list[Dataset]], name: str) -> None:
     """Draw the relative deviations from theory: rates are those at the temperature of the scene, as in the theory."""
-    for _, looks, cases, phi in series:
-        compared = [(case, x) for case, x in zip(cases, phi, strict=True) if np.isfinite(_expected(case, name))]
-        reference = np.array([_expected(case, name) for case, _ in compared])
-        value = np.array([float(case[_at_temperature(case, name)]) for case, _ in compared])
-        ends = [bars([case], _at_temperature(case, name))[:, 0] for case, _ in compared]
+    for cases, looks in zip(series.values(), cycle(LOOKS), strict=False):
+        compared = [case for case in cases if np.isfinite(_expected(case, name))]
+        reference = np.array([_expected(case, name) for case in compared])
+        value = np.array([float(case[_at_temperature(case, name)]) for case in compared])
+        ends = [bars([case], _at_temperature(case, name))[:, 0] for case in compared]
         reach = np.reshape(ends, (-1, 2)).T
-        fractions = _fractions([case for case, _ in compared])
-        departure = 100 * (value / reference - 1)
-        error_bars(axes, fractions, departure, 100 * reach / reference, [x for _, x in compared], **looks)
+        _markers(axes, compared, 100 * (value / reference - 1), 100 * reach / reference, **looks)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.margins(y=0.15)
     axes.set_ylabel("deviation\nfrom theory (%)")
@@ -152,6 +148,4 @@ def table(cases: list[Dataset]) -> Table:
     """Return one row per case: the measured quantities with their uncertainties, and the theoretical ones."""
     rates = (rate for name in (RATE, TRACER) for rate in (name, f"{name}_at_temperature"))
     measured = (Z, f"{Z}_rate", f"wall_{Z}", *rates, "wall_pressure", "kinetic_temperature")
-    references = (f"enskog_{name}" for name in PANELS)
-    names = [name for name in (*measured, *references) if any(has(case, name) for case in cases)]
-    return long_table(cases, (), ["packing_fraction", *names])
+    return long_table(cases, (), ("packing_fraction", *measured, *(f"enskog_{name}" for name in PANELS)))

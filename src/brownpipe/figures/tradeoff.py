@@ -7,19 +7,16 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brownpipe.figures.cases import check_names, plus_minus
 from brownpipe.figures.drawing import Drawing, drawing_of
-from brownpipe.figures.origin import Record, closing_lines, stamped
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, log_axis
-from brownpipe.figures.tables import Table, aligned, to_csv
+from brownpipe.figures.tables import Table, aligned
 from brownpipe.quoting import in_lines
 from brownpipe.stages import tracked
-from brownpipe.storage import write_file
 from brownpipe.tradeoff.front import FEWEST_RUNS, Interval, Setting, pareto_front, settings_of, total_error
 
 if TYPE_CHECKING:
@@ -47,8 +44,7 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     times = np.geomspace(
         FEWEST_RUNS * min(setting.seconds for setting in settings), _last_time(settings, front), POINTS
     )
-    figure, axes = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
-    axes = axes[0, 0]
+    figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
     coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
     colours = dict(zip(coloured, COLOURS * 9, strict=False))
     for setting in settings:
@@ -145,11 +141,15 @@ def table(dataset: Dataset, scenes: Sequence[str] | None = None) -> Table:
     header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *WORST, *PAYS)
     rows = []
     for scene in scenes_of(dataset) if scenes is None else scenes:
-        for setting in settings_of(dataset, scene):
-            values = dataset.sel(scene=scene, setting=setting.label)
-            numbers = (values[name].item() if name in values else np.nan for name in header)
-            rows.append((scene, int(values.particles), setting.label, *numbers))
+        for setting in _measured(dataset, scene):
+            numbers = (setting[name].item() if name in setting else np.nan for name in header)
+            rows.append((scene, int(setting.particles), setting.setting.item(), *numbers))
     return Table(("scene", "particles", "setting", *header), rows)
+
+
+def _measured(dataset: Dataset, scene: str) -> list[Dataset]:
+    """The part of the dataset on each setting of a scene that has runs, the exact one first."""
+    return [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
 
 
 def summary(dataset: Dataset) -> str:
@@ -180,19 +180,16 @@ def _of_scene(dataset: Dataset, scene: str) -> Iterator[str]:
 
 def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:
     """Return the table of a scene in words, by columns; g(contact) is left out where no g(r) was measured."""
-    of_scene = dataset.sel(scene=scene)
-    settings = settings_of(dataset, scene)
-    values = [of_scene.sel(setting=setting.label) for setting in settings]
-    rows = [(*HEADER, "front, s"), *(_row(of_setting, settings[0].seconds) for of_setting in values)]
+    settings = _measured(dataset, scene)
+    rows = [(*HEADER, "front, s"), *(_row(setting, float(settings[0].seconds)) for setting in settings)]
     return [column for column in zip(*rows, strict=True) if column[0] != "g(contact)" or set(column[1:]) != {"-"}]
 
 
 def off_front(dataset: Dataset, scene: str) -> Iterator[str]:
     """Yield lines that name the settings of a scene that are not, or perhaps not, on the Pareto front."""
-    values = [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
-    missing = [of_setting for of_setting in values if np.isnan(of_setting.pays_from)]
-    never = [of_setting.setting.item() for of_setting in missing if np.isnan(of_setting.may_pay_from)]
-    possibly = [of_setting.setting.item() for of_setting in missing if not np.isnan(of_setting.may_pay_from)]
+    missing = [setting for setting in _measured(dataset, scene) if np.isnan(setting.pays_from)]
+    never = [setting.setting.item() for setting in missing if np.isnan(setting.may_pay_from)]
+    possibly = [setting.setting.item() for setting in missing if not np.isnan(setting.may_pay_from)]
     yield f"not on the Pareto front: {'; '.join(never) or 'none of them'}"
     if possibly:
         yield f"on it only if an unresolved bias is small or its cost low: {'; '.join(possibly)}"
@@ -257,14 +254,6 @@ def scenes_of(dataset: Dataset) -> list[str]:
     return [scene for scene in dataset.scene.values if np.count_nonzero(dataset.runs.sel(scene=scene)) > 1]
 
 
-def render(dataset: Dataset, folder: str | Path, record: Record | None = None) -> list[Path]:
-    """Write tradeoff_SCENE.png and .svg for every scene, tradeoff.csv and tradeoff.txt; return the paths.
-
-    With a `record` of what they were made from, pictures and text state it.
-    """
-    return write_drawings(drawn(dataset), dataset, folder, record)
-
-
 def drawn(dataset: Dataset) -> list[Drawing]:
     """Draw the trade-off of every scene; the table of each drawing has that scene alone."""
     check_names(dataset)
@@ -273,18 +262,3 @@ def drawn(dataset: Dataset) -> list[Drawing]:
             drawing_of(f"tradeoff_{scene}", draw(dataset, scene), table(dataset, [scene]))
             for scene in tracked(scenes_of(dataset), "figures")
         ]
-
-
-def write_drawings(
-    drawings: Sequence[Drawing], dataset: Dataset, folder: str | Path, record: Record | None = None
-) -> list[Path]:
-    """Write the pictures of drawings, tradeoff.csv and tradeoff.txt into a folder; return the paths."""
-    files: dict[str, bytes] = {}
-    for shown in drawings:
-        for suffix, image in shown.images.items():
-            files[f"{shown.name}.{suffix}"] = stamped(image, f"{shown.name}.{suffix}", record)
-    text = summary(dataset) + ("" if record is None else closing_lines(record))
-    files |= {"tradeoff.csv": to_csv(table(dataset)), "tradeoff.txt": text.encode()}
-    for name, contents in files.items():
-        write_file(Path(folder) / name, contents)
-    return [Path(folder) / name for name in files]

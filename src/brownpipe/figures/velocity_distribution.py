@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from brownpipe.elementary import exp
-from brownpipe.figures.cases import has, title_of
+from brownpipe.figures.cases import has, parts_of, title_of
 from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
 from brownpipe.figures.tables import Table, long_table
 
@@ -79,12 +79,11 @@ def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
     edges, expected = _expected(case[dim].values, name)
     main.stairs(expected, edges, color=INK, linewidth=1.0, label="Maxwell-Boltzmann")
     residual_panel(low)
-    present = [species for species in case.species.values if has(case.sel(species=species), name)]
-    for species, (colour, _, marker) in zip(present, cycle(SERIES), strict=False):
-        of_species = case.sel(species=species)
-        observed = of_species[name].values
-        error = of_species[f"{name}_standard_error"].values
-        main.plot(case[dim], observed, marker, color=colour, markersize=3, markerfacecolor="none", label=species)
+    for part, (colour, _, marker) in zip(parts_of(case, "species", name), cycle(SERIES), strict=False):
+        observed = part[name].values
+        error = part[f"{name}_standard_error"].values
+        looks = {"color": colour, "markersize": 3, "markerfacecolor": "none", "label": part.species.item()}
+        main.plot(case[dim], observed, marker, **looks)
         # A bin of relative error e has 1/e^2 independent counts; residuals are in standard errors of those expected.
         enough = (error > 0) & (expected * observed >= FEWEST_COUNTS * error**2)
         deviation = (error * np.sqrt(expected / np.where(enough, observed, 1)))[enough]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -78,17 +79,12 @@ def _again(record: Record, name: str) -> str:
         f" byte:</p>\n{_code(text(f'brownpipe inspect {shell_path(name)} --reproduce'))}{runs}"
         f"{paragraphs(closing_lines(record).splitlines()[:1], 'remark')}"
         + details("Versions and digests", table(_versions(record), "Versions and digests"))
-        + details("Scenes, seeds, options", f'<pre tabindex="0">{_escaped(stated)}</pre>\n')
+        + details("Scenes, seeds, options", f'<pre tabindex="0">{html.escape(stated, quote=False)}</pre>\n')
     )
 
 
 def _code(lines: str) -> str:
     return f'<pre tabindex="0"><code>{lines}</code></pre>\n'
-
-
-def _escaped(lines: str) -> str:
-    """Return JSON as HTML; it has ASCII characters alone."""
-    return lines.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 def _versions(record: Record) -> list[list[str]]:

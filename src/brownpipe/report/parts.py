@@ -7,7 +7,7 @@ import html
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,23 +50,21 @@ def table(
     kinds = [' class="number"' if all(map(NUMBER.fullmatch, cells)) else "" for _, *cells in columns]
     header, *rows = zip(*columns, strict=True)
     names = "".join(f'<th scope="col"{kind}>{_cell_text(name)}</th>' for name, kind in zip(header, kinds, strict=True))
-    body = []
+    lines = []
+    if above is not None:
+        name, wide = above
+        rest = len(columns) - wide
+        lines.append(f'<tr><td colspan="{rest}"></td><th scope="colgroup" colspan="{wide}">{text(name)}</th></tr>')
+    lines += [f"<tr>{names}</tr>", "</thead>", "<tbody>"]
     for k, row in enumerate(rows):
         if groups and (k == 0 or groups[k] != groups[k - 1]):
-            body.append(f'<tr><th scope="rowgroup" colspan="{len(columns)}">{text(groups[k])}</th></tr>')
-        body.append(_row(row, kinds))
-    lines = [*_heading_above(above, len(columns)), f"<tr>{names}</tr>", "</thead>", "<tbody>", *body]
+            lines.append(f'<tr><th scope="rowgroup" colspan="{len(columns)}">{text(groups[k])}</th></tr>')
+        lines.append(_row(row, kinds))
     return (
         f'<div class="wide" tabindex="0" role="group" aria-label="{text(title)}">\n<table>\n<thead>\n'
         + "\n".join(lines)
         + "\n</tbody>\n</table>\n</div>\n"
     )
-
-
-def _heading_above(above: tuple[str, int] | None, columns: int) -> Iterator[str]:
-    if above is not None:
-        name, wide = above
-        yield f'<tr><td colspan="{columns - wide}"></td><th scope="colgroup" colspan="{wide}">{text(name)}</th></tr>'
 
 
 def _cell_text(words: str) -> str:
@@ -128,7 +126,6 @@ def numbers(shown: Table, title: str) -> str:
 
 def _cell(value: object) -> str:
     """Return a number or name of a table of numbers in words."""
-    value = value.item() if hasattr(value, "item") else value
     if isinstance(value, float):
         return "-" if math.isnan(value) else f"{value:.{DIGITS}g}"
     return str(value)

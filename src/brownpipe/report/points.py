@@ -6,6 +6,7 @@ They are read from the figure that was drawn, so that they cannot disagree with 
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -52,8 +53,8 @@ class Marks(NamedTuple):
     colour: str
     x: np.ndarray  # (P,) where they are drawn
     y: np.ndarray  # (P,)
-    stated_x: np.ndarray  # (P,) their values of x; not x for markers that are shifted to avoid overlap
-    is_measured: bool  # has a marker, and so belongs on the page without a label, too
+    stated_x: np.ndarray  # (P,) values of x on the page; they differ from `x` where markers are shifted side by side
+    is_measured: bool  # drawn with markers: measured values, which are on the page even without a label
 
 
 Intervals = dict[tuple[str, float], list[tuple[float, float]]]  # low and high ends at each colour and x
@@ -161,33 +162,28 @@ def _intervals(axes: Axes) -> Intervals:
     from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.patches import StepPatch
 
-    found: Intervals = {}
+    found: Intervals = defaultdict(list)
     for collection in axes.collections:
         if isinstance(collection, PolyCollection):
             colour = _colour(collection.get_facecolor()[0]) if len(collection.get_facecolor()) else ""
-            for path in collection.get_paths():
-                _add_band(found, colour, np.asarray(path.vertices))
+            for path in collection.get_paths():  # a polygon around a band
+                heights = defaultdict(list)
+                for x, y in np.asarray(path.vertices).tolist():
+                    heights[x].append(y)
+                for x, ends in heights.items():
+                    found[colour, x].append(_ends(ends))
         elif isinstance(collection, LineCollection):
             colour = _colour(collection.get_color()[0])
             for segment in collection.get_segments():
                 if len(segment) == HALF_INTERVAL and segment[0][0] == segment[1][0]:
-                    found.setdefault((colour, float(segment[0][0])), []).append(_ends(segment[:, 1]))
+                    found[colour, float(segment[0][0])].append(_ends(segment[:, 1]))
     for patch in axes.patches:
         if isinstance(patch, StepPatch) and patch.get_fill():
             values, edges, baseline = patch.get_data()
             centres = (edges[1:] + edges[:-1]) / 2
             for x, *ends in np.stack([centres, values, np.broadcast_to(baseline, np.shape(values))], axis=1):
-                found.setdefault((_colour(patch.get_facecolor()), float(x)), []).append(_ends(ends))
+                found[_colour(patch.get_facecolor()), float(x)].append(_ends(ends))
     return found
-
-
-def _add_band(found: Intervals, colour: str, vertices: np.ndarray) -> None:
-    """Add the ends of a band, a polygon around it, at each of its x."""
-    heights: dict[float, list[float]] = {}
-    for x, y in vertices:
-        heights.setdefault(float(x), []).append(float(y))
-    for x, y in heights.items():
-        found.setdefault((colour, x), []).append(_ends(y))
 
 
 def _ends(values: Iterable[float]) -> tuple[float, float]:
@@ -220,11 +216,8 @@ def _column(axes: Axes) -> list[Axes]:
 def _name_by_colour(axes: Axes, colour: str) -> str:
     """Return the label of an artist of this colour in the panel itself or in one above it; "" if there is none."""
     panels = _column(axes)
-    for panel in reversed(panels[: panels.index(axes) + 1]):
-        for line in _marks(panel):
-            if line.label and line.colour == colour:
-                return line.label
-    return ""
+    lines = (line for panel in reversed(panels[: panels.index(axes) + 1]) for line in _marks(panel))
+    return next((line.label for line in lines if line.label and line.colour == colour), "")
 
 
 def _title(axes: Axes) -> str:

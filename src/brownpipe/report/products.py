@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 from brownpipe.errors import FigureError
 from brownpipe.figures import render, tradeoff
+from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.origin import Record, closing_lines, record_of, stamped, write_record
-from brownpipe.figures.summary import summary
+from brownpipe.figures.summary import summary, summary_table
+from brownpipe.figures.tables import to_csv
 from brownpipe.report import study as study_page
 from brownpipe.report import tradeoff as tradeoff_page
 from brownpipe.storage import read_dataset, seal_of, write_file
@@ -22,13 +24,14 @@ if TYPE_CHECKING:
     from brownpipe.figures.replay import Fragment
 
 SUMMARY = "summary.txt"
+FILE_TYPES = ("png", "svg", "csv")  # of a figure
 
 
 def read(path: str | Path, names: Sequence[str] | None = None, particles: int | None = None) -> tuple[Dataset, Record]:
-    """Return the dataset at `path` and what is to be written of it.
+    """Return the dataset at `path` and the record of its products, which says what figures there are to be.
 
-    names, particles: as in `render`; a trade-off is shown as a whole, otherwise FigureError is raised. Raises what
-    `read_dataset` raises.
+    names, particles: as in `render.drawn`. Raises FigureError for a trade-off if either is given, as it is shown as a
+    whole, and what `read_dataset` raises.
     """
     dataset = read_dataset(path)
     if is_tradeoff(dataset) and (names or particles is not None):
@@ -47,18 +50,29 @@ def write(
 ) -> list[Path]:
     """Write the products of a record into a folder; of the figures only `names`, if given. Return the paths.
 
-    page: file of the page with all of them. replay: one run, replayed in the page of a study. Raises FigureError as
-    `render` does.
+    page: file of the page with all of them. replay: one run, replayed in the page of a study. Figures of a study that
+    are in the folder but not among the products are removed, as they may belong to another dataset. Raises FigureError
+    as `render.drawn` does.
     """
+    folder = Path(folder)
     if is_tradeoff(dataset):
         drawings = tradeoff.drawn(dataset)
-        paths = tradeoff.write_drawings(drawings, dataset, folder, record)
+        tables = {"tradeoff.csv": tradeoff.table(dataset)}
+        texts = {"tradeoff.txt": tradeoff.summary(dataset)}
     else:
         drawings = render.drawn(dataset, names or record["figures"], record["particles"])
-        paths = render.write_drawings(drawings, dataset, folder, record)
-        write_file(Path(folder) / SUMMARY, (summary(dataset) + closing_lines(record)).encode())
-        paths.append(Path(folder) / SUMMARY)
-    paths.append(write_record(folder, record, [path.name for path in paths]))
+        tables = {f"{shown.name}.csv": shown.table for shown in drawings} | {"summary.csv": summary_table(dataset)}
+        texts = {SUMMARY: summary(dataset)}
+        for name in FIGURES.keys() - {shown.name for shown in drawings}:
+            for suffix in FILE_TYPES:
+                (folder / f"{name}.{suffix}").unlink(missing_ok=True)
+    pictures = {f"{shown.name}.{suffix}": image for shown in drawings for suffix, image in shown.images.items()}
+    files = {name: stamped(image, name, record) for name, image in pictures.items()}
+    files |= {name: to_csv(table) for name, table in tables.items()}
+    files |= {name: (text + closing_lines(record)).encode() for name, text in texts.items()}
+    for name, contents in files.items():
+        write_file(folder / name, contents)
+    paths = [*(folder / name for name in files), write_record(folder, record, files)]
     if page is not None:
         name = Path(page).name
         if is_tradeoff(dataset):

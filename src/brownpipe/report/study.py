@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from brownpipe.figures import health
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.summary import QUESTION, TESTS, answer
+from brownpipe.figures.tables import label_of
 from brownpipe.report.page import HINT, Section
 from brownpipe.report.page import page as whole_page
 from brownpipe.report.parts import figure, paragraphs, table
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from brownpipe.figures.summary import Answer
 
 TITLE = "Brownian motion of hard disks"
-HEALTH = "health"  # the figure that stands in a section of its own
 SEE_ANSWER = '<p>Runs failed or are missing: see <a href="#answer">the answer</a>.</p>\n'
 
 
@@ -35,11 +34,11 @@ def page(dataset: Dataset, drawings: Sequence[Drawing], record: Record, name: st
     sections = [Section("answer", "Answer", _answer(found))]
     if replay is not None:
         sections.append(Section("replay", "One run", replay))
-    shown = [figure(drawing, drawing.name) for drawing in drawings if drawing.name != HEALTH]
+    shown = {drawing.name: figure(drawing, drawing.name) for drawing in drawings}
+    of_runs = shown.pop("health", "")  # stands in a section of its own
     if shown:
-        sections.append(Section("figures", "Figures", paragraphs([HINT], "hint") + "".join(shown)))
-    of_runs = [figure(drawing, drawing.name) for drawing in drawings if drawing.name == HEALTH]
-    sections.append(Section("runs", "Health of the runs", _health(cases, found) + "".join(of_runs)))
+        sections.append(Section("figures", "Figures", paragraphs([HINT], "hint") + "".join(shown.values())))
+    sections.append(Section("runs", "Health of the runs", _health(cases, found) + of_runs))
     return whole_page(TITLE, _lead(cases), sections, record, name)
 
 
@@ -61,16 +60,13 @@ def _answer(found: Answer) -> str:
 
 def _health(cases: Sequence[Dataset], found: Answer) -> str:
     """Return failed and missing runs, and the greatest deviation of any run of each case."""
-    columns = [["scene"], ["N"], ["engine"], ["runs"], ["failed"]]
-    columns += [[f"{label}, expected below {bound:g}"] for label, bound in health.MEASURES.values()]
-    rows = health.table([*cases]).rows
-    for k in range(0, len(rows), len(health.MEASURES)):
-        of_case = rows[k : k + len(health.MEASURES)]
-        cells = [*map(str, of_case[0][:3]), *(f"{count:g}" for count in of_case[0][3:5])]
-        cells += ["-" if math.isnan(greatest) else f"{greatest:.2g}" for *_, greatest in of_case]
-        for column, cell in zip(columns, cells, strict=True):
-            column.append(cell)
-    columns = [column for column in columns if column[0] != "engine" or len({*column[1:]}) > 1]
+    measures = (f"{label}, expected below {bound:g}" for label, bound in health.MEASURES.values())
+    rows = [("scene", "N", "engine", "runs", "failed", *measures)]
+    for case in cases:
+        sizes = [health.sizes_of(case, name) for name in health.MEASURES]
+        counts = (f"{case[name].item():g}" for name in ("runs", "failed_runs"))
+        rows.append((*map(str, label_of(case)), *counts, *(f"{of.max():.2g}" if of.size else "-" for of in sizes)))
+    columns = [column for column in zip(*rows, strict=True) if column[0] != "engine" or len({*column[1:]}) > 1]
     title = "Largest value of any run"
     fate = SEE_ANSWER if found.missing else paragraphs(["No run failed, and no seed is missing."])
     return f"{fate}{paragraphs([f'{title}:'])}{table(columns, title, grouped=True)}"
