@@ -1,8 +1,7 @@
 """Trajectory files: a batch of runs of one scene by one engine; their layout is drawn in `brownpipe.storage`."""
 
 import json
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,7 +17,7 @@ from brownpipe.scene.reading import NAME
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.admission import opened, understood
 from brownpipe.storage.consistency import refuse_axes, refuse_sizes, refuse_values
-from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
+from brownpipe.storage.files import BLANK_SEAL, naming, read_sealed, seal, write_file
 from brownpipe.storage.hdf5 import (
     Node,
     digest,
@@ -106,7 +105,7 @@ def read_trajectories(path: str | Path) -> Trajectories:
     Raises StorageError, which names the file, its seeds and the command that makes them again; WrongFileError if the
     file does not exist or is no trajectory file.
     """
-    with _naming(path), understood():
+    with naming(path, remedy), understood():
         return _trajectories(*_contents(path))
 
 
@@ -115,7 +114,7 @@ def read_outline(path: str | Path) -> Outline:
 
     Raises StorageError and WrongFileError like `read_trajectories`.
     """
-    with _naming(path), understood():
+    with naming(path, remedy), understood():
         image = read_sealed(path)
         nodes, names = some_from_bytes(image, OUTLINE), names_from_bytes(image, LISTED)
         parameters = _parameters_of(nodes)
@@ -149,7 +148,7 @@ def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
 
 def read_header(path: str | Path) -> dict:
     """Return the attributes of /parameters (names, versions, digests); checks and errors as of `read_outline`."""
-    with _naming(path), understood():
+    with naming(path, remedy), understood():
         return _parameters_of(some_from_bytes(read_sealed(path), OUTLINE))
 
 
@@ -261,14 +260,3 @@ def _track(nodes: dict[str, Node], group: str) -> Track:
 def _log(nodes: dict[str, Node], group: str) -> Events:
     """Return the collisions of one run."""
     return Events(*(nodes[f"{group}/{name}"].value for name in Events._fields))
-
-
-@contextmanager
-def _naming(path: str | Path) -> Iterator[None]:
-    """Put the name of the file before errors and, if it is damaged, the remedy behind them."""
-    try:
-        yield
-    except WrongFileError as error:
-        raise WrongFileError(f"{path}: {error}") from error
-    except StorageError as error:
-        raise StorageError(f"{path}: {error}; {remedy(path)}") from error
