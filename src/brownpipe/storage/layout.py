@@ -8,11 +8,10 @@ import numpy as np
 
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble, Events, Track
-from brownpipe.observables import ARRAYS
+from brownpipe.observables import ARRAYS, AXES, axes
 from brownpipe.provenance import versions
 from brownpipe.scene import Box, Scene
 from brownpipe.scene.seeds import seed_text
-from brownpipe.storage import arrays
 from brownpipe.storage.hdf5 import Link, Node, Tree
 from brownpipe.storage.rerun import rerun
 
@@ -140,9 +139,24 @@ def _observables(scene: Scene, ensemble: Ensemble) -> Tree:
     if ensemble.stopped:
         reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
         nodes[f"{group}/stopped"] = _dataset("stopped", np.array(reasons, h5py.string_dtype()), ("seed",))
-    nodes |= arrays.layout(group, scene, ensemble)
+    nodes |= _arrays(group, scene, ensemble)
     if ensemble.events:
         nodes["observables/events"] = Node(None, {})
+    return nodes
+
+
+def _arrays(group: str, scene: Scene, ensemble: Ensemble) -> Tree:
+    """Return the arrays of observables (S, ...) and their scales; the times are those of the ensemble."""
+    arrays = {name: ARRAYS[name] for name in ensemble.observables if name in ARRAYS}
+    scales = {dim: values for name in arrays for dim, values in axes(scene, name).items()}
+    nodes: Tree = {}
+    for dim, values in scales.items():
+        values = np.array(values, h5py.string_dtype()) if isinstance(values, list) else values
+        attributes = {"units": AXES[dim].units, "long_name": AXES[dim].long_name}
+        nodes[f"{group}/{dim}"] = Node(ensemble.times if dim == "time" else values, attributes, (dim,))
+    for name, array in arrays.items():
+        attributes = {"units": array.units, "long_name": array.long_name}
+        nodes[f"{group}/{name}"] = Node(ensemble.observables[name], attributes, ("seed", *array.dims))
     return nodes
 
 
