@@ -11,7 +11,6 @@ EXAMPLE = "results/small/simulate/*/*/*/*.h5 --output small.nc"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("files", nargs="*", metavar="FILE.h5", help="trajectory files of one study, in any order")
     add("--output", required=True, metavar="DATASET.nc", help="dataset to write (netCDF4)")
     add("--study", metavar="STUDY", help="study file (YAML): analyse its files, and refuse any that holds other runs")

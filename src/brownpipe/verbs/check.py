@@ -11,7 +11,6 @@ EXAMPLE = SCENE
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("file", metavar="SCENE|STUDY", help="scene or study file (YAML)")
     add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
 

@@ -12,7 +12,6 @@ EXAMPLE = "seed17.h5 --to gsd"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     from brownpipe.storage.export import FORMATS
 
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all); for csv, any")

@@ -17,7 +17,6 @@ EXAMPLE = "small.nc --output figures"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
     add("--output", required=True, metavar="FOLDER", help="folder for the figures, tables and the summary")
     add("--page", metavar="FILE.html", help="also write a page with all results, in one file")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from brownpipe.errors import DONE, RequestError
 from brownpipe.verbs.output import PAGE, number, show, suffix, writable
-from brownpipe.verbs.values import frames, integer, positive
+from brownpipe.verbs.values import at_least_one, integer, positive
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
 KINDS = ("gif", "mp4", "png", "html")
@@ -15,12 +15,11 @@ FPS = 25.0  # frames a second
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
     add("--seed", type=integer, metavar="SEED", help="the run to show (default: the first in the file)")
     add("--to", choices=KINDS, metavar="KIND", help="gif, mp4, png or html (default: that of the output, or gif)")
     add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: name of the file, in this folder)")
-    add("--frames", type=frames, metavar="COUNT", help="samples to show (default: all)")
+    add("--frames", type=at_least_one, metavar="COUNT", help="samples to show (default: all)")
     add("--fps", type=positive, help="frames a second (default: 25)")
 
 

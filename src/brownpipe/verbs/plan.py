@@ -14,7 +14,6 @@ EXAMPLE = "config/harrison2020.yaml --tolerance 2% --write my_study.yaml"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("study", metavar="STUDY", help="study file (YAML)")
     add("--tolerance", metavar="ERROR", help="relative error that is allowed: 2%% or 0.02")
     target = "quantity with this error: msd (at the end; default), d, or displacement_distribution (at the end)"

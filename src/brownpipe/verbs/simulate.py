@@ -20,7 +20,7 @@ EXAMPLE = f"{SCENE} --seeds 17 --record all --output seed17.h5"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser. `words` are for completion only."""
+    """Add the arguments of the verb; `words` are for completion only."""
     from brownpipe.engines import RECORDS
     from brownpipe.observables import AVERAGES, OBSERVABLES
 

@@ -13,7 +13,6 @@ EXAMPLE = "config/tradeoff.yaml"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("study", metavar="STUDY", help="study file (YAML)")
     add("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
     replaced = "other values of the study's keys, as for `snakemake --config`"

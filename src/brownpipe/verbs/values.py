@@ -91,11 +91,6 @@ def rings(text: str) -> int:
     return integer(text, 1, 100_000)
 
 
-def frames(text: str) -> int:
-    """Return a number of frames, 1 or more."""
-    return integer(text, 1)
-
-
-def cores(text: str) -> int:
-    """Return a number of cores, 1 or more."""
+def at_least_one(text: str) -> int:
+    """Return a number of frames or cores, 1 or more."""
     return integer(text, 1)
