@@ -21,9 +21,9 @@ from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.origin import RECORD, Record, dataset_attributes, installation_in_words, read_record, record_in
 from brownpipe.figures.replay import replay_fragment
-from brownpipe.formatting import in_time
+from brownpipe.formatting import counted, in_time
 from brownpipe.inspection.comparison import differing_variables, first_difference
-from brownpipe.inspection.lines import DIGITS, is_version
+from brownpipe.inspection.lines import DIGITS
 from brownpipe.inspection.runs import seeds_in_words
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.quoting import printable, shell_path
@@ -99,8 +99,8 @@ def describe(path: str | Path) -> str:
 def _runs(origin: Origin) -> str:
     """Return the runs of an origin in words."""
     particles = "" if origin.scene is None else f", N = {origin.scene.particles}"
-    count = f"{len(origin.seeds):,} run{'' if len(origin.seeds) == 1 else 's'}"
-    return f"{count} of {origin.name}{particles}, {origin.engine.options}, {seeds_in_words(origin.seeds)}"
+    runs = counted(len(origin.seeds), "run")
+    return f"{runs} of {origin.name}{particles}, {origin.engine.options}, {seeds_in_words(origin.seeds)}"
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
@@ -313,7 +313,7 @@ def _as_stated(dataset: Dataset, product: Product) -> Dataset:
     """Return a dataset with source, versions and commit as the product states them."""
     stated, attributes = product.attributes, {}
     for name, value in dataset.attrs.items():
-        is_of_installation = is_version(name) or name in ("source_digest", "python")
+        is_of_installation = name.endswith("_version") or name in ("source_digest", "python")
         if name != "git_commit":
             attributes[name] = stated.get(name, value) if is_of_installation else value
         if name == "python" and "git_commit" in stated:

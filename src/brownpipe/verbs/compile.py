@@ -5,8 +5,8 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE
-from brownpipe.formatting import in_time
-from brownpipe.verbs.output import number, show
+from brownpipe.formatting import counted, in_time
+from brownpipe.verbs.output import show
 from brownpipe.verbs.values import key_value
 
 EXAMPLE = "config/harrison2020.yaml"
@@ -36,5 +36,5 @@ def compile(arguments: Namespace) -> int:
     with progress.shown("compile"):
         compile_all(calls)
     spent = in_time(time.process_time() - began)
-    show(f"{number(count, 'kernel')} compiled in {spent} of CPU" if count else "all kernels have been compiled before")
+    show(f"{counted(count, 'kernel')} compiled in {spent} of CPU" if count else "all kernels have been compiled before")
     return DONE

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.errors import DONE, RequestError
-from brownpipe.verbs.output import PAGE, number, show, suffix, writable
+from brownpipe.formatting import counted, in_bytes
+from brownpipe.verbs.output import PAGE, show, suffix, writable
 from brownpipe.verbs.values import at_least_one, integer, positive
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
@@ -33,7 +34,6 @@ def movie(arguments: Namespace) -> int:
     from brownpipe.figures.movie import SUFFIXES, samples_shown
     from brownpipe.figures.movie import movie as moving
     from brownpipe.figures.origin import movie_record, stamped
-    from brownpipe.formatting import in_bytes
     from brownpipe.storage import read_trajectories, write_file
 
     kinds = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
@@ -49,7 +49,7 @@ def movie(arguments: Namespace) -> int:
         contents = stamped(moving(trajectories, arguments.file, kind, *options), f"movie{kind}", record)
     write_file(output, contents)
     count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
-    show(f"{output}: {number(count, 'frame')}, {in_bytes(len(contents))}")
+    show(f"{output}: {counted(count, 'frame')}, {in_bytes(len(contents))}")
     return DONE
 
 
@@ -57,7 +57,6 @@ def _replay(arguments: Namespace, output: str) -> int:
     """Write the page that replays a run."""
     from brownpipe.figures.origin import movie_record, stamped
     from brownpipe.figures.replay import RECORD, is_whole, replay_of, replay_page
-    from brownpipe.formatting import in_bytes
     from brownpipe.storage import read_trajectories, write_file
 
     for option in ("frames", "fps"):
@@ -68,7 +67,7 @@ def _replay(arguments: Namespace, output: str) -> int:
     record = movie_record(trajectories, arguments.file, replay.seed, recorded=RECORD)
     contents = stamped(replay_page(replay), "movie.html", record)
     write_file(output, contents)
-    shown = number(len(replay.flight.time), "collision")
+    shown = counted(len(replay.flight.time), "collision")
     part = "" if is_whole(replay) else f" of {replay.collisions:,}, up to time {replay.end:.3g}"
     show(f"{output}: {shown}{part}, {in_bytes(len(contents))}")
     return DONE

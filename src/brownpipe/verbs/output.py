@@ -28,11 +28,6 @@ def say(message: str, status: int) -> int:
     return status
 
 
-def number(count: int, name: str) -> str:
-    """Return a count and its noun, in the plural unless the count is one."""
-    return f"{count:,} {name}{'' if count == 1 else 's'}"
-
-
 def writable(path: str, *inputs: str, kinds: Sequence[str]) -> str:
     """Return the path of an output file, links of this user resolved, and make its folder.
 
