@@ -65,12 +65,12 @@ class Product(NamedTuple):
     origins: tuple[Origin, ...]
     files: tuple[tuple[Path, ...], ...]  # trajectory files of each origin; () if its runs have to be made again
     replay: tuple[Origin, ...]  # the run that is replayed in a page, or none
-    changes: tuple[str, ...]  # source and versions that differ from those of this installation, in words
+    options: Mapping[str, Any]  # with which the dataset was made
 
     @property
     def step(self) -> str:
         """The verb that made the dataset."""
-        return "tradeoff" if "instead_of" in read_options(self.path, self.attributes) else "aggregate"
+        return "tradeoff" if "instead_of" in self.options else "aggregate"
 
     @property
     def needs_runs(self) -> bool:
@@ -126,11 +126,10 @@ def read_product(path: str | Path) -> Product:
     needed = record is None or dataset is None
     files = tuple(_trajectory_files(folder, origin) if needed else () for origin in origins)
     replay = _replay_of(path, record or {})
-    product = Product(path, record, dataset, attributes, origins, files, replay, ())
     for origin, found in zip(origins, files, strict=True):
         if needed and not found:
             _refuse_unfit(path, origin)
-    return product._replace(changes=tuple(_changes(product)))
+    return Product(path, record, dataset, attributes, origins, files, replay, read_options(path, attributes))
 
 
 def _replay_of(path: Path, record: Record) -> tuple[Origin, ...]:
@@ -249,8 +248,8 @@ def announcement(product: Product) -> list[str]:
         lines.append(f"drawing again from {product.dataset}")
     seconds += 0.0 if product.record is None else DRAWING
     lines[-1] += f": some {in_time(seconds)} of CPU"
-    if product.changes:
-        lines.append(f"results may differ: the file was made with {'; '.join(dict.fromkeys(product.changes))}")
+    if changes := dict.fromkeys(_changes(product)):
+        lines.append(f"results may differ: the file was made with {'; '.join(changes)}")
     return lines
 
 
@@ -284,7 +283,7 @@ def _dataset_again(product: Product, folder: Path) -> Dataset:
         *(file for found in product.files for file in found),
         *_simulate(folder, [origin for origin, found in zip(product.origins, product.files, strict=True) if not found]),
     ]
-    options = read_options(product.path, product.attributes)
+    options = product.options
     windows = [(start, end) for start, end in options.get("fit_windows") or []]
     if product.step == "tradeoff":
         window = options["fit_window"]
