@@ -13,6 +13,7 @@ from brownpipe.storage.admission import Contents, Items, opened
 
 CHUNK_BYTES = 2**18
 CHECKSUMS = {"contents_digest", "seal"}  # attributes that the digest leaves out
+CHANGED = "HDF5 gives back other numbers than were written; check memory and the HDF5 library"
 SCALE_ATTRIBUTES = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}  # how HDF5 itself stores dimension scales
 
 
@@ -148,18 +149,8 @@ def some_from_bytes(image: bytes, paths: tuple[str, ...]) -> dict[str, Node]:
         return nodes_of(contents, contents.some(paths))
 
 
-def names_from_bytes(image: bytes, groups: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Return the names in each of those `groups` that an HDF5 file has."""
-    with opened(image) as contents:
-        found = contents.some(groups)
-        return {path: tuple(item) for path, item in found.items() if isinstance(item, h5py.Group)}
-
-
 def nodes_of(contents: Contents, items: Items) -> dict[str, Node]:
     """Return the nodes of admitted groups and datasets."""
-    return {path: Node(contents.value(item), attributes_of(contents, item)) for path, item in items.items()}
-
-
-def attributes_of(contents: Contents, item: h5py.Group | h5py.Dataset) -> dict:
-    """Return the attributes of a group or dataset without those by which HDF5 stores dimension scales."""
-    return contents.attributes(item, SCALE_ATTRIBUTES)
+    return {
+        path: Node(contents.value(item), contents.attributes(item, SCALE_ATTRIBUTES)) for path, item in items.items()
+    }

@@ -5,6 +5,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 
+import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, recorded
@@ -18,15 +19,7 @@ from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.admission import opened, understood
 from brownpipe.storage.consistency import refuse_axes, refuse_sizes, refuse_values
 from brownpipe.storage.files import BLANK_SEAL, naming, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import (
-    Node,
-    digest,
-    from_bytes,
-    names_from_bytes,
-    nodes_of,
-    some_from_bytes,
-    to_bytes,
-)
+from brownpipe.storage.hdf5 import CHANGED, Node, digest, from_bytes, nodes_of, some_from_bytes, to_bytes
 from brownpipe.storage.layout import FORMAT, parameter_nodes, run_nodes
 from brownpipe.storage.rerun import remedy
 
@@ -115,8 +108,9 @@ def read_outline(path: str | Path) -> Outline:
     Raises StorageError and WrongFileError like `read_trajectories`.
     """
     with naming(path, remedy), understood():
-        image = read_sealed(path)
-        nodes, names = some_from_bytes(image, OUTLINE), names_from_bytes(image, LISTED)
+        with opened(read_sealed(path)) as contents:
+            nodes, groups = nodes_of(contents, contents.some(OUTLINE)), contents.some(LISTED)
+            names = {path: tuple(item) for path, item in groups.items() if isinstance(item, h5py.Group)}
         parameters = _parameters_of(nodes)
         scene, engine = _scene_and_engine(nodes)
         tracks, runs, events = (names.get(group, ()) for group in LISTED)
@@ -188,7 +182,7 @@ def _contents(path: str | Path) -> tuple[dict[str, Node], Scene, Engine]:
         refuse_sizes(items, scene, len(outline["observables/run/seed"].value))
         nodes = nodes_of(contents, items)
     if nodes["parameters"].attributes["contents_digest"] != digest(nodes):
-        raise StorageError("HDF5 gives back other numbers than were written; check memory and the HDF5 library")
+        raise StorageError(CHANGED)
     return nodes, scene, engine
 
 
