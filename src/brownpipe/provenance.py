@@ -153,8 +153,7 @@ def _requirements(name: str) -> tuple[str, ...]:
 def _file(folder: Path, module: str) -> Path | None:
     """Return the file of a module below the folder of the package, None if there is none."""
     path = folder.joinpath(*module.split(".")[1:])
-    candidates = (path / "__init__.py", path.with_suffix(".py")) if path != folder else (path / "__init__.py",)
-    return next((file for file in candidates if file.is_file()), None)
+    return next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
 
 
 @cache

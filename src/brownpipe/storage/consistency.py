@@ -33,10 +33,8 @@ def refuse_sizes(items: Items, scene: Scene, runs: int) -> None:
             unknown += math.prod(item.shape) * item.dtype.itemsize
         elif item.shape != shape:
             raise StorageError(f"holds {_named(path)} of shape {item.shape}; its scene and seeds make it {shape}")
-    for group in {path.rpartition("/")[0] for path in items if path.startswith("observables/events/seed_")}:
-        if group == "observables/events":
-            continue
-        unknown -= _size_of_log(items, group)
+    logs = {path.rpartition("/")[0] for path in items if path.startswith("observables/events/seed_")}
+    unknown -= sum(_size_of_log(items, group) for group in logs - {"observables/events"})
     if unknown > MOST_UNKNOWN:
         raise StorageError("declares more data than its runs have")
 

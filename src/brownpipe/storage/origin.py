@@ -159,16 +159,10 @@ def _commit(package: Path) -> str | None:
     if package != checkout / "src" / NAME or not (checkout / ".git").exists():
         return None
     command = ["git", "--no-optional-locks", "-C", str(checkout), "status", "--porcelain=v2", "--branch", "--", "src"]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    env = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     try:
-        done = subprocess.run(
-            command, env=environment, timeout=LONGEST_GIT, stdin=subprocess.DEVNULL, capture_output=True
-        )
-    except (
-        FileNotFoundError,
-        PermissionError,
-        subprocess.SubprocessError,
-    ):  # others, such as too many open files, are told
+        done = subprocess.run(command, env=env, timeout=LONGEST_GIT, stdin=subprocess.DEVNULL, capture_output=True)
+    except (FileNotFoundError, PermissionError, subprocess.SubprocessError):  # others, as too many open files, are told
         return None
     said = done.stdout.decode(errors="replace")
     commit = COMMIT.search(said)

@@ -138,12 +138,9 @@ def _track(dataset: "Dataset", dims: tuple[str, ...]) -> Track:
 
 def _log(events: dict[int, Events]) -> Columns:
     """Return the collisions of all runs, one after the other."""
-    joined = {name: np.concatenate([getattr(log, field) for log in events.values()]) for name, field in LOG.items()}
-    seeds = np.repeat(list(events), [len(log.time) for log in events.values()])
-    return {
-        name: (("event", "component")[: values.ndim], values)
-        for name, values in {"event_seed": seeds, **joined}.items()
-    }
+    joined = {"event_seed": np.repeat(list(events), [len(log.time) for log in events.values()])}
+    joined |= {name: np.concatenate([getattr(log, field) for log in events.values()]) for name, field in LOG.items()}
+    return {name: (("event", "component")[: values.ndim], values) for name, values in joined.items()}
 
 
 def _without_values(track: Track) -> Track:
