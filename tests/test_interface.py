@@ -91,6 +91,8 @@ def test_velocities_of_all_disks_and_their_histograms_stand_side_by_side(tmp_pat
     runs = bp.simulate(SCENE, 3, particles=20, record=["all"], observables=["velocity_distribution"], quiet=True)
     assert runs.disks.velocity.dims == ("time", "seed", "disk", "component")
     assert runs.velocity_counts.dims == ("seed", "species", "velocity_bin")
+    assert (runs.velocity_bin.units, runs.speed_bin.units) == ("sqrt(kT/mass)", "sqrt(kT/mass)")
+    assert runs.disks.velocity.units == "length/time"
     bp.save(runs, tmp_path / "runs.h5")
     assert bp.open(tmp_path / "runs.h5").identical(runs)
     assert bp.analyse(runs).identical(bp.analyse(tmp_path / "runs.h5"))

@@ -52,7 +52,8 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     if ensemble.stopped:
         reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
         columns["stopped"] = (("seed",), np.array(reasons, object))
-    along = {dim: values for name in columns if name in ARRAYS for dim, values in axes(scene, name).items()}
+    arrays = [name for name in columns if name in ARRAYS]
+    along = {BIN.get(dim, dim): values for name in arrays for dim, values in axes(scene, name).items()}
     along |= {"time": ensemble.times, "seed": ensemble.seeds, "component": ["x", "y"]}
     root = _scales(along) | _described(_motion(TRACER_DIMS, ensemble.tracer) | columns)
     nodes = {"/": xarray.Dataset(root, attrs=attributes)}
@@ -111,15 +112,14 @@ def _dims(name: str) -> tuple[str, ...]:
 
 def _scales(scales: dict) -> "dict[str, Variable]":
     """Return coordinates along dimensions of their names."""
-    described = _described({dim: ((BIN.get(dim, dim),), np.asarray(values)) for dim, values in scales.items()})
-    return {BIN.get(dim, dim): variable for dim, variable in described.items()}
+    return _described({dim: ((dim,), np.asarray(values)) for dim, values in scales.items()})
 
 
 def _described(values: Columns) -> "dict[str, Variable]":
     """Return variables with the units and the meaning that belong to their names."""
     import xarray
 
-    arrays = {name: (each.units, each.long_name) for name, each in (AXES | ARRAYS).items()}
+    arrays = {BIN.get(name, name): (each.units, each.long_name) for name, each in (AXES | ARRAYS).items()}
     known = arrays | MEANING | {f"event_{name}": MEANING[name] for name in ("time", "seed")}
     meanings = {name: dict(zip(("units", "long_name"), known.get(name, ("1", name)), strict=True)) for name in values}
     return {name: xarray.Variable(dims, array, meanings[name]) for name, (dims, array) in values.items()}
