@@ -1,8 +1,8 @@
 """What is decoded of an HDF5 file that anybody may have made: seal and digest are no secret, and bugs can set them.
 
-Every object is admitted before it is read. Only what brownpipe writes is: hard links without cycles, numbers and text,
-the filters gzip, shuffle and fletcher32. Soft and external links, external storage, virtual datasets and filters
-from plugins would read other files or run other code; references and further types have no use here. All values
+Every object is checked before it is read. Only what brownpipe writes is admitted: hard links without cycles, numbers
+and text, the filters gzip, shuffle and fletcher32. Soft and external links, external storage, virtual datasets and
+filters from plugins would read other files or run other code; references and further types have no use here. All values
 of a dataset must be stored, and the stored bytes must suffice for its size, so that no small file fills the memory.
 """
 

@@ -33,7 +33,7 @@ class Link(NamedTuple):
     target: str
 
 
-Tree = dict[str, Node | Link]  # parents stand before their children
+Nodes = dict[str, Node | Link]  # parents stand before their children
 
 
 def digest(nodes: Mapping[str, Node | Link]) -> str:

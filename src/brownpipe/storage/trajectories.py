@@ -146,7 +146,7 @@ def read_header(path: str | Path) -> dict:
         return _parameters_of(some_from_bytes(read_sealed(path), OUTLINE))
 
 
-def whole_seed(trajectories: Trajectories, path: str, seed: int | None = None) -> int:
+def whole_seed(trajectories: Trajectories, path: str, seed: int | None) -> int:
     """Return the seed of a whole run, by default the smallest, of the trajectories in the file at `path`.
 
     Raises RequestError if the file holds no whole runs, none of this seed, or no disks.

@@ -44,7 +44,7 @@ def aggregate(arguments: Namespace) -> int:
         files, windows, times = expected_files(study), windows or study.fit_windows, times or study.displacement_times
         width, count = (width, count) if width or count else (study.ring_width, study.rings)
     inputs = [getattr(file, "path", file) for file in files]
-    output = writable(arguments.output, *inputs, kinds=NETCDF)
+    output = writable(arguments.output, *inputs, suffixes=NETCDF)
     with progress.shown("aggregate"):
         dataset = analysis.aggregate(files, windows, width, count, times or ())
     write_dataset(output, dataset)

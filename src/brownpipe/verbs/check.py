@@ -1,4 +1,4 @@
-"""`brownpipe check`: is a scene or study valid, and what will it cost?."""
+"""`brownpipe check`: is a scene or study valid, and what will it cost?"""
 
 from argparse import Namespace
 from collections.abc import Callable

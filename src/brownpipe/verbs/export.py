@@ -33,7 +33,7 @@ def export(arguments: Namespace) -> int:
     from brownpipe.storage.export import export as exported
 
     kind = f".{arguments.to}"
-    output = writable(arguments.output or f"{Path(arguments.file).stem}{kind}", arguments.file, kinds=(kind,))
+    output = writable(arguments.output or f"{Path(arguments.file).stem}{kind}", arguments.file, suffixes=(kind,))
     written = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
     for remark in written.remarks:
         say(f"{output}: {remark}", DONE)

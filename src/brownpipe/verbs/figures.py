@@ -40,7 +40,7 @@ def figures(arguments: Namespace) -> int:
     output = folder(arguments.output)
     dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
     refuse_unwritable(output, arguments.figures or FIGURES)
-    page = arguments.page and writable(arguments.page, arguments.dataset, kinds=PAGE)
+    page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     if arguments.replay and not page:
         raise RequestError("--replay: is shown in a page; must be given together with --page")
     if arguments.replay and is_tradeoff(dataset):

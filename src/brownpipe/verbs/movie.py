@@ -36,9 +36,9 @@ def movie(arguments: Namespace) -> int:
     from brownpipe.figures.origin import movie_record, stamped
     from brownpipe.storage import read_trajectories, write_file
 
-    kinds = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
+    suffixes = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
     name = f"{Path(arguments.file).stem}.{arguments.to or 'gif'}"
-    output = writable(arguments.output or name, arguments.file, kinds=kinds)
+    output = writable(arguments.output or name, arguments.file, suffixes=suffixes)
     kind = suffix(output)
     if kind in PAGE:
         return _replay(arguments, output)

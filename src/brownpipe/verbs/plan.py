@@ -43,7 +43,7 @@ def plan(arguments: Namespace) -> int:
         raise RequestError("--tolerance: missing; must be given, or --budget")
     if arguments.write is not None:
         read_name(Entry(Path(arguments.write).stem, "", ("--write",)))  # of the new study
-    output = None if arguments.write is None else writable(arguments.write, arguments.study, kinds=YAML)
+    output = None if arguments.write is None else writable(arguments.write, arguments.study, suffixes=YAML)
     with progress.shown("plan"):
         cases = performance.performance_of(study, target)
     show(*planning.describe(cases, target, tolerance, budget).split("\n"))

@@ -84,7 +84,7 @@ def simulate(arguments: Namespace) -> int:
     engine.refuse_unfit(scene, record)
     cost = engine.forecast(scene, record, **measures)
     forecast.refuse_too_large(scene, len(seeds), cost)
-    output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, kinds=HDF5)
+    output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
     refuse_if_too_large(output, len(seeds) * cost.recorded)
 
     from brownpipe import progress
