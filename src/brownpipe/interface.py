@@ -218,7 +218,6 @@ def _plain(value: Any) -> Any:
 
 
 def _items(name: str, values: Any) -> list[Entry]:
-    """Return the entries of a list."""
     return reading.items(Entry(_plain(values), "", (name,)))
 
 

@@ -165,7 +165,6 @@ def versions() -> dict[str, str]:
 
 @cache
 def _version(name: str) -> str:
-    """Return the version of an installed package."""
     from importlib.metadata import PackageNotFoundError, version  # takes 15 ms
 
     try:

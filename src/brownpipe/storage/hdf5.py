@@ -53,7 +53,7 @@ def digest(nodes: Mapping[str, Node | Link]) -> str:
 
 
 def _add(total: "hashlib._Hash", name: str, value: Any) -> None:
-    """Add a named value to a hash, with its length, so that no two trees give the same sequence of bytes."""
+    """Add a named value to a hash, with its length, so that no two sets of nodes give the same sequence of bytes."""
     array = np.asarray("group" if value is None else value)
     data: bytes | memoryview
     if array.dtype.kind in "OSTU":
@@ -84,7 +84,6 @@ def to_bytes(nodes: Mapping[str, Node | Link], compress: bool = True, track_orde
 
 
 def _create(file: h5py.File, path: str, node: Node | Link, compress: bool, track_order: bool) -> None:
-    """Create a group, dataset, scale or hard link in a file."""
     if isinstance(node, Link):
         file[path] = file[node.target]
         return

@@ -161,7 +161,6 @@ def _arrays(group: str, scene: Scene, ensemble: Ensemble) -> Nodes:
 
 
 def _events(group: str, events: Events) -> Nodes:
-    """Return the collisions of one run."""
     nodes: Nodes = {group: Node(None, {}), f"{group}/component": _components()}
     for name, value in events._asdict().items():
         nodes[f"{group}/{name}"] = _dataset(name, value, ("time", "component")[: value.ndim])

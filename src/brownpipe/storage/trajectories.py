@@ -252,5 +252,4 @@ def _track(nodes: dict[str, Node], group: str) -> Track:
 
 
 def _log(nodes: dict[str, Node], group: str) -> Events:
-    """Return the collisions of one run."""
     return Events(*(nodes[f"{group}/{name}"].value for name in Events._fields))

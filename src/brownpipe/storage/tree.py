@@ -132,7 +132,6 @@ def _motion(dims: tuple[str, ...], track: Track | None) -> Columns:
 
 
 def _track(dataset: "Dataset", dims: tuple[str, ...]) -> Track:
-    """Return position, velocity and image as arrays of these dimensions."""
     return Track(*(dataset[name].transpose(*dims).values if name in dataset else None for name in Track._fields))
 
 
@@ -149,11 +148,9 @@ def _without_values(track: Track) -> Track:
 
 
 def _whole(dataset: "Dataset", seeds: list[int], complete: list[int]) -> dict[int, Track]:
-    """Return the tracks of all disks by seed, of the runs that are complete."""
     track = _track(dataset, DISK_DIMS)
     return {seed: track.of(seeds.index(seed)) for seed in complete}
 
 
 def _events(dataset: "Dataset", seeds: list[int]) -> dict[int, Events]:
-    """Return the collisions by seed, of these seeds."""
     return {seed: Events(*(dataset[name].values[dataset.event_seed.values == seed] for name in LOG)) for seed in seeds}
