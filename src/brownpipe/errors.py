@@ -102,7 +102,7 @@ def has_too_little_memory() -> bool:
 
 
 def _is_short_of_memory(needed: int = SHORT_OF_MEMORY) -> bool:
-    """Whether a limit of address space is nearly reached: what libraries say then need not be about memory."""
+    """Whether a limit of address space is nearly reached: messages of libraries then need not mention memory."""
     try:
         if has_limited_memory():
             mmap.mmap(-1, needed).close()

@@ -56,7 +56,7 @@ def describe_run(path: str | Path, contents: Trajectories, seed: int) -> list[st
         f"health       {_fate(ensemble, column) if failed else 'passed'}",
     ]
     if seed not in ensemble.stopped:
-        lines += [*_way(contents.scene, ensemble, column), *_numbers(ensemble.observables, column)]
+        lines += [*_tracer(contents.scene, ensemble, column), *_numbers(ensemble.observables, column)]
         lines += _arrays(ensemble, column)
     return lines
 
@@ -69,7 +69,7 @@ def _fate(ensemble: Ensemble, column: int) -> str:
 
 
 def column_of(path: str | Path, ensemble: Ensemble, seed: int) -> int:
-    """Return the place of a seed in the ensemble. Raises RequestError, which names those of the file, if it is none."""
+    """Return the index of a seed in the ensemble. Raises RequestError, which lists the seeds, if it is none."""
     columns = np.flatnonzero(ensemble.seeds == seed)
     if not columns.size:
         raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(ensemble.seeds)}")
@@ -135,7 +135,7 @@ def _statistics(observables: dict[str, np.ndarray]) -> Iterator[str]:
             yield f"  {name:<20} {np.mean(values):12.6g} {np.min(values):12.6g} {np.max(values):12.6g}"
 
 
-def _way(scene: Scene, ensemble: Ensemble, column: int) -> Iterator[str]:
+def _tracer(scene: Scene, ensemble: Ensemble, column: int) -> Iterator[str]:
     """Yield where the tracer of a run was at the first and the last sample, and its squared displacement."""
     if ensemble.tracer is None:
         return

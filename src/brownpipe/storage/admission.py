@@ -60,7 +60,7 @@ class Contents:
                 self._collect(item, f"{prefix}{name}/", found, groups)
 
     def some(self, paths: tuple[str, ...]) -> Items:
-        """Return the groups and datasets at those of the paths that the file has, each admitted."""
+        """Return the groups and datasets at these paths, as far as the file has them, each admitted."""
         found: Items = {}
         for path in paths:
             item: Any = self.file
@@ -103,7 +103,7 @@ class Contents:
         return values
 
     def attributes(self, item: h5py.Group | h5py.Dataset, left_out: set[str]) -> dict[str, Any]:
-        """Return the attributes of a group or dataset, but for some."""
+        """Return the attributes of a group or dataset except those in `left_out`."""
         found = {}
         for name in (name for name in item.attrs if name not in left_out):
             _refuse_attribute(item, name)

@@ -57,7 +57,7 @@ def read_dataset(path: str | Path) -> "xarray.Dataset":
 
 
 def read_values(path: str | Path, names: Iterable[str]) -> dict[str, np.ndarray]:
-    """Return the values of those of some variables that a dataset has, after verifying its seal; nothing else is read.
+    """Return the values of the named variables that a dataset has, after verifying its seal; nothing else is read.
 
     Raises StorageError and WrongFileError like `read_dataset`.
     """

@@ -121,7 +121,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def remove_abandoned_parts(path: Path) -> None:
-    """Remove the parts of a file whose process has ended here without removing them, or wrote them a day ago."""
+    """Remove parts of a file that are a day old, or whose process on this machine has ended without removing them."""
     parts = re.compile(re.escape(path.name) + r"\.([0-9]{1,9})(?:-([0-9a-f]{8})-[0-9a-f]{8})?\.part")
     with suppress(OSError), os.scandir(path.parent) as entries:
         for entry in entries:

@@ -143,7 +143,7 @@ def from_bytes(image: bytes) -> dict[str, Node]:
 
 
 def some_from_bytes(image: bytes, paths: tuple[str, ...]) -> dict[str, Node]:
-    """Return the nodes of an HDF5 file at those `paths` that it has; no other dataset is decompressed."""
+    """Return the nodes of an HDF5 file at `paths`, as far as it has them; no other dataset is decompressed."""
     with opened(image) as contents:
         return nodes_of(contents, contents.some(paths))
 

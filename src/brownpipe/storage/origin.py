@@ -78,9 +78,9 @@ def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str
 
 
 def read_origins(path: str | Path, attributes: Mapping) -> list[Origin]:
-    """Return what the attributes of a dataset, or of a product of one, say of its runs; all values are checked.
+    """Return the runs named by the attributes of a dataset, or of a figure or table of one; all values are checked.
 
-    Raises StorageError, naming the file at `path`, if they say nothing that this version understands.
+    Raises StorageError, naming the file at `path`, if they name none that this version understands.
     """
     try:
         return [_origin(entry) for entry in json.loads(attributes["made_from"])]

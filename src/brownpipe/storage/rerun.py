@@ -63,7 +63,7 @@ def remedy(path: str | Path) -> str:
 
 
 def _valid_command(match: re.Match[bytes] | None) -> tuple[str, str]:
-    """Return the seeds and the command that `rerun` wrote, made anew from its values, as bytes may say anything.
+    """Return the seeds and the command that `rerun` wrote, built from its values, as the file may contain any text.
 
     Raises ValueError or RequestError unless there is a command and every part of it is valid.
     """

@@ -135,7 +135,7 @@ def _measured(names: Collection[str]) -> tuple[str, ...] | None:
 
 
 def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
-    """Return what is recorded, in the words of `--record`, given what is true of it or not empty."""
+    """Return what is recorded, in the words of `--record`; an argument is true, or not empty, if it is recorded."""
     parts = {"tracer": tracer, "all": whole, "events": events}
     return frozenset(name for name, is_recorded in parts.items() if is_recorded)
 

@@ -82,7 +82,7 @@ def folder(path: str) -> str:
 
 
 def refuse_unwritable(output: str, names: Iterable[str]) -> None:
-    """Raise StorageError if a folder has no room for figures, or folders with the names of their files."""
+    """Raise StorageError if a folder cannot be written to, or has folders with the names of the files of figures."""
     from brownpipe.storage import try_to_write
 
     files = ["summary.txt", "summary.csv", *(f"{name}{end}" for name in names for end in (".png", ".svg", ".csv"))]
