@@ -11,7 +11,6 @@ import hashlib
 import re
 import sys
 from functools import cache
-from itertools import chain
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
@@ -58,17 +57,14 @@ def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
 
     The texts that lie beside these modules are part of it. Raises FileNotFoundError for a missing module.
     """
+    files = sources(*modules, folder=folder)
+    texts = [file for module in files for suffix in BESIDE if (file := module.with_suffix(suffix)).is_file()]
     total = hashlib.sha256()
-    for file in sorted(chain.from_iterable(map(_with_texts, sources(*modules, folder=folder)))):
+    for file in sorted([*files, *texts]):
         text = file.read_text(encoding="utf-8").encode()
         total.update(f"{file.relative_to(folder).as_posix()} {len(text)}\n".encode())
         total.update(text)
     return total.hexdigest()
-
-
-def _with_texts(module: Path) -> list[Path]:
-    """Return the file of a module, and those beside it that belong to it."""
-    return [module, *(file for suffix in BESIDE if (file := module.with_suffix(suffix)).is_file())]
 
 
 @cache

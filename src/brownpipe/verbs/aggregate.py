@@ -2,10 +2,11 @@
 
 from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 
 from brownpipe.errors import DONE, RequestError
 from brownpipe.verbs.output import NETCDF, writable
-from brownpipe.verbs.values import key_value, positive, rings, window
+from brownpipe.verbs.values import integer, key_value, positive, window
 
 EXAMPLE = "results/small/simulate/*/*/*/*.h5 --output small.nc"
 
@@ -22,7 +23,8 @@ def add_arguments(add: Callable) -> None:
     add("--ring-width", type=positive, metavar="DR", help=width)
     times = "of the displacement distribution (default: the end of each run)"
     add("--displacement-times", nargs="+", type=positive, metavar="T", help=times)
-    add("--rings", type=rings, metavar="COUNT", help="of the displacement distribution, with --ring-width")
+    count = "of the displacement distribution, with --ring-width"
+    add("--rings", type=partial(integer, least=1, most=100_000), metavar="COUNT", help=count)
 
 
 def aggregate(arguments: Namespace) -> int:

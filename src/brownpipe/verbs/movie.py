@@ -3,12 +3,13 @@
 import json
 from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from brownpipe.errors import DONE, RequestError
 from brownpipe.formatting import counted, in_bytes
 from brownpipe.verbs.output import PAGE, show, suffix, writable
-from brownpipe.verbs.values import at_least_one, integer, positive
+from brownpipe.verbs.values import integer, positive
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
 KINDS = ("gif", "mp4", "png", "html")
@@ -20,7 +21,7 @@ def add_arguments(add: Callable) -> None:
     add("--seed", type=integer, metavar="SEED", help="the run to show (default: the first in the file)")
     add("--to", choices=KINDS, metavar="KIND", help="gif, mp4, png or html (default: that of the output, or gif)")
     add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: name of the file, in this folder)")
-    add("--frames", type=at_least_one, metavar="COUNT", help="samples to show (default: all)")
+    add("--frames", type=partial(integer, least=1), metavar="COUNT", help="samples to show (default: all)")
     add("--fps", type=positive, help="frames a second (default: 25)")
 
 

@@ -2,12 +2,13 @@
 
 from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from brownpipe.errors import DONE, RequestError
 from brownpipe.verbs import verify
 from brownpipe.verbs.output import show
-from brownpipe.verbs.values import at_least_one
+from brownpipe.verbs.values import integer
 
 EXAMPLE = "my_study.yaml -j 2 --report"
 PASSES_ON = True  # the arguments after `--`
@@ -15,7 +16,8 @@ PASSES_ON = True  # the arguments after `--`
 
 def add_arguments(add: Callable) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
-    add("-j", "--cores", type=at_least_one, metavar="N", help="jobs at the same time (default: number of cores)")
+    jobs = "jobs at the same time (default: number of cores)"
+    add("-j", "--cores", type=partial(integer, least=1), metavar="N", help=jobs)
     places = "run the jobs on a cluster: slurm, or a folder with a profile of Snakemake"
     add("--profile", metavar="NAME", help=places).words = ("slurm",)
     listed = "only say which jobs would run, and what differs from the results that exist"
