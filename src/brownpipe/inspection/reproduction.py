@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines import Engine, forecast
-from brownpipe.engines.state import Ensemble
+from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.formatting import counted, in_time
 from brownpipe.inspection import trajectories_of
 from brownpipe.inspection.lines import DIGITS
@@ -102,16 +102,17 @@ def _arrays(ensemble: Ensemble, column: int) -> dict[str, np.ndarray]:
     seed = int(ensemble.seeds[column])
     if seed in ensemble.stopped:
         return {"sample times": ensemble.times, "failed": ensemble.observables["failed"][column]}
-    tracer = None if ensemble.tracer is None else ensemble.tracer._asdict()
-    groups = {
-        "of the tracer": {name: values[:, column] for name, values in (tracer or {}).items() if values is not None},
-        "of all disks": ensemble.whole[seed]._asdict() if seed in ensemble.whole else {},
-        "of the collisions": ensemble.events[seed]._asdict() if seed in ensemble.events else {},
+    records: dict[str, Track | Events | None] = {
+        "of the tracer": ensemble.tracer and ensemble.tracer.of(column),
+        "of all disks": ensemble.whole.get(seed),
+        "of the collisions": ensemble.events.get(seed),
     }
     arrays = {"sample times": ensemble.times}
     arrays |= {name: np.asarray(values[column]) for name, values in ensemble.observables.items()}
-    named = {f"{name} {whose}": values for whose, group in groups.items() for name, values in group.items()}
-    return arrays | {name: values for name, values in named.items() if values is not None}
+    for whose, record in records.items():
+        fields = {} if record is None else record._asdict()
+        arrays |= {f"{name} {whose}": values for name, values in fields.items() if values is not None}
+    return arrays
 
 
 def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
@@ -123,9 +124,8 @@ def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
         return np.nan
     if one.tobytes() == other.tobytes():
         return None
-    differing = one != other  # also where both are NaN
-    both_nan = np.isnan(one) & np.isnan(other)
-    moved = np.abs(one[differing & ~both_nan].astype(float) - other[differing & ~both_nan].astype(float))
+    differing = (one != other) & ~(np.isnan(one) & np.isnan(other))
+    moved = np.abs(one[differing].astype(float) - other[differing].astype(float))
     return float(np.max(moved, initial=0.0))
 
 
