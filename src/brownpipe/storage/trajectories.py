@@ -110,7 +110,7 @@ def read_outline(path: str | Path) -> Outline:
     with naming(path, remedy), understood():
         with opened(read_sealed(path)) as contents:
             nodes, groups = nodes_of(contents, contents.some(OUTLINE)), contents.some(LISTED)
-            names = {path: tuple(item) for path, item in groups.items() if isinstance(item, h5py.Group)}
+            names = {group: tuple(item) for group, item in groups.items() if isinstance(item, h5py.Group)}
         parameters = _parameters_of(nodes)
         scene, engine = _scene_and_engine(nodes)
         tracks, runs, events = (names.get(group, ()) for group in LISTED)
