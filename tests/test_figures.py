@@ -18,7 +18,7 @@ from matplotlib.text import Text
 from brownpipe import provenance, storage
 from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine, state
-from brownpipe.errors import FigureError
+from brownpipe.errors import FigureError, StorageError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import cases_shown, module_of
@@ -228,11 +228,11 @@ def test_figures_not_drawn_again_do_not_stay(dataset, tmp_path, no_pictures):
 def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatch, no_pictures):
     def full(path, _):
         if path.suffix == ".svg":
-            raise storage.StorageError("full")
+            raise StorageError("full")
         path.touch()
 
     monkeypatch.setattr("brownpipe.report.products.write_file", full)
-    with pytest.raises(storage.StorageError):
+    with pytest.raises(StorageError):
         render(dataset, tmp_path, ["health"])
     assert not (tmp_path / "summary.csv").exists()
 

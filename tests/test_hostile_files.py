@@ -296,7 +296,7 @@ def test_the_link_of_another_user_is_not_followed(tmp_path, monkeypatch):
     made = os.stat_result((stat.S_IFLNK, 0, 0, 0, uid + 2, 0, 0, 0, 0, 0))
     monkeypatch.setattr(os, "lstat", lambda path: made)
     with pytest.raises(RequestError, match="is a link that another user has made"):
-        writable(str(tmp_path / "link.gif"), kinds=(".gif",))
+        writable(str(tmp_path / "link.gif"), suffixes=(".gif",))
 
 
 @pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])

@@ -93,6 +93,8 @@ def test_velocities_of_all_disks_and_their_histograms_stand_side_by_side(tmp_pat
     runs = bp.simulate(SCENE, 3, particles=20, record=["all"], observables=["velocity_distribution"], quiet=True)
     assert runs.disks.velocity.dims == ("time", "seed", "disk", "component")
     assert runs.velocity_counts.dims == ("seed", "species", "velocity_bin")
+    assert (runs.velocity_bin.units, runs.speed_bin.units) == ("sqrt(kT/mass)", "sqrt(kT/mass)")
+    assert runs.disks.velocity.units == "length/time"
     bp.save(runs, tmp_path / "runs.h5")
     assert bp.open(tmp_path / "runs.h5").identical(runs)
     assert bp.analyse(runs).identical(bp.analyse(tmp_path / "runs.h5"))
@@ -193,14 +195,18 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
         bp.plot(result, particles=7)
 
 
-def test_a_damaged_file_is_not_opened(folder, tmp_path):
-    contents = bytearray((folder / "runs.h5").read_bytes())
+@pytest.mark.parametrize(
+    ("name", "again"),
+    [("runs.h5", "seeds 0-9 are lost"), ("study.nc", "delete it and run the study or brownpipe aggregate again")],
+)
+def test_a_damaged_file_is_not_opened(folder, tmp_path, name, again):
+    contents = bytearray((folder / name).read_bytes())
     contents[len(contents) // 2] ^= 1
-    (tmp_path / "damaged.h5").write_bytes(contents)
-    with pytest.raises(StorageError, match="seeds 0-9 are lost"):
-        bp.open(tmp_path / "damaged.h5")
-    with pytest.raises(StorageError, match=r"absent\.h5"):
-        bp.open(tmp_path / "absent.h5")
+    (tmp_path / name).write_bytes(contents)
+    with pytest.raises(StorageError, match=again):
+        bp.open(tmp_path / name)
+    with pytest.raises(StorageError, match="absent"):
+        bp.open(tmp_path / f"absent_{name}")
 
 
 def test_importing_it_takes_no_time_and_lists_its_names():

@@ -9,7 +9,7 @@ from brownpipe.cli import build_parser
 from brownpipe.engines import configured
 from brownpipe.observables import ARRAYS, OBSERVABLES
 from brownpipe.scene import parse_scene
-from brownpipe.storage.hdf5 import Node, Tree
+from brownpipe.storage.hdf5 import Node, Nodes
 from brownpipe.storage.layout import MEANING, parameter_nodes, run_nodes
 from brownpipe.tradeoff import variables as tradeoff
 from brownpipe.verbs import VERBS
@@ -115,7 +115,7 @@ def files() -> str:
     )
 
 
-def example_nodes() -> Tree:
+def example_nodes() -> Nodes:
     """Return the nodes of the trajectory file of one run, with everything recorded and measured."""
     scene, engine = parse_scene(EXAMPLE, "example.yaml"), configured("exact")
     record = frozenset({"tracer", "all", "events"})
@@ -123,7 +123,7 @@ def example_nodes() -> Tree:
     return run_nodes(scene, ensemble) | parameter_nodes(scene, engine, ensemble, "")
 
 
-def _datasets(group: str, nodes: Tree) -> str:
+def _datasets(group: str, nodes: Nodes) -> str:
     """Return the section of a group: a table of its datasets, those of groups in it included."""
     own = {path: node for path, node in nodes.items() if isinstance(node, Node) and node.value is not None}
     rows = [
@@ -139,7 +139,7 @@ def described(node: Node) -> tuple[str, str]:
     return node.attributes["units"], node.attributes["long_name"]
 
 
-def _groups(nodes: Tree) -> list[tuple[str, ...]]:
+def _groups(nodes: Nodes) -> list[tuple[str, ...]]:
     """Return a row for each group of a file that has attributes."""
     groups = {path: node for path, node in nodes.items() if isinstance(node, Node) and node.value is None}
     return [(code(path), ", ".join(map(code, node.attributes))) for path, node in groups.items() if node.attributes]

@@ -111,7 +111,7 @@ def _replace_closed_streams() -> None:
 
 
 def _finish_printing() -> None:
-    """Print what is left; what nobody can take is dropped, or Python would complain at its end."""
+    """Flush standard output; without a reader drop what is left, or Python would report an error at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -125,7 +125,7 @@ def _complain(found: "sys.UnraisableHookArgs") -> None:
 
 
 def _stop_at_limit(*_: object) -> NoReturn:
-    sys.unraisablehook = lambda _: None  # of what is half made nobody need hear
+    sys.unraisablehook = lambda _: None  # no errors of what is left unfinished
     sys.exit(say(f"CPU time ran out{limits()}", 128 + signal.SIGXCPU))
 
 

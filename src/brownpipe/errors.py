@@ -102,7 +102,7 @@ def has_too_little_memory() -> bool:
 
 
 def _is_short_of_memory(needed: int = SHORT_OF_MEMORY) -> bool:
-    """Whether a limit of address space is nearly reached: what libraries say then need not be about memory."""
+    """Whether a limit of address space is nearly reached: messages of libraries then need not mention memory."""
     try:
         if has_limited_memory():
             mmap.mmap(-1, needed).close()
@@ -121,7 +121,7 @@ def refuse_lack_of_memory(size: int) -> None:
 
 
 def leave_time_for_a_last_line() -> None:
-    """Let a process that reaches its limit of CPU time hear of it LAST_SECONDS before it is killed, not only then."""
+    """Let SIGXCPU come LAST_SECONDS before a process is killed at its limit of CPU time, not only then."""
     soft, hard = resource.getrlimit(resource.RLIMIT_CPU)
     if soft == hard != resource.RLIM_INFINITY:
         resource.setrlimit(resource.RLIMIT_CPU, (max(hard - LAST_SECONDS, 1), hard))

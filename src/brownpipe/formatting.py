@@ -1,8 +1,8 @@
-"""Times and sizes as text, with two digits."""
+"""Times, sizes and counts as text."""
 
 
 def in_time(seconds: float) -> str:
-    """Return a time [s] in the largest unit of which it has two: 90 s, 2.5 min, 700 ms, 3 days."""
+    """Return a time [s] with two digits in the largest unit of which it has two: 90 s, 2.5 min, 700 ms, 3 days."""
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0), ("s", 1.0)):
         if seconds >= 2 * size or (unit == "s" and seconds >= size):
             return f"{seconds / size:.2g} {unit}" if seconds < 100 * size else f"{seconds / size:,.0f} {unit}"
@@ -15,3 +15,8 @@ def in_bytes(count: float) -> str:
         if count >= size:
             return f"{float(f'{count / size:.2g}'):g} {unit}"
     return f"{count:.0f} B"
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun: 1 run, 2,400 runs."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -20,25 +20,18 @@ from brownpipe import progress
 from brownpipe.analysis import aggregate
 from brownpipe.engines import forecast, read_record, requested
 from brownpipe.engines.failures import failures
-from brownpipe.errors import FigureError, RequestError, WrongFileError
+from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
 from brownpipe.figures.style import png_bytes
+from brownpipe.inspection import read_contents
 from brownpipe.observables import refuse_unfit
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene, read_scene, reading
 from brownpipe.scene.reading import Entry, must_be
 from brownpipe.scene.seeds import read_seeds, seed_text
-from brownpipe.storage import (
-    Trajectories,
-    from_tree,
-    read_dataset,
-    read_trajectories,
-    to_tree,
-    write_dataset,
-    write_trajectories,
-)
+from brownpipe.storage import Trajectories, from_tree, to_tree, write_dataset, write_trajectories
 from brownpipe.study import refuse_repetition
 from brownpipe.study.study_file import read_rings
 
@@ -184,10 +177,8 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
 
     Raises StorageError, which says how to make a damaged file again, and WrongFileError for any other file.
     """
-    try:
-        return to_tree(read_trajectories(path))
-    except WrongFileError:
-        return read_dataset(path)
+    contents = read_contents(path)
+    return to_tree(contents) if isinstance(contents, Trajectories) else contents
 
 
 def save(data: DataTree | Dataset, path: str | Path) -> None:
@@ -218,7 +209,6 @@ def _plain(value: Any) -> Any:
 
 
 def _items(name: str, values: Any) -> list[Entry]:
-    """Return the entries of a list."""
     return reading.items(Entry(_plain(values), "", (name,)))
 
 

@@ -11,7 +11,6 @@ import hashlib
 import re
 import sys
 from functools import cache
-from itertools import chain
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
@@ -58,17 +57,14 @@ def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
 
     The texts that lie beside these modules are part of it. Raises FileNotFoundError for a missing module.
     """
+    files = sources(*modules, folder=folder)
+    texts = [file for module in files for suffix in BESIDE if (file := module.with_suffix(suffix)).is_file()]
     total = hashlib.sha256()
-    for file in sorted(chain.from_iterable(map(_with_texts, sources(*modules, folder=folder)))):
+    for file in sorted([*files, *texts]):
         text = file.read_text(encoding="utf-8").encode()
         total.update(f"{file.relative_to(folder).as_posix()} {len(text)}\n".encode())
         total.update(text)
     return total.hexdigest()
-
-
-def _with_texts(module: Path) -> list[Path]:
-    """Return the file of a module, and those beside it that belong to it."""
-    return [module, *(file for suffix in BESIDE if (file := module.with_suffix(suffix)).is_file())]
 
 
 @cache
@@ -153,8 +149,7 @@ def _requirements(name: str) -> tuple[str, ...]:
 def _file(folder: Path, module: str) -> Path | None:
     """Return the file of a module below the folder of the package, None if there is none."""
     path = folder.joinpath(*module.split(".")[1:])
-    candidates = (path / "__init__.py", path.with_suffix(".py")) if path != folder else (path / "__init__.py",)
-    return next((file for file in candidates if file.is_file()), None)
+    return next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
 
 
 @cache
@@ -166,7 +161,6 @@ def versions() -> dict[str, str]:
 
 @cache
 def _version(name: str) -> str:
-    """Return the version of an installed package."""
     from importlib.metadata import PackageNotFoundError, version  # takes 15 ms
 
     try:

@@ -10,7 +10,7 @@ INVISIBLE = re.compile("[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u3164\ufe00
 
 
 def printable(text: object) -> str:
-    """Return a text as one line in which a terminal finds nothing to obey: every other character stays as it is.
+    """Return a text as one line without anything that a terminal would act on; all other characters stay as they are.
 
     Control characters (ESC, line feed, carriage return, C1), characters that change the direction of writing, invisible
     ones, line separators, blanks other than U+0020, and undecodable bytes of file names become escapes: \\x1b, \\u202e.

@@ -9,8 +9,8 @@ import numpy as np
 
 from brownpipe.analysis.variables import EACH, FAILED, MISSING
 from brownpipe.engines.exact import EXACT
+from brownpipe.errors import WrongFileError
 from brownpipe.scene.seeds import brief_seed_text
-from brownpipe.storage import WrongFileError
 from brownpipe.storage.datasets import read_values
 
 

@@ -25,7 +25,7 @@ def report(path: str | Path) -> str:
 
     Raises StorageError if the file is damaged, WrongFileError if it is of neither kind.
     """
-    contents = _read(path)
+    contents = read_contents(path)
     table: list[str] = []
     if isinstance(contents, Trajectories):
         lines = runs.describe(path, contents)
@@ -45,7 +45,7 @@ def report_run(path: str | Path, seed: int) -> str:
 
 def variables(path: str | Path) -> str:
     """Return a table of all variables of a dataset: dimensions, units and meaning. Errors as of `report`."""
-    contents = _read(path)
+    contents = read_contents(path)
     if isinstance(contents, Trajectories):
         raise WrongFileError(f"{path}: is a trajectory file; --variables works on {OF_DATASETS}")
     return in_lines(results.variables(contents))
@@ -59,7 +59,7 @@ def scene_text(path: str | Path) -> str:
 
 def trajectories_of(path: str | Path, option: str) -> Trajectories:
     """Return the contents of a trajectory file, for an `option` that works on no other. Errors as of `report`."""
-    contents = _read(path)
+    contents = read_contents(path)
     if not isinstance(contents, Trajectories):
         raise WrongFileError(f"{path}: is a dataset; {option} works on {OF_TRAJECTORIES}")
     return contents
@@ -67,10 +67,10 @@ def trajectories_of(path: str | Path, option: str) -> Trajectories:
 
 def is_dataset(path: str | Path) -> bool:
     """Return whether a file is a dataset. Errors as of `report`."""
-    return not isinstance(_read(path), Trajectories)
+    return not isinstance(read_contents(path), Trajectories)
 
 
-def _read(path: str | Path) -> "Trajectories | Dataset":
+def read_contents(path: str | Path) -> "Trajectories | Dataset":
     """Return the contents of a file of either kind.
 
     The extension decides which kind is tried first, and so which command a message about a damaged file names.

@@ -25,15 +25,10 @@ def provenance(attributes: Mapping[str, str], source_now: str) -> list[str]:
     source_now: digest of this installation's source. Attributes without versions, of datasets of earlier versions, give
     no lines.
     """
-    versions = [f"{name.removesuffix('_version')} {attributes[name]}" for name in attributes if is_version(name)]
+    names = [name for name in attributes if name.endswith("_version")]
+    versions = [f"{name.removesuffix('_version')} {attributes[name]}" for name in names]
     if not versions:
         return []
-    source = (
-        "that of this installation" if attributes["source_digest"] == source_now else "not that of this installation"
-    )
-    return [f"written by   {', '.join(versions)}", f"source       {attributes['source_digest'][:DIGITS]}, {source}"]
-
-
-def is_version(name: str) -> bool:
-    """Return whether an attribute is the version of a package."""
-    return name.endswith("_version")
+    digest = attributes["source_digest"]
+    source = f"{digest[:DIGITS]}, {'' if digest == source_now else 'not '}that of this installation"
+    return [f"written by   {', '.join(versions)}", f"source       {source}"]

@@ -21,9 +21,9 @@ from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.origin import RECORD, Record, dataset_attributes, installation_in_words, read_record, record_in
 from brownpipe.figures.replay import replay_fragment
-from brownpipe.formatting import in_time
+from brownpipe.formatting import counted, in_time
 from brownpipe.inspection.comparison import differing_variables, first_difference
-from brownpipe.inspection.lines import DIGITS, is_version
+from brownpipe.inspection.lines import DIGITS
 from brownpipe.inspection.runs import seeds_in_words
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.quoting import printable, shell_path
@@ -65,12 +65,12 @@ class Product(NamedTuple):
     origins: tuple[Origin, ...]
     files: tuple[tuple[Path, ...], ...]  # trajectory files of each origin; () if its runs have to be made again
     replay: tuple[Origin, ...]  # the run that is replayed in a page, or none
-    changes: tuple[str, ...]  # source and versions that differ from those of this installation, in words
+    options: Mapping[str, Any]  # with which the dataset was made
 
     @property
     def step(self) -> str:
         """The verb that made the dataset."""
-        return "tradeoff" if "instead_of" in read_options(self.path, self.attributes) else "aggregate"
+        return "tradeoff" if "instead_of" in self.options else "aggregate"
 
     @property
     def needs_runs(self) -> bool:
@@ -99,8 +99,8 @@ def describe(path: str | Path) -> str:
 def _runs(origin: Origin) -> str:
     """Return the runs of an origin in words."""
     particles = "" if origin.scene is None else f", N = {origin.scene.particles}"
-    count = f"{len(origin.seeds):,} run{'' if len(origin.seeds) == 1 else 's'}"
-    return f"{count} of {origin.name}{particles}, {origin.engine.options}, {seeds_in_words(origin.seeds)}"
+    runs = counted(len(origin.seeds), "run")
+    return f"{runs} of {origin.name}{particles}, {origin.engine.options}, {seeds_in_words(origin.seeds)}"
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
@@ -126,11 +126,10 @@ def read_product(path: str | Path) -> Product:
     needed = record is None or dataset is None
     files = tuple(_trajectory_files(folder, origin) if needed else () for origin in origins)
     replay = _replay_of(path, record or {})
-    product = Product(path, record, dataset, attributes, origins, files, replay, ())
     for origin, found in zip(origins, files, strict=True):
         if needed and not found:
             _refuse_unfit(path, origin)
-    return product._replace(changes=tuple(_changes(product)))
+    return Product(path, record, dataset, attributes, origins, files, replay, read_options(path, attributes))
 
 
 def _replay_of(path: Path, record: Record) -> tuple[Origin, ...]:
@@ -249,8 +248,8 @@ def announcement(product: Product) -> list[str]:
         lines.append(f"drawing again from {product.dataset}")
     seconds += 0.0 if product.record is None else DRAWING
     lines[-1] += f": some {in_time(seconds)} of CPU"
-    if product.changes:
-        lines.append(f"results may differ: the file was made with {'; '.join(dict.fromkeys(product.changes))}")
+    if changes := dict.fromkeys(_changes(product)):
+        lines.append(f"results may differ: the file was made with {'; '.join(changes)}")
     return lines
 
 
@@ -284,7 +283,7 @@ def _dataset_again(product: Product, folder: Path) -> Dataset:
         *(file for found in product.files for file in found),
         *_simulate(folder, [origin for origin, found in zip(product.origins, product.files, strict=True) if not found]),
     ]
-    options = read_options(product.path, product.attributes)
+    options = product.options
     windows = [(start, end) for start, end in options.get("fit_windows") or []]
     if product.step == "tradeoff":
         window = options["fit_window"]
@@ -313,7 +312,7 @@ def _as_stated(dataset: Dataset, product: Product) -> Dataset:
     """Return a dataset with source, versions and commit as the product states them."""
     stated, attributes = product.attributes, {}
     for name, value in dataset.attrs.items():
-        is_of_installation = is_version(name) or name in ("source_digest", "python")
+        is_of_installation = name.endswith("_version") or name in ("source_digest", "python")
         if name != "git_commit":
             attributes[name] = stated.get(name, value) if is_of_installation else value
         if name == "python" and "git_commit" in stated:

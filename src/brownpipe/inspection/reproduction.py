@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines import Engine, forecast
-from brownpipe.engines.state import Ensemble
-from brownpipe.formatting import in_time
+from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.formatting import counted, in_time
 from brownpipe.inspection import trajectories_of
-from brownpipe.inspection.lines import DIGITS, is_version
+from brownpipe.inspection.lines import DIGITS
 from brownpipe.inspection.runs import column_of, seeds_in_words
-from brownpipe.observables import observables_making
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
@@ -49,11 +48,11 @@ def read_original(path: str | Path, seed: int | None = None) -> Original:
     Raises RequestError for a seed that is not in the file, and for runs that this installation refuses or that do not
     fit into memory; WrongFileError for a dataset, StorageError for a damaged file.
     """
-    scene, engine, ensemble, _ = trajectories_of(path, "--reproduce")
+    contents = trajectories_of(path, "--reproduce")
+    scene, engine, ensemble, _ = contents
     seeds = ensemble.seeds if seed is None else ensemble.seeds[[column_of(path, ensemble, seed)]]
-    parts = {"tracer": ensemble.tracer is not None, "all": bool(ensemble.whole), "events": bool(ensemble.events)}
-    record = frozenset(name for name, is_recorded in parts.items() if is_recorded) or frozenset({"none"})
-    observables = observables_making(ensemble.observables)
+    outline = contents.outline
+    record, observables = outline.record or frozenset({"none"}), outline.observables or ()
     engine.refuse_unfit(scene, record)
     forecast.refuse_too_large(scene, len(seeds), engine.forecast(scene, record, observables, ensemble.average))
     return Original(scene, engine, ensemble, tuple(seeds.tolist()), record, observables, _changes(read_header(path)))
@@ -61,22 +60,18 @@ def read_original(path: str | Path, seed: int | None = None) -> Original:
 
 def _changes(header: dict[str, str]) -> tuple[str, ...]:
     """Return what differs between source and packages that made a file and those of this installation."""
-    here = versions() | {"source_digest": source_digest(*modules_of("simulate", header["engine"]))}
-    stored = {name: header.get(name, "unknown") for name in here}
+    here = versions() | {"source": source_digest(*modules_of("simulate", header["engine"]))}
+    stored = {name: header.get(name, "unknown") for name in here} | {"source": header["source_digest"]}
     pairs = ((name, stored[name][:DIGITS], here[name][:DIGITS]) for name in here if stored[name] != here[name])
-    return tuple(f"{_word(name)} {before}, here {now}" for name, before, now in pairs)
-
-
-def _word(name: str) -> str:
-    return name.removesuffix("_version") if is_version(name) else "source"
+    return tuple(f"{name.removesuffix('_version')} {before}, here {now}" for name, before, now in pairs)
 
 
 def announcement(original: Original) -> list[str]:
     """Return what will be run, how long it will take, and what may make it differ, as lines of text."""
-    scene, runs = original.scene, len(original.seeds)
+    scene, runs = original.scene, counted(len(original.seeds), "run")
     cost = original.engine.forecast(scene, original.record, original.observables, original.ensemble.average)
-    seconds = forecast.START_UP + cost.once + runs * cost.seconds
-    what = f"{_number(runs)} of {scene.name}, N = {scene.particles}, {original.engine.options}"
+    seconds = forecast.START_UP + cost.once + len(original.seeds) * cost.seconds
+    what = f"{runs} of {scene.name}, N = {scene.particles}, {original.engine.options}"
     lines = [f"running again {what}: some {in_time(seconds)} of CPU"]
     if original.changes:
         lines.append(f"results may differ: the file was made with {'; '.join(original.changes)}")
@@ -96,9 +91,9 @@ def differences(original: Original) -> list[Difference]:
         stored = _arrays(before, int(np.flatnonzero(before.seeds == seed)[0]))
         made = _arrays(again, column)
         for name in stored | made:
-            one, other = stored.get(name), made.get(name)
-            if not _same_bits(one, other):
-                sizes.setdefault(name, {})[seed] = _distance(one, other)
+            distance = _distance(stored.get(name), made.get(name))
+            if distance is not None:
+                sizes.setdefault(name, {})[seed] = distance
     return [Difference(name, sorted(found), float(np.max(list(found.values())))) for name, found in sizes.items()]
 
 
@@ -107,46 +102,41 @@ def _arrays(ensemble: Ensemble, column: int) -> dict[str, np.ndarray]:
     seed = int(ensemble.seeds[column])
     if seed in ensemble.stopped:
         return {"sample times": ensemble.times, "failed": ensemble.observables["failed"][column]}
-    tracer = None if ensemble.tracer is None else ensemble.tracer._asdict()
-    groups = {
-        "of the tracer": {name: values[:, column] for name, values in (tracer or {}).items() if values is not None},
-        "of all disks": ensemble.whole[seed]._asdict() if seed in ensemble.whole else {},
-        "of the collisions": ensemble.events[seed]._asdict() if seed in ensemble.events else {},
+    records: dict[str, Track | Events | None] = {
+        "of the tracer": ensemble.tracer and ensemble.tracer.of(column),
+        "of all disks": ensemble.whole.get(seed),
+        "of the collisions": ensemble.events.get(seed),
     }
     arrays = {"sample times": ensemble.times}
     arrays |= {name: np.asarray(values[column]) for name, values in ensemble.observables.items()}
-    named = {f"{name} {whose}": values for whose, group in groups.items() for name, values in group.items()}
-    return arrays | {name: values for name, values in named.items() if values is not None}
+    for whose, record in records.items():
+        fields = {} if record is None else record._asdict()
+        arrays |= {f"{name} {whose}": values for name, values in fields.items() if values is not None}
+    return arrays
 
 
-def _same_bits(one: np.ndarray | None, other: np.ndarray | None) -> bool:
-    if one is None or other is None:
-        return False
-    return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
+    """Return the largest absolute difference of two arrays, None if they are bit-identical.
 
-
-def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float:
-    """Return the largest absolute difference of two arrays; NaN if shapes or types differ, or one of them is NaN."""
+    NaN if shapes or types differ, or where one of them is NaN.
+    """
     if one is None or other is None or one.dtype != other.dtype or one.shape != other.shape:
         return np.nan
-    differing = one != other  # also where both are NaN
-    both_nan = np.isnan(one) & np.isnan(other)
-    moved = np.abs(one[differing & ~both_nan].astype(float) - other[differing & ~both_nan].astype(float))
+    if one.tobytes() == other.tobytes():
+        return None
+    differing = (one != other) & ~(np.isnan(one) & np.isnan(other))
+    moved = np.abs(one[differing].astype(float) - other[differing].astype(float))
     return float(np.max(moved, initial=0.0))
 
 
 def verdict(original: Original, found: list[Difference]) -> str:
     """Return whether all arrays are bit-identical or, for each that is not, its runs and by how much they differ."""
-    runs = len(original.seeds)
+    runs = counted(len(original.seeds), "run")
     if not found:
-        return f"identical: {_number(runs)}, all arrays bit-identical"
+        return f"identical: {runs}, all arrays bit-identical"
     differing = {seed for difference in found for seed in difference.seeds}
-    lines = [f"different: {len(differing)} of {_number(runs)}"]
+    lines = [f"different: {len(differing)} of {runs}"]
     for name, seeds, largest in found:
         size = "in shape, type or NaN" if np.isnan(largest) else f"by at most {largest:.2g}"
         lines.append(f"  {name}: {size} ({seeds_in_words(seeds)})")
     return in_lines(lines)
-
-
-def _number(runs: int) -> str:
-    return f"{runs:,} run{'' if runs == 1 else 's'}"

@@ -8,7 +8,7 @@ import numpy as np
 from brownpipe.engines.failures import reason_of, stopped_in_words
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import RequestError
-from brownpipe.inspection.lines import provenance, worst
+from brownpipe.inspection.lines import DIGITS, provenance, worst
 from brownpipe.observables import ARRAYS
 from brownpipe.observables.displacement import displacement
 from brownpipe.provenance import modules_of, source_digest
@@ -39,7 +39,7 @@ def describe(path: str | Path, contents: Trajectories) -> list[str]:
         *_statistics(ensemble.observables),
         *_arrays(ensemble),
         *provenance(header, source_digest(*modules_of("simulate", header["engine"]))),
-        f"contents     {header['contents_digest'][:12]}",
+        f"contents     {header['contents_digest'][:DIGITS]}",
         f"run again    brownpipe inspect {shell_path(path)} --reproduce",
     ]
 
@@ -48,14 +48,17 @@ def describe_run(path: str | Path, contents: Trajectories, seed: int) -> list[st
     """Return the lines of the report on the run of one seed. Raises RequestError for a seed that is not in the file."""
     ensemble, column = contents.ensemble, column_of(path, contents.ensemble, seed)
     failed = ensemble.observables["failed"][column] > 0
-    return [
+    lines = [
         f"{path}, seed {seed}",
         *_setting(contents),
         _samples(ensemble),
         f"recorded     {_recorded_of(ensemble, seed)}",
         f"health       {_fate(ensemble, column) if failed else 'passed'}",
-        *([] if seed in ensemble.stopped else _results(contents, column)),
     ]
+    if seed not in ensemble.stopped:
+        lines += [*_tracer(contents.scene, ensemble, column), *_numbers(ensemble.observables, column)]
+        lines += _arrays(ensemble, column)
+    return lines
 
 
 def _fate(ensemble: Ensemble, column: int) -> str:
@@ -65,15 +68,8 @@ def _fate(ensemble: Ensemble, column: int) -> str:
     return "FAILED its health check: left out of every average"
 
 
-def _results(contents: Trajectories, column: int) -> Iterator[str]:
-    """Yield all numbers of a run that came to its end."""
-    yield from _way(contents.scene, contents.ensemble, column)
-    yield from _numbers(contents.ensemble.observables, column)
-    yield from _arrays(contents.ensemble, column)
-
-
 def column_of(path: str | Path, ensemble: Ensemble, seed: int) -> int:
-    """Return the place of a seed in the ensemble. Raises RequestError, which names those of the file, if it is none."""
+    """Return the index of a seed in the ensemble. Raises RequestError, which lists the seeds, if it is none."""
     columns = np.flatnonzero(ensemble.seeds == seed)
     if not columns.size:
         raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(ensemble.seeds)}")
@@ -139,7 +135,7 @@ def _statistics(observables: dict[str, np.ndarray]) -> Iterator[str]:
             yield f"  {name:<20} {np.mean(values):12.6g} {np.min(values):12.6g} {np.max(values):12.6g}"
 
 
-def _way(scene: Scene, ensemble: Ensemble, column: int) -> Iterator[str]:
+def _tracer(scene: Scene, ensemble: Ensemble, column: int) -> Iterator[str]:
     """Yield where the tracer of a run was at the first and the last sample, and its squared displacement."""
     if ensemble.tracer is None:
         return

@@ -34,7 +34,6 @@ A dataset says in its attributes what it was made from (`origin`) and by which s
 same installation gives the same bytes of the same runs.
 """
 
-from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.datasets import made_by, read_dataset, seal_of, write_dataset
 from brownpipe.storage.expected import Expected
@@ -47,9 +46,7 @@ __all__ = [
     "Expected",
     "Origin",
     "Outline",
-    "StorageError",
     "Trajectories",
-    "WrongFileError",
     "free_space",
     "from_tree",
     "made_by",

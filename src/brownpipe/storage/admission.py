@@ -1,8 +1,8 @@
 """What is decoded of an HDF5 file that anybody may have made: seal and digest are no secret, and bugs can set them.
 
-Every object is admitted before it is read. Only what brownpipe writes is: hard links without cycles, numbers and text,
-the filters gzip, shuffle and fletcher32. Soft and external links, external storage, virtual datasets and filters
-from plugins would read other files or run other code; references and further types have no use here. All values
+Every object is checked before it is read. Only what brownpipe writes is admitted: hard links without cycles, numbers
+and text, the filters gzip, shuffle and fletcher32. Soft and external links, external storage, virtual datasets and
+filters from plugins would read other files or run other code; references and further types have no use here. All values
 of a dataset must be stored, and the stored bytes must suffice for its size, so that no small file fills the memory.
 """
 
@@ -60,7 +60,7 @@ class Contents:
                 self._collect(item, f"{prefix}{name}/", found, groups)
 
     def some(self, paths: tuple[str, ...]) -> Items:
-        """Return the groups and datasets at those of the paths that the file has, each admitted."""
+        """Return the groups and datasets at these paths, as far as the file has them, each admitted."""
         found: Items = {}
         for path in paths:
             item: Any = self.file
@@ -103,7 +103,7 @@ class Contents:
         return values
 
     def attributes(self, item: h5py.Group | h5py.Dataset, left_out: set[str]) -> dict[str, Any]:
-        """Return the attributes of a group or dataset, but for some."""
+        """Return the attributes of a group or dataset except those in `left_out`."""
         found = {}
         for name in (name for name in item.attrs if name not in left_out):
             _refuse_attribute(item, name)

@@ -9,7 +9,7 @@ import numpy as np
 from brownpipe.errors import RequestError, StorageError
 from brownpipe.storage.admission import understood
 from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import Node, digest, from_bytes, to_bytes
+from brownpipe.storage.hdf5 import CHANGED, Node, digest, from_bytes, to_bytes
 
 NUMBERS = "biufV"  # kinds of types: truth values, integers, floats, and a table of them
 
@@ -35,7 +35,11 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
         return None
     try:
         with understood():
-            nodes = _contents(path)
+            nodes = from_bytes(read_sealed(path))
+            if "checkpoint" not in nodes:
+                raise StorageError("is a file of brownpipe, but not a checkpoint")
+            if nodes["checkpoint"].attributes["contents_digest"] != digest(nodes):
+                raise StorageError(CHANGED)
             stored = dict(json.loads(nodes["made_by"].value))
     except StorageError as error:
         raise StorageError(f"{path}: {error}; delete it to begin anew") from error
@@ -59,16 +63,6 @@ def remove_checkpoint(path: str | Path) -> None:
     path = Path(path)
     for file in (path, *path.parent.glob(f"{glob.escape(path.name)}.*.part")):
         file.unlink(missing_ok=True)
-
-
-def _contents(path: str | Path) -> dict[str, Node]:
-    """Return the verified contents of a checkpoint file. Raises StorageError if they are damaged."""
-    nodes = from_bytes(read_sealed(path))
-    if "checkpoint" not in nodes:
-        raise StorageError("is a file of brownpipe, but not a checkpoint")
-    if nodes["checkpoint"].attributes["contents_digest"] != digest(nodes):
-        raise StorageError("HDF5 gives back other numbers than were written; check memory and the HDF5 library")
-    return nodes
 
 
 def _difference(name: str, stored: dict, made_by: dict) -> str:

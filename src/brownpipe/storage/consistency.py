@@ -33,10 +33,8 @@ def refuse_sizes(items: Items, scene: Scene, runs: int) -> None:
             unknown += math.prod(item.shape) * item.dtype.itemsize
         elif item.shape != shape:
             raise StorageError(f"holds {_named(path)} of shape {item.shape}; its scene and seeds make it {shape}")
-    for group in {path.rpartition("/")[0] for path in items if path.startswith("observables/events/seed_")}:
-        if group == "observables/events":
-            continue
-        unknown -= _size_of_log(items, group)
+    logs = {path.rpartition("/")[0] for path in items if path.startswith("observables/events/seed_")}
+    unknown -= sum(_size_of_log(items, group) for group in logs - {"observables/events"})
     if unknown > MOST_UNKNOWN:
         raise StorageError("declares more data than its runs have")
 
@@ -60,7 +58,7 @@ def _size_of_log(items: Items, group: str) -> int:
 
 
 def _shape(path: str, scene: Scene, sizes: dict[str, int]) -> tuple[int, ...] | None:
-    """Return the shape of the dataset at a path, None if the path has no certain one."""
+    """Return the shape of the dataset at a path, None if it is not known."""
     match path.split("/"):
         case ["particles", _, "box", name] if name in OF_BOX:
             return (2,)
@@ -98,8 +96,8 @@ def refuse_axes(seeds: np.ndarray, times: np.ndarray, average: str, scene: Scene
 def refuse_values(ensemble: Ensemble, scene: Scene) -> None:
     """Raise StorageError for arrays of other types than the engines make, and for numbers that cannot be there.
 
-    Those are what `refuse_axes` refuses, tracks and collisions of other runs, tracks of runs that did not fail with
-    numbers that are not finite, and collisions of disks that the scene does not have.
+    Those are what `refuse_axes` refuses, tracks and collisions of other runs, numbers that are not finite in tracks of
+    runs that did not fail, and collisions of disks that the scene does not have.
     """
     refuse_axes(ensemble.seeds, ensemble.times, ensemble.average, scene)
     seeds, observables = ensemble.seeds, ensemble.observables

@@ -1,7 +1,6 @@
 """Datasets: the results of an analysis, one netCDF4 (HDF5) file per study, in memory as xarray.Dataset."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,7 @@ import numpy as np
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.provenance import made_with, versions
 from brownpipe.storage.admission import Contents, opened
-from brownpipe.storage.files import BLANK_SEAL, PREFIX, SEAL, read_sealed, seal, write_file
+from brownpipe.storage.files import BLANK_SEAL, PREFIX, SEAL, naming, read_sealed, seal, write_file
 from brownpipe.storage.hdf5 import SCALE_ATTRIBUTES, Node, some_from_bytes, to_bytes
 from brownpipe.storage.origin import installation
 
@@ -53,28 +52,21 @@ def read_dataset(path: str | Path) -> "xarray.Dataset":
 
     Raises StorageError, which says how to make the file again; WrongFileError if it does not exist or is no dataset.
     """
-    with _naming(path):
+    with naming(path, _remedy):
         return _from_bytes(read_sealed(path))
 
 
 def read_values(path: str | Path, names: Iterable[str]) -> dict[str, np.ndarray]:
-    """Return the values of those of some variables that a dataset has, after verifying its seal; nothing else is read.
+    """Return the values of the named variables that a dataset has, after verifying its seal; nothing else is read.
 
     Raises StorageError and WrongFileError like `read_dataset`.
     """
-    with _naming(path):
+    with naming(path, _remedy):
         return {name: node.value for name, node in some_from_bytes(read_sealed(path), tuple(names)).items()}
 
 
-@contextmanager
-def _naming(path: str | Path) -> Iterator[None]:
-    """Put the name of the file before errors and, if it is damaged, the remedy behind them."""
-    try:
-        yield
-    except WrongFileError as error:
-        raise WrongFileError(f"{path}: {error}") from error
-    except StorageError as error:
-        raise StorageError(f"{path}: {error}; delete it and run the study or brownpipe aggregate again") from error
+def _remedy(_: str | Path) -> str:
+    return "delete it and run the study or brownpipe aggregate again"
 
 
 def _to_bytes(dataset: "xarray.Dataset") -> bytes:

@@ -21,7 +21,7 @@ import os
 import re
 import resource
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from itertools import islice
@@ -121,7 +121,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def remove_abandoned_parts(path: Path) -> None:
-    """Remove the parts of a file whose process has ended here without removing them, or wrote them a day ago."""
+    """Remove parts of a file that are a day old, or whose process on this machine has ended without removing them."""
     parts = re.compile(re.escape(path.name) + r"\.([0-9]{1,9})(?:-([0-9a-f]{8})-[0-9a-f]{8})?\.part")
     with suppress(OSError), os.scandir(path.parent) as entries:
         for entry in entries:
@@ -230,3 +230,14 @@ def read_sealed(path: str | Path) -> bytes:
     if total.hexdigest() != seals[0].group().decode().removeprefix(PREFIX):
         raise StorageError("was damaged or edited after it was written")
     return contents
+
+
+@contextmanager
+def naming(path: str | Path, remedy: Callable[[str | Path], str]) -> Iterator[None]:
+    """Put the name of the file before errors of reading it and, if it is damaged, its remedy behind them."""
+    try:
+        yield
+    except WrongFileError as error:
+        raise WrongFileError(f"{path}: {error}") from error
+    except StorageError as error:
+        raise StorageError(f"{path}: {error}; {remedy(path)}") from error

@@ -13,6 +13,7 @@ from brownpipe.storage.admission import Contents, Items, opened
 
 CHUNK_BYTES = 2**18
 CHECKSUMS = {"contents_digest", "seal"}  # attributes that the digest leaves out
+CHANGED = "HDF5 gives back other numbers than were written; check memory and the HDF5 library"
 SCALE_ATTRIBUTES = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}  # how HDF5 itself stores dimension scales
 
 
@@ -32,7 +33,7 @@ class Link(NamedTuple):
     target: str
 
 
-Tree = dict[str, Node | Link]  # parents stand before their children
+Nodes = dict[str, Node | Link]  # parents stand before their children
 
 
 def digest(nodes: Mapping[str, Node | Link]) -> str:
@@ -52,7 +53,7 @@ def digest(nodes: Mapping[str, Node | Link]) -> str:
 
 
 def _add(total: "hashlib._Hash", name: str, value: Any) -> None:
-    """Add a named value to a hash, with its length, so that no two trees give the same sequence of bytes."""
+    """Add a named value to a hash, with its length, so that no two sets of nodes give the same sequence of bytes."""
     array = np.asarray("group" if value is None else value)
     data: bytes | memoryview
     if array.dtype.kind in "OSTU":
@@ -83,7 +84,6 @@ def to_bytes(nodes: Mapping[str, Node | Link], compress: bool = True, track_orde
 
 
 def _create(file: h5py.File, path: str, node: Node | Link, compress: bool, track_order: bool) -> None:
-    """Create a group, dataset, scale or hard link in a file."""
     if isinstance(node, Link):
         file[path] = file[node.target]
         return
@@ -143,23 +143,13 @@ def from_bytes(image: bytes) -> dict[str, Node]:
 
 
 def some_from_bytes(image: bytes, paths: tuple[str, ...]) -> dict[str, Node]:
-    """Return the nodes of an HDF5 file at those `paths` that it has; no other dataset is decompressed."""
+    """Return the nodes of an HDF5 file at `paths`, as far as it has them; no other dataset is decompressed."""
     with opened(image) as contents:
         return nodes_of(contents, contents.some(paths))
 
 
-def names_from_bytes(image: bytes, groups: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Return the names in each of those `groups` that an HDF5 file has."""
-    with opened(image) as contents:
-        found = contents.some(groups)
-        return {path: tuple(item) for path, item in found.items() if isinstance(item, h5py.Group)}
-
-
 def nodes_of(contents: Contents, items: Items) -> dict[str, Node]:
     """Return the nodes of admitted groups and datasets."""
-    return {path: Node(contents.value(item), attributes_of(contents, item)) for path, item in items.items()}
-
-
-def attributes_of(contents: Contents, item: h5py.Group | h5py.Dataset) -> dict:
-    """Return the attributes of a group or dataset without those by which HDF5 stores dimension scales."""
-    return contents.attributes(item, SCALE_ATTRIBUTES)
+    return {
+        path: Node(contents.value(item), contents.attributes(item, SCALE_ATTRIBUTES)) for path, item in items.items()
+    }

@@ -8,12 +8,11 @@ import numpy as np
 
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble, Events, Track
-from brownpipe.observables import ARRAYS
+from brownpipe.observables import ARRAYS, AXES, axes
 from brownpipe.provenance import versions
 from brownpipe.scene import Box, Scene
 from brownpipe.scene.seeds import seed_text
-from brownpipe.storage import arrays
-from brownpipe.storage.hdf5 import Link, Node, Tree
+from brownpipe.storage.hdf5 import Link, Node, Nodes
 from brownpipe.storage.rerun import rerun
 
 FORMAT = 1
@@ -58,7 +57,7 @@ MEANING = {  # dataset: units, long_name
 }
 
 
-def run_nodes(scene: Scene, ensemble: Ensemble) -> Tree:
+def run_nodes(scene: Scene, ensemble: Ensemble) -> Nodes:
     """Return all nodes of a trajectory file but its parameters."""
     nodes = _header()
     if ensemble.tracer is not None:
@@ -74,7 +73,7 @@ def run_nodes(scene: Scene, ensemble: Ensemble) -> Tree:
     return nodes
 
 
-def _header() -> Tree:
+def _header() -> Nodes:
     """Return what H5MD requires of every file."""
     return {
         "h5md": Node(None, {"version": np.array([1, 1])}),
@@ -90,14 +89,14 @@ def _dataset(name: str, value: Any, dims: tuple[str, ...] = (), chunk_axes: tupl
     return Node(value, {"units": units, "long_name": long_name}, dims, chunk_axes)
 
 
-def _particles(group: str, scene: Scene, times: np.ndarray, track: Track, dim: str, ids: np.ndarray) -> Tree:
+def _particles(group: str, scene: Scene, times: np.ndarray, track: Track, dim: str, ids: np.ndarray) -> Nodes:
     """Return a particles group of H5MD; `ids` are the values along `dim`, the dimension of the particles.
 
     All elements (position, velocity, image) have the same steps and scales: those of the position, linked.
     """
     nodes = {group: Node(None, {})} | _box(f"{group}/box", scene.box)
     nodes[f"{group}/id"] = _dataset(dim, ids, ("id",))
-    scales: Tree = {"time": _dataset("time", times, ("time",)), dim: _dataset(dim, ids, (dim,))}
+    scales: Nodes = {"time": _dataset("time", times, ("time",)), dim: _dataset(dim, ids, (dim,))}
     scales |= {"component": Link(f"{group}/box/component"), "step": _dataset("step", np.arange(len(times)), ("time",))}
     links = {name: Link(f"{group}/position/{name}") for name in scales}
     chunk_axes = TIME_FIRST if dim == "seed" else None
@@ -111,7 +110,7 @@ def _particles(group: str, scene: Scene, times: np.ndarray, track: Track, dim: s
     return nodes
 
 
-def _box(group: str, box: Box) -> Tree:
+def _box(group: str, box: Box) -> Nodes:
     boundary = "periodic" if box.periodic else "none"
     return {
         group: Node(None, {"dimension": 2, "boundary": [boundary, boundary]}),
@@ -126,10 +125,10 @@ def _components() -> Node:
     return _dataset("component", np.array(["x", "y"], h5py.string_dtype()), ("component",))
 
 
-def _observables(scene: Scene, ensemble: Ensemble) -> Tree:
+def _observables(scene: Scene, ensemble: Ensemble) -> Nodes:
     """Return one number per run, and arrays, of every observable."""
     group = "observables/run"
-    nodes: Tree = {
+    nodes: Nodes = {
         "observables": Node(None, {}),
         group: Node(None, {}),
         f"{group}/seed": _dataset("seed", ensemble.seeds, ("seed",)),
@@ -140,15 +139,29 @@ def _observables(scene: Scene, ensemble: Ensemble) -> Tree:
     if ensemble.stopped:
         reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
         nodes[f"{group}/stopped"] = _dataset("stopped", np.array(reasons, h5py.string_dtype()), ("seed",))
-    nodes |= arrays.layout(group, scene, ensemble)
+    nodes |= _arrays(group, scene, ensemble)
     if ensemble.events:
         nodes["observables/events"] = Node(None, {})
     return nodes
 
 
-def _events(group: str, events: Events) -> Tree:
-    """Return the collisions of one run."""
-    nodes: Tree = {group: Node(None, {}), f"{group}/component": _components()}
+def _arrays(group: str, scene: Scene, ensemble: Ensemble) -> Nodes:
+    """Return the arrays of observables (S, ...) and their scales; the times are those of the ensemble."""
+    arrays = {name: ARRAYS[name] for name in ensemble.observables if name in ARRAYS}
+    scales = {dim: values for name in arrays for dim, values in axes(scene, name).items()}
+    nodes: Nodes = {}
+    for dim, values in scales.items():
+        values = np.array(values, h5py.string_dtype()) if isinstance(values, list) else values
+        attributes = {"units": AXES[dim].units, "long_name": AXES[dim].long_name}
+        nodes[f"{group}/{dim}"] = Node(ensemble.times if dim == "time" else values, attributes, (dim,))
+    for name, array in arrays.items():
+        attributes = {"units": array.units, "long_name": array.long_name}
+        nodes[f"{group}/{name}"] = Node(ensemble.observables[name], attributes, ("seed", *array.dims))
+    return nodes
+
+
+def _events(group: str, events: Events) -> Nodes:
+    nodes: Nodes = {group: Node(None, {}), f"{group}/component": _components()}
     for name, value in events._asdict().items():
         nodes[f"{group}/{name}"] = _dataset(name, value, ("time", "component")[: value.ndim])
     return nodes

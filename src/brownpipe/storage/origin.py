@@ -78,9 +78,9 @@ def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str
 
 
 def read_origins(path: str | Path, attributes: Mapping) -> list[Origin]:
-    """Return what the attributes of a dataset, or of a product of one, say of its runs; all values are checked.
+    """Return the runs named by the attributes of a dataset, or of a figure or table of one; all values are checked.
 
-    Raises StorageError, naming the file at `path`, if they say nothing that this version understands.
+    Raises StorageError, naming the file at `path`, if they name none that this version understands.
     """
     try:
         return [_origin(entry) for entry in json.loads(attributes["made_from"])]
@@ -159,16 +159,10 @@ def _commit(package: Path) -> str | None:
     if package != checkout / "src" / NAME or not (checkout / ".git").exists():
         return None
     command = ["git", "--no-optional-locks", "-C", str(checkout), "status", "--porcelain=v2", "--branch", "--", "src"]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    env = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     try:
-        done = subprocess.run(
-            command, env=environment, timeout=LONGEST_GIT, stdin=subprocess.DEVNULL, capture_output=True
-        )
-    except (
-        FileNotFoundError,
-        PermissionError,
-        subprocess.SubprocessError,
-    ):  # others, such as too many open files, are told
+        done = subprocess.run(command, env=env, timeout=LONGEST_GIT, stdin=subprocess.DEVNULL, capture_output=True)
+    except (FileNotFoundError, PermissionError, subprocess.SubprocessError):  # others, as too many open files, are told
         return None
     said = done.stdout.decode(errors="replace")
     commit = COMMIT.search(said)

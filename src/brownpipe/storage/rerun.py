@@ -16,7 +16,7 @@ from brownpipe.scene.reading import Entry
 from brownpipe.scene.scene_file import MOST_DISKS
 from brownpipe.scene.seeds import parse_seeds, seed_text
 
-COMMAND = re.compile(  # as `_command` writes it; none of its characters means anything to a shell
+COMMAND = re.compile(  # as `rerun` writes it; none of its characters means anything to a shell
     rb"`brownpipe simulate ([A-Za-z0-9][A-Za-z0-9._-]{0,63})\.yaml((?: --[a-z-]+ [A-Za-z0-9.,_+-]+)+)`"
 )
 DEFAULTS = {"record": "tracer", "observables": "", "average": "runs"}  # of options of `brownpipe simulate`
@@ -24,20 +24,19 @@ WORDS_OF = {"--record": RECORDS, "--observables": (*OBSERVABLES, *RENAMED), "--a
 
 
 def rerun(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
-    """Return the commands that make these runs again, and where the scene file comes from: no other file is needed."""
-    scene_file = f"{scene.name}.yaml is printed by `brownpipe inspect FILE --scene`"
-    compare = "`brownpipe inspect FILE --reproduce` runs and compares; FILE is this file"
-    return f"{_command(scene, engine, ensemble)}, where {scene_file}; {compare}"
+    """Return the commands that make these runs again, and where the scene file comes from: no other file is needed.
 
-
-def _command(scene: Scene, engine: Engine, ensemble: Ensemble) -> str:
-    """Return the command that makes these runs again, in backquotes, by which `remedy` finds it in a damaged file."""
+    The first is in backquotes, by which `remedy` finds it in a damaged file.
+    """
     tracks = ["all"] * bool(ensemble.whole) + ["events"] * bool(ensemble.events)
     if not tracks and ensemble.tracer is None and scene.particles > 0:
         tracks = ["none"]
     names = observables_making(ensemble.observables)
     options = {"record": ",".join(tracks), "observables": ",".join(names), "average": ensemble.average if names else ""}
-    return f"`{simulate_command(scene, engine, ensemble.seeds, options)}`"
+    command = simulate_command(scene, engine, ensemble.seeds, options)
+    scene_file = f"{scene.name}.yaml is printed by `brownpipe inspect FILE --scene`"
+    compare = "`brownpipe inspect FILE --reproduce` runs and compares; FILE is this file"
+    return f"`{command}`, where {scene_file}; {compare}"
 
 
 def simulate_command(
@@ -64,7 +63,7 @@ def remedy(path: str | Path) -> str:
 
 
 def _valid_command(match: re.Match[bytes] | None) -> tuple[str, str]:
-    """Return the seeds and the command that `_command` wrote, made anew from its values, as bytes may say anything.
+    """Return the seeds and the command that `rerun` wrote, built from its values, as the file may contain any text.
 
     Raises ValueError or RequestError unless there is a command and every part of it is valid.
     """

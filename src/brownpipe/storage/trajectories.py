@@ -1,11 +1,11 @@
 """Trajectory files: a batch of runs of one scene by one engine; their layout is drawn in `brownpipe.storage`."""
 
 import json
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 
+import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, recorded
@@ -18,16 +18,8 @@ from brownpipe.scene.reading import NAME
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.admission import opened, understood
 from brownpipe.storage.consistency import refuse_axes, refuse_sizes, refuse_values
-from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import (
-    Node,
-    digest,
-    from_bytes,
-    names_from_bytes,
-    nodes_of,
-    some_from_bytes,
-    to_bytes,
-)
+from brownpipe.storage.files import BLANK_SEAL, naming, read_sealed, seal, write_file
+from brownpipe.storage.hdf5 import CHANGED, Node, digest, from_bytes, nodes_of, some_from_bytes, to_bytes
 from brownpipe.storage.layout import FORMAT, parameter_nodes, run_nodes
 from brownpipe.storage.rerun import remedy
 
@@ -106,7 +98,7 @@ def read_trajectories(path: str | Path) -> Trajectories:
     Raises StorageError, which names the file, its seeds and the command that makes them again; WrongFileError if the
     file does not exist or is no trajectory file.
     """
-    with _naming(path), understood():
+    with naming(path, remedy), understood():
         return _trajectories(*_contents(path))
 
 
@@ -115,9 +107,10 @@ def read_outline(path: str | Path) -> Outline:
 
     Raises StorageError and WrongFileError like `read_trajectories`.
     """
-    with _naming(path), understood():
-        image = read_sealed(path)
-        nodes, names = some_from_bytes(image, OUTLINE), names_from_bytes(image, LISTED)
+    with naming(path, remedy), understood():
+        with opened(read_sealed(path)) as contents:
+            nodes, groups = nodes_of(contents, contents.some(OUTLINE)), contents.some(LISTED)
+            names = {group: tuple(item) for group, item in groups.items() if isinstance(item, h5py.Group)}
         parameters = _parameters_of(nodes)
         scene, engine = _scene_and_engine(nodes)
         tracks, runs, events = (names.get(group, ()) for group in LISTED)
@@ -142,18 +135,18 @@ def _measured(names: Collection[str]) -> tuple[str, ...] | None:
 
 
 def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
-    """Return what is recorded, in the words of `--record`, given what is true of it or not empty."""
+    """Return what is recorded, in the words of `--record`; an argument is true, or not empty, if it is recorded."""
     parts = {"tracer": tracer, "all": whole, "events": events}
     return frozenset(name for name, is_recorded in parts.items() if is_recorded)
 
 
 def read_header(path: str | Path) -> dict:
     """Return the attributes of /parameters (names, versions, digests); checks and errors as of `read_outline`."""
-    with _naming(path), understood():
+    with naming(path, remedy), understood():
         return _parameters_of(some_from_bytes(read_sealed(path), OUTLINE))
 
 
-def whole_seed(trajectories: Trajectories, path: str, seed: int | None = None) -> int:
+def whole_seed(trajectories: Trajectories, path: str, seed: int | None) -> int:
     """Return the seed of a whole run, by default the smallest, of the trajectories in the file at `path`.
 
     Raises RequestError if the file holds no whole runs, none of this seed, or no disks.
@@ -189,7 +182,7 @@ def _contents(path: str | Path) -> tuple[dict[str, Node], Scene, Engine]:
         refuse_sizes(items, scene, len(outline["observables/run/seed"].value))
         nodes = nodes_of(contents, items)
     if nodes["parameters"].attributes["contents_digest"] != digest(nodes):
-        raise StorageError("HDF5 gives back other numbers than were written; check memory and the HDF5 library")
+        raise StorageError(CHANGED)
     return nodes, scene, engine
 
 
@@ -259,16 +252,4 @@ def _track(nodes: dict[str, Node], group: str) -> Track:
 
 
 def _log(nodes: dict[str, Node], group: str) -> Events:
-    """Return the collisions of one run."""
     return Events(*(nodes[f"{group}/{name}"].value for name in Events._fields))
-
-
-@contextmanager
-def _naming(path: str | Path) -> Iterator[None]:
-    """Put the name of the file before errors and, if it is damaged, the remedy behind them."""
-    try:
-        yield
-    except WrongFileError as error:
-        raise WrongFileError(f"{path}: {error}") from error
-    except StorageError as error:
-        raise StorageError(f"{path}: {error}; {remedy(path)}") from error

@@ -52,7 +52,8 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     if ensemble.stopped:
         reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
         columns["stopped"] = (("seed",), np.array(reasons, object))
-    along = {dim: values for name in columns if name in ARRAYS for dim, values in axes(scene, name).items()}
+    arrays = [name for name in columns if name in ARRAYS]
+    along = {BIN.get(dim, dim): values for name in arrays for dim, values in axes(scene, name).items()}
     along |= {"time": ensemble.times, "seed": ensemble.seeds, "component": ["x", "y"]}
     root = _scales(along) | _described(_motion(TRACER_DIMS, ensemble.tracer) | columns)
     nodes = {"/": xarray.Dataset(root, attrs=attributes)}
@@ -111,15 +112,14 @@ def _dims(name: str) -> tuple[str, ...]:
 
 def _scales(scales: dict) -> "dict[str, Variable]":
     """Return coordinates along dimensions of their names."""
-    described = _described({dim: ((BIN.get(dim, dim),), np.asarray(values)) for dim, values in scales.items()})
-    return {BIN.get(dim, dim): variable for dim, variable in described.items()}
+    return _described({dim: ((dim,), np.asarray(values)) for dim, values in scales.items()})
 
 
 def _described(values: Columns) -> "dict[str, Variable]":
     """Return variables with the units and the meaning that belong to their names."""
     import xarray
 
-    arrays = {name: (each.units, each.long_name) for name, each in (AXES | ARRAYS).items()}
+    arrays = {BIN.get(name, name): (each.units, each.long_name) for name, each in (AXES | ARRAYS).items()}
     known = arrays | MEANING | {f"event_{name}": MEANING[name] for name in ("time", "seed")}
     meanings = {name: dict(zip(("units", "long_name"), known.get(name, ("1", name)), strict=True)) for name in values}
     return {name: xarray.Variable(dims, array, meanings[name]) for name, (dims, array) in values.items()}
@@ -132,18 +132,14 @@ def _motion(dims: tuple[str, ...], track: Track | None) -> Columns:
 
 
 def _track(dataset: "Dataset", dims: tuple[str, ...]) -> Track:
-    """Return position, velocity and image as arrays of these dimensions."""
     return Track(*(dataset[name].transpose(*dims).values if name in dataset else None for name in Track._fields))
 
 
 def _log(events: dict[int, Events]) -> Columns:
     """Return the collisions of all runs, one after the other."""
-    joined = {name: np.concatenate([getattr(log, field) for log in events.values()]) for name, field in LOG.items()}
-    seeds = np.repeat(list(events), [len(log.time) for log in events.values()])
-    return {
-        name: (("event", "component")[: values.ndim], values)
-        for name, values in {"event_seed": seeds, **joined}.items()
-    }
+    joined = {"event_seed": np.repeat(list(events), [len(log.time) for log in events.values()])}
+    joined |= {name: np.concatenate([getattr(log, field) for log in events.values()]) for name, field in LOG.items()}
+    return {name: (("event", "component")[: values.ndim], values) for name, values in joined.items()}
 
 
 def _without_values(track: Track) -> Track:
@@ -152,11 +148,9 @@ def _without_values(track: Track) -> Track:
 
 
 def _whole(dataset: "Dataset", seeds: list[int], complete: list[int]) -> dict[int, Track]:
-    """Return the tracks of all disks by seed, of the runs that are complete."""
     track = _track(dataset, DISK_DIMS)
     return {seed: track.of(seeds.index(seed)) for seed in complete}
 
 
 def _events(dataset: "Dataset", seeds: list[int]) -> dict[int, Events]:
-    """Return the collisions by seed, of these seeds."""
     return {seed: Events(*(dataset[name].values[dataset.event_seed.values == seed] for name in LOG)) for seed in seeds}

@@ -1,43 +1,11 @@
-"""The verbs of the command line, one module each.
+"""The verbs of the command line, one module each, in the order of the help.
 
-A module has the function of its name, whose docstring is the help and which returns the exit status; `add_arguments`;
-and EXAMPLE, the arguments of an example. If it has PASSES_ON, arguments after `--` are for another program. Imports
-that take time are inside the functions that need them.
+A module has the function of its name, whose docstring is the help and which returns the exit status; `add_arguments`,
+which is given `add_argument` of the verb's parser; and EXAMPLE, the arguments of an example. If it has PASSES_ON,
+arguments after `--` are for another program. Imports that take time are inside the functions that need them.
 """
 
-from brownpipe.verbs import (
-    aggregate,
-    check,
-    compile,
-    export,
-    figures,
-    inspect,
-    movie,
-    new,
-    plan,
-    run,
-    schema,
-    simulate,
-    tradeoff,
-    verify,
-)
+from importlib import import_module
 
-VERBS = {  # as in the help
-    module.__name__.rpartition(".")[2]: module
-    for module in (
-        new,
-        run,
-        simulate,
-        aggregate,
-        figures,
-        movie,
-        export,
-        tradeoff,
-        plan,
-        inspect,
-        verify,
-        check,
-        compile,
-        schema,
-    )
-}
+NAMES = "new run simulate aggregate figures movie export tradeoff plan inspect verify check compile schema"
+VERBS = {name: import_module(f"{__name__}.{name}") for name in NAMES.split()}

@@ -2,16 +2,16 @@
 
 from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 
 from brownpipe.errors import DONE, RequestError
 from brownpipe.verbs.output import NETCDF, writable
-from brownpipe.verbs.values import key_value, positive, rings, window
+from brownpipe.verbs.values import integer, key_value, positive, window
 
 EXAMPLE = "results/small/simulate/*/*/*/*.h5 --output small.nc"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("files", nargs="*", metavar="FILE.h5", help="trajectory files of one study, in any order")
     add("--output", required=True, metavar="DATASET.nc", help="dataset to write (netCDF4)")
     add("--study", metavar="STUDY", help="study file (YAML): analyse its files, and refuse any that holds other runs")
@@ -23,7 +23,8 @@ def add_arguments(add: Callable) -> None:
     add("--ring-width", type=positive, metavar="DR", help=width)
     times = "of the displacement distribution (default: the end of each run)"
     add("--displacement-times", nargs="+", type=positive, metavar="T", help=times)
-    add("--rings", type=rings, metavar="COUNT", help="of the displacement distribution, with --ring-width")
+    count = "of the displacement distribution, with --ring-width"
+    add("--rings", type=partial(integer, least=1, most=100_000), metavar="COUNT", help=count)
 
 
 def aggregate(arguments: Namespace) -> int:
@@ -45,7 +46,7 @@ def aggregate(arguments: Namespace) -> int:
         files, windows, times = expected_files(study), windows or study.fit_windows, times or study.displacement_times
         width, count = (width, count) if width or count else (study.ring_width, study.rings)
     inputs = [getattr(file, "path", file) for file in files]
-    output = writable(arguments.output, *inputs, kinds=NETCDF)
+    output = writable(arguments.output, *inputs, suffixes=NETCDF)
     with progress.shown("aggregate"):
         dataset = analysis.aggregate(files, windows, width, count, times or ())
     write_dataset(output, dataset)

@@ -1,4 +1,4 @@
-"""`brownpipe check`: is a scene or study valid, and what will it cost?."""
+"""`brownpipe check`: is a scene or study valid, and what will it cost?"""
 
 from argparse import Namespace
 from collections.abc import Callable
@@ -11,7 +11,6 @@ EXAMPLE = SCENE
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("file", metavar="SCENE|STUDY", help="scene or study file (YAML)")
     add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
 

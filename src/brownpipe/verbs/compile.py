@@ -5,15 +5,14 @@ from argparse import Namespace
 from collections.abc import Callable
 
 from brownpipe.errors import DONE
-from brownpipe.formatting import in_time
-from brownpipe.verbs.output import number, show
+from brownpipe.formatting import counted, in_time
+from brownpipe.verbs.output import show
 from brownpipe.verbs.values import key_value
 
 EXAMPLE = "config/harrison2020.yaml"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("study", metavar="STUDY", help="study file (YAML)")
     replaced = "other values of its keys, as for `snakemake --config`"
     add("--config", nargs="+", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
@@ -37,5 +36,5 @@ def compile(arguments: Namespace) -> int:
     with progress.shown("compile"):
         compile_all(calls)
     spent = in_time(time.process_time() - began)
-    show(f"{number(count, 'kernel')} compiled in {spent} of CPU" if count else "all kernels have been compiled before")
+    show(f"{counted(count, 'kernel')} compiled in {spent} of CPU" if count else "all kernels have been compiled before")
     return DONE

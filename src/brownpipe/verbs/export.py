@@ -5,14 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe.errors import DONE
-from brownpipe.verbs.output import number, say, show, writable
+from brownpipe.formatting import counted, in_bytes
+from brownpipe.verbs.output import say, show, writable
 from brownpipe.verbs.values import integer
 
 EXAMPLE = "seed17.h5 --to gsd"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     from brownpipe.storage.export import FORMATS
 
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all); for csv, any")
@@ -28,17 +28,16 @@ def export(arguments: Namespace) -> int:
     GSD has single precision and the centre of the box at the origin, and needs the package gsd; XYZ and CSV have every
     digit. Unwrapped positions in a periodic box are position + image * (width, height).
     """
-    from brownpipe.formatting import in_bytes
     from brownpipe.scene.seeds import seed_text
     from brownpipe.storage import read_trajectories
     from brownpipe.storage.export import export as exported
 
     kind = f".{arguments.to}"
-    output = writable(arguments.output or f"{Path(arguments.file).stem}{kind}", arguments.file, kinds=(kind,))
+    output = writable(arguments.output or f"{Path(arguments.file).stem}{kind}", arguments.file, suffixes=(kind,))
     written = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
     for remark in written.remarks:
         say(f"{output}: {remark}", DONE)
     runs = f"{'seed' if len(written.seeds) == 1 else 'seeds'} {seed_text(written.seeds)}"
-    contents = f"{number(written.samples, 'sample')} of {number(written.disks, 'disk')}"
+    contents = f"{counted(written.samples, 'sample')} of {counted(written.disks, 'disk')}"
     show(f"{output}: {runs}: {contents}, {in_bytes(Path(output).stat().st_size)}")
     return DONE

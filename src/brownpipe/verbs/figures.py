@@ -17,7 +17,6 @@ EXAMPLE = "small.nc --output figures"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
     add("--output", required=True, metavar="FOLDER", help="folder for the figures, tables and the summary")
     add("--page", metavar="FILE.html", help="also write a page with all results, in one file")
@@ -41,7 +40,7 @@ def figures(arguments: Namespace) -> int:
     output = folder(arguments.output)
     dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
     refuse_unwritable(output, arguments.figures or FIGURES)
-    page = arguments.page and writable(arguments.page, arguments.dataset, kinds=PAGE)
+    page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     if arguments.replay and not page:
         raise RequestError("--replay: is shown in a page; must be given together with --page")
     if arguments.replay and is_tradeoff(dataset):

@@ -11,7 +11,6 @@ EXAMPLE = "seed17.h5 --seed 17"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("file", metavar="FILE", help="trajectory file, dataset, figure, table or summary")
     add("--seed", type=seed, metavar="SEED", help="all about this run of a trajectory file")
     again = "make the file again, or with --seed one run of a trajectory file, and compare every byte"

@@ -3,11 +3,13 @@
 import json
 from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from brownpipe.errors import DONE, RequestError
-from brownpipe.verbs.output import PAGE, number, show, suffix, writable
-from brownpipe.verbs.values import frames, integer, positive
+from brownpipe.formatting import counted, in_bytes
+from brownpipe.verbs.output import PAGE, show, suffix, writable
+from brownpipe.verbs.values import integer, positive
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
 KINDS = ("gif", "mp4", "png", "html")
@@ -15,12 +17,11 @@ FPS = 25.0  # frames a second
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
     add("--seed", type=integer, metavar="SEED", help="the run to show (default: the first in the file)")
     add("--to", choices=KINDS, metavar="KIND", help="gif, mp4, png or html (default: that of the output, or gif)")
     add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: name of the file, in this folder)")
-    add("--frames", type=frames, metavar="COUNT", help="samples to show (default: all)")
+    add("--frames", type=partial(integer, least=1), metavar="COUNT", help="samples to show (default: all)")
     add("--fps", type=positive, help="frames a second (default: 25)")
 
 
@@ -34,12 +35,11 @@ def movie(arguments: Namespace) -> int:
     from brownpipe.figures.movie import SUFFIXES, samples_shown
     from brownpipe.figures.movie import movie as moving
     from brownpipe.figures.origin import movie_record, stamped
-    from brownpipe.formatting import in_bytes
     from brownpipe.storage import read_trajectories, write_file
 
-    kinds = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
+    suffixes = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
     name = f"{Path(arguments.file).stem}.{arguments.to or 'gif'}"
-    output = writable(arguments.output or name, arguments.file, kinds=kinds)
+    output = writable(arguments.output or name, arguments.file, suffixes=suffixes)
     kind = suffix(output)
     if kind in PAGE:
         return _replay(arguments, output)
@@ -50,7 +50,7 @@ def movie(arguments: Namespace) -> int:
         contents = stamped(moving(trajectories, arguments.file, kind, *options), f"movie{kind}", record)
     write_file(output, contents)
     count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
-    show(f"{output}: {number(count, 'frame')}, {in_bytes(len(contents))}")
+    show(f"{output}: {counted(count, 'frame')}, {in_bytes(len(contents))}")
     return DONE
 
 
@@ -58,7 +58,6 @@ def _replay(arguments: Namespace, output: str) -> int:
     """Write the page that replays a run."""
     from brownpipe.figures.origin import movie_record, stamped
     from brownpipe.figures.replay import RECORD, is_whole, replay_of, replay_page
-    from brownpipe.formatting import in_bytes
     from brownpipe.storage import read_trajectories, write_file
 
     for option in ("frames", "fps"):
@@ -69,7 +68,7 @@ def _replay(arguments: Namespace, output: str) -> int:
     record = movie_record(trajectories, arguments.file, replay.seed, recorded=RECORD)
     contents = stamped(replay_page(replay), "movie.html", record)
     write_file(output, contents)
-    shown = number(len(replay.flight.time), "collision")
+    shown = counted(len(replay.flight.time), "collision")
     part = "" if is_whole(replay) else f" of {replay.collisions:,}, up to time {replay.end:.3g}"
     show(f"{output}: {shown}{part}, {in_bytes(len(contents))}")
     return DONE

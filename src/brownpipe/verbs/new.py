@@ -11,7 +11,6 @@ EXAMPLE = "my_study"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("name", metavar="NAME", help="name of the study")
     add("--folder", default=".", metavar="FOLDER", help="where to write the files (default: this folder)")
 

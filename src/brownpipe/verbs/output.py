@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from brownpipe.errors import RequestError
+from brownpipe.errors import RequestError, StorageError
 from brownpipe.quoting import in_lines, printable
 
 HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
@@ -28,15 +28,10 @@ def say(message: str, status: int) -> int:
     return status
 
 
-def number(count: int, name: str) -> str:
-    """Return a count and its noun, in the plural unless the count is one."""
-    return f"{count:,} {name}{'' if count == 1 else 's'}"
-
-
-def writable(path: str, *inputs: str, kinds: Sequence[str]) -> str:
+def writable(path: str, *inputs: str, suffixes: Sequence[str]) -> str:
     """Return the path of an output file, links of this user resolved, and make its folder.
 
-    `kinds` has the suffixes that the file may have, with "" if it may have none. Called before anything is computed.
+    suffixes: those that the file may have, with "" if it may have none. Called before anything is computed.
     Raises OSError, StorageError or RequestError if the file could not be written afterwards.
     """
     from brownpipe.storage import try_to_write
@@ -46,8 +41,8 @@ def writable(path: str, *inputs: str, kinds: Sequence[str]) -> str:
             raise RequestError(f"{path}: is a link that another user has made; choose another name for the output")
         path = os.path.realpath(path)
     _refuse_to_replace(path, inputs)
-    if suffix(path) not in kinds:
-        allowed = " or ".join(", ".join(filter(None, kinds)).rsplit(", ", 1))
+    if suffix(path) not in suffixes:
+        allowed = " or ".join(", ".join(filter(None, suffixes)).rsplit(", ", 1))
         raise RequestError(f"{path}: the output must end in {allowed}, not {Path(path).suffix!r}")
     if Path(path).is_dir():
         raise IsADirectoryError(f"{path}: is a folder; choose the name of a file")
@@ -63,7 +58,7 @@ def writable(path: str, *inputs: str, kinds: Sequence[str]) -> str:
 
 def refuse_if_too_large(path: str, size: float) -> None:
     """Raise StorageError if the disk or the limit of file sizes has no room for half of an expected size [bytes]."""
-    from brownpipe.storage import StorageError, free_space
+    from brownpipe.storage import free_space
 
     free = free_space(Path(path).parent)
     if size / 2 > free:
@@ -87,8 +82,8 @@ def folder(path: str) -> str:
 
 
 def refuse_unwritable(output: str, names: Iterable[str]) -> None:
-    """Raise StorageError if a folder has no room for figures, or folders with the names of their files."""
-    from brownpipe.storage import StorageError, try_to_write
+    """Raise StorageError if a folder cannot be written to, or has folders with the names of the files of figures."""
+    from brownpipe.storage import try_to_write
 
     files = ["summary.txt", "summary.csv", *(f"{name}{end}" for name in names for end in (".png", ".svg", ".csv"))]
     for file in (Path(output) / name for name in files):

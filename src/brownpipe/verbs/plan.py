@@ -14,7 +14,6 @@ EXAMPLE = "config/harrison2020.yaml --tolerance 2% --write my_study.yaml"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("study", metavar="STUDY", help="study file (YAML)")
     add("--tolerance", metavar="ERROR", help="relative error that is allowed: 2%% or 0.02")
     target = "quantity with this error: msd (at the end; default), d, or displacement_distribution (at the end)"
@@ -44,7 +43,7 @@ def plan(arguments: Namespace) -> int:
         raise RequestError("--tolerance: missing; must be given, or --budget")
     if arguments.write is not None:
         read_name(Entry(Path(arguments.write).stem, "", ("--write",)))  # of the new study
-    output = None if arguments.write is None else writable(arguments.write, arguments.study, kinds=YAML)
+    output = None if arguments.write is None else writable(arguments.write, arguments.study, suffixes=YAML)
     with progress.shown("plan"):
         cases = performance.performance_of(study, target)
     show(*planning.describe(cases, target, tolerance, budget).split("\n"))

@@ -2,21 +2,22 @@
 
 from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from brownpipe.errors import DONE, RequestError
 from brownpipe.verbs import verify
 from brownpipe.verbs.output import show
-from brownpipe.verbs.values import cores
+from brownpipe.verbs.values import integer
 
 EXAMPLE = "my_study.yaml -j 2 --report"
 PASSES_ON = True  # the arguments after `--`
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("study", metavar="STUDY", help="study file (YAML)")
-    add("-j", "--cores", type=cores, metavar="N", help="jobs at the same time (default: number of cores)")
+    jobs = "jobs at the same time (default: number of cores)"
+    add("-j", "--cores", type=partial(integer, least=1), metavar="N", help=jobs)
     places = "run the jobs on a cluster: slurm, or a folder with a profile of Snakemake"
     add("--profile", metavar="NAME", help=places).words = ("slurm",)
     listed = "only say which jobs would run, and what differs from the results that exist"

@@ -11,7 +11,6 @@ EXAMPLE = "study"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("kind", choices=("scene", "study"), metavar="scene|study", help="the kind of file")
 
 

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from brownpipe.errors import DONE, FAILED, RequestError
-from brownpipe.verbs.output import HDF5, number, refuse_if_too_large, say, show, writable
+from brownpipe.formatting import counted, in_time
+from brownpipe.verbs.output import HDF5, refuse_if_too_large, say, show, writable
 from brownpipe.verbs.values import SCENE, integer, number_or_all, observables, positive
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ EXAMPLE = f"{SCENE} --seeds 17 --record all --output seed17.h5"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser. `words` are for completion only."""
+    """Add the arguments of the verb; `words` are for completion only."""
     from brownpipe.engines import RECORDS
     from brownpipe.observables import AVERAGES, OBSERVABLES
 
@@ -83,7 +84,7 @@ def simulate(arguments: Namespace) -> int:
     engine.refuse_unfit(scene, record)
     cost = engine.forecast(scene, record, **measures)
     forecast.refuse_too_large(scene, len(seeds), cost)
-    output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, kinds=HDF5)
+    output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
     refuse_if_too_large(output, len(seeds) * cost.recorded)
 
     from brownpipe import progress
@@ -114,12 +115,10 @@ def _made(output: str, ensemble: "Ensemble", seconds: float) -> str:
     """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and the CPU time."""
     import numpy as np
 
-    from brownpipe.formatting import in_time
-
     overlap = ensemble.observables.get("worst_overlap")
     overlap = None if overlap is None else overlap[~np.isin(ensemble.seeds, list(ensemble.stopped))]
     worst = "" if overlap is None or not overlap.size else f", worst overlap {overlap.max():.2g} contact distances"
-    return f"{output}: {number(len(ensemble.seeds), 'run')}{worst}, {in_time(seconds)} of CPU"
+    return f"{output}: {counted(len(ensemble.seeds), 'run')}{worst}, {in_time(seconds)} of CPU"
 
 
 def engine_of(arguments: Namespace) -> "Engine":

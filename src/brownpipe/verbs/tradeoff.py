@@ -13,7 +13,6 @@ EXAMPLE = "config/tradeoff.yaml"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     add("study", metavar="STUDY", help="study file (YAML)")
     add("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
     replaced = "other values of the study's keys, as for `snakemake --config`"
@@ -43,7 +42,7 @@ def tradeoff(arguments: Namespace) -> int:
         first = f"brownpipe run {shell_path(arguments.study)} ({missing[0]} is missing)"
         raise RequestError(f"{arguments.study}: has no results yet; run it first: {first}")
     default = f"results/{study.name}/tradeoff/{study.name}.nc"
-    output = writable(arguments.output or default, arguments.study, *inputs, kinds=NETCDF)
+    output = writable(arguments.output or default, arguments.study, *inputs, suffixes=NETCDF)
     with progress.shown("tradeoff"):
         dataset = comparison.measure(arguments.files or expected, dict(study.instead_of), arguments.fit_window)
     write_dataset(output, dataset)

@@ -84,18 +84,3 @@ def seed(text: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) <= 19 and int(text) <= LARGEST_SEED):
         raise argparse.ArgumentTypeError(f"must be one seed, an integer from 0 to {LARGEST_SEED}, not {text!r}")
     return int(text)
-
-
-def rings(text: str) -> int:
-    """Return a number of rings, 1 to 100,000."""
-    return integer(text, 1, 100_000)
-
-
-def frames(text: str) -> int:
-    """Return a number of frames, 1 or more."""
-    return integer(text, 1)
-
-
-def cores(text: str) -> int:
-    """Return a number of cores, 1 or more."""
-    return integer(text, 1)

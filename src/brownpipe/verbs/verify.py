@@ -11,7 +11,6 @@ EXAMPLE = "results/small"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `add` is `add_argument` of its parser."""
     what = "folder with the results of a study, or single files: trajectories, datasets, figures, tables"
     add("paths", nargs="+", metavar="RESULTS", help=what)
 
