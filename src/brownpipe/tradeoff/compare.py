@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brownpipe.analysis.departure import SHARE, departure_time
 from brownpipe.analysis.displacement import per_run_lines
 from brownpipe.analysis.estimator import with_interval
 from brownpipe.analysis.resampling import Estimate
@@ -16,6 +15,7 @@ from brownpipe.tradeoff.runs import EngineRuns
 
 CURVE = 20  # number of times, equally spaced in log t, at which the bias of the MSD is given
 TARGET_COLUMNS = {"msd": 0, "d": 1}  # columns of `_per_run`
+APART = 1e-3  # of the tracer's radius: two trajectories further apart than this have departed
 
 
 def compare(
@@ -124,5 +124,17 @@ def _departure(runs: EngineRuns, exact: EngineRuns, pairs: Pairs) -> float:
     """Median over common seeds of the time at which the tracer departs from the exact trajectory; inf for never."""
     rows, exact_rows = pairs
     tracks = (runs.displacement[rows].transpose(1, 0, 2), exact.displacement[exact_rows].transpose(1, 0, 2))
-    times = np.sort(departure_time(exact.times, *tracks, SHARE * exact.scene.radius[0]))
+    times = np.sort(departure_time(exact.times, *tracks, APART * exact.scene.radius[0]))
     return float(times[len(times) // 2])
+
+
+def departure_time(times: np.ndarray, position: np.ndarray, reference: np.ndarray, bound: float) -> np.ndarray:
+    """Return the first of `times` (T,) at which tracks (T, S, 2) are further apart than `bound`: (S,), inf for never.
+
+    A position that is NaN counts as departed. Trajectories of hard disks diverge exponentially, so this time grows only
+    as the logarithm of 1/error: it tells for how long single collisions are right, but nothing about averages. It is
+    resolved to one sample interval.
+    """
+    apart = position - reference
+    departed = ~(np.hypot(apart[..., 0], apart[..., 1]) <= bound)
+    return np.where(departed.any(axis=0), times[departed.argmax(axis=0)], np.inf)
