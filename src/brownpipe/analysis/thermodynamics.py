@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_error, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, with_error
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
 from brownpipe.engines import friction
@@ -165,9 +165,7 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     values: dict[str, ArrayLike] = {}
     for name in (name for name in COLLISION_COUNTS if name in averages):
         values |= with_error(name, averages.estimate(name))
-    for name in (name for name in MEASURED if name in averages):
-        values |= with_interval(name, averages.estimate(name))
-    return values | enskog(case.scene)
+    return values | intervals(averages, MEASURED) | enskog(case.scene)
 
 
 ESTIMATOR = Estimator(
