@@ -180,12 +180,5 @@ def _enough_for_rings(blocks: Iterator[RunBlock]) -> list[RunBlock]:
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
     """The columns of all estimators."""
-    means: dict[str, np.ndarray] = {}
-    products: dict[str, np.ndarray] = {}
-    counts: dict[str, np.ndarray] = {}
-    for estimator in ESTIMATORS:
-        columns = estimator.columns(case, runs)
-        means |= columns.means
-        products |= columns.products
-        counts |= columns.counts
-    return Columns(means, products, counts)
+    parts = zip(*(estimator.columns(case, runs) for estimator in ESTIMATORS), strict=True)
+    return Columns(*({name: values for one in part for name, values in one.items()} for part in parts))
