@@ -13,7 +13,7 @@ import numpy as np
 
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
 from brownpipe.engines import Engine
-from brownpipe.engines.state import NONE_STOPPED, Track, blank
+from brownpipe.engines.state import NONE_STOPPED, Ensemble, Track, blank
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
@@ -58,10 +58,6 @@ class Group(NamedTuple):
     def engine(self) -> Engine:
         return self.files[0].engine
 
-    @property
-    def key(self) -> tuple[str, int, str]:
-        return self.files[0].key
-
 
 class RunBlock(NamedTuple):
     """Consecutive runs of one group, seeds ascending."""
@@ -88,7 +84,7 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
 
 def _described(number: int, source: Source) -> TrajectoryFile:
     if isinstance(source, Trajectories):
-        return TrajectoryFile(f"runs[{number}]", source.outline, _run_block(source))
+        return TrajectoryFile(f"runs[{number}]", source.outline, block_of(source.ensemble))
     if not isinstance(source, Expected):
         return TrajectoryFile(str(source), read_outline(source))
     path, outline = str(source.path), read_outline(source.path)
@@ -147,7 +143,7 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
     The blocks do not depend on how the runs are distributed over files. Raises AnalysisError for a file that changes
     meanwhile or lacks observables that another has, and what `storage.read_trajectories` raises.
     """
-    read = lru_cache(maxsize=LOADED)(lambda path: _run_block(read_trajectories(path)))
+    read = lru_cache(maxsize=LOADED)(lambda path: block_of(read_trajectories(path).ensemble))
 
     def load(file: TrajectoryFile) -> RunBlock:
         return read(file.path) if file.runs is None else file.runs
@@ -165,9 +161,8 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
         yield _joined(parts)
 
 
-def _run_block(trajectories: Trajectories) -> RunBlock:
-    """The part of a trajectory file that the estimators need."""
-    ensemble = trajectories.ensemble
+def block_of(ensemble: Ensemble) -> RunBlock:
+    """Return the part of an ensemble that the estimators need."""
     return RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables, ensemble.stopped)
 
 

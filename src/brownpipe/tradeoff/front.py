@@ -21,7 +21,7 @@ class Setting(NamedTuple):
     """An engine with its settings in one scene."""
 
     label: str
-    bias_square: float  # variance subtracted, `bias.Bias.square`
+    bias_square: float  # variance subtracted, `bias.square`
     spread: float  # relative standard deviation of a run: the standard error of n runs is spread/sqrt(n)
     seconds: float  # CPU time of one run
 
