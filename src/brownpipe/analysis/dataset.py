@@ -82,7 +82,8 @@ def aggregate(
     fitted = windows or default_fit_windows(min(group.outline.scene.duration for group in groups))
     options = Options(fitted, edges, tuple(displacement_times or ()))
     _refuse_same(options)
-    cases = [_case(group, options) for group in groups]
+    outlines = [group.outline for group in groups]
+    cases = [Case(one.scene, one.engine.label, one.times, options, one.average) for one in outlines]
     _refuse_out_of_reach(cases, windows or (), dr or 0.0)
     _refuse_unsampled(cases, options.displacement_times)
     ends = np.cumsum([len(group.seeds) for group in groups]).tolist()
@@ -97,11 +98,6 @@ def aggregate(
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
     return joined(parts, ALL_VARIABLES, ALL_COORDINATES, ATTRIBUTES | made, ascending=EACH)
-
-
-def _case(group: Group, options: Options) -> Case:
-    outline = group.outline
-    return Case(outline.scene, group.engine.label, outline.times, options, outline.average)
 
 
 def _refuse_same(options: Options) -> None:

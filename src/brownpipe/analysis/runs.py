@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
-from brownpipe.engines import Engine
 from brownpipe.engines.state import NONE_STOPPED, Ensemble, Track, blank
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
@@ -32,14 +31,9 @@ class TrajectoryFile(NamedTuple):
     runs: "RunBlock | None" = None  # if in memory
 
     @property
-    def engine(self) -> Engine:
-        """The engine with its settings."""
-        return self.outline.engine
-
-    @property
     def key(self) -> tuple[str, int, str]:
         """Scene, particle count and engine label."""
-        return self.outline.scene.name, self.outline.scene.particles, self.engine.label
+        return self.outline.scene.name, self.outline.scene.particles, self.outline.engine.label
 
 
 class Group(NamedTuple):
@@ -53,10 +47,6 @@ class Group(NamedTuple):
         """That of the first file, if possible of one with a run that came to its end."""
         outlines = [file.outline for file in self.files]
         return next((outline for outline in outlines if outline.observables is not None), outlines[0])
-
-    @property
-    def engine(self) -> Engine:
-        return self.files[0].engine
 
 
 class RunBlock(NamedTuple):

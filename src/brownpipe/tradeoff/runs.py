@@ -47,7 +47,9 @@ def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
     for group in groups:
         if not group.outline.tracer:
             raise AnalysisError(f"{group.files[0].path}: holds no tracer; make it again without --record none")
-    return [_joined(group.outline.scene, group.engine, group.outline.times, blocks_of(group)) for group in groups]
+    return [
+        _joined(group.outline.scene, group.outline.engine, group.outline.times, blocks_of(group)) for group in groups
+    ]
 
 
 def runs_of(scene: Scene, engine: Engine, ensemble: Ensemble) -> EngineRuns:
