@@ -71,6 +71,11 @@ def _workload(study: Study, use: EngineUse, case: Scene) -> CaseWorkload:
     return CaseWorkload(use.engine, use.seeds or study.seeds, case, cost, study.batches_of(use, case))
 
 
+def parts_of(study: Study) -> list[CaseWorkload]:
+    """Return the workload of each case by each entry of the study's `engines`. The study's seeds must be known."""
+    return [part for workload in workloads(study) for part in workload.parts]
+
+
 def seconds_of_job(cost: forecast.Cost, runs: int) -> float:
     """Return the CPU seconds of a process that makes and writes so many runs."""
     return forecast.START_UP + cost.once + runs * (cost.seconds + cost.storing)
@@ -81,7 +86,7 @@ def cautions(study: Study) -> list[str]:
 
     The seeds of the study must be known.
     """
-    parts = [part for workload in workloads(study) for part in workload.parts]
+    parts = parts_of(study)
     largest = max(parts, key=lambda part: forecast.memory(part.cost, part.most_seeds))
     longest = max(parts, key=lambda part: seconds_of_job(part.cost, part.most_seeds))
     total = sum(part.seconds for part in parts)
@@ -132,7 +137,7 @@ def _too_long(study: Study, part: CaseWorkload) -> str | None:
 
 def describe_workload(study: Study) -> str:
     """Return the workload of the whole study in one line. Its seeds must be known."""
-    parts = [part for workload in workloads(study) for part in workload.parts]
+    parts = parts_of(study)
     runs = sum(len(part.seeds) for part in parts)
     count = sum(len(part.batches) for part in parts)
     seconds = in_time(sum(part.seconds for part in parts))
