@@ -48,7 +48,7 @@ def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run
             return _with_runs(study, runs)
         if seconds:
             say(f"brownpipe: the study {study.name}: {pilots} determine how many runs {goal}")
-        needed = {case_title(case): runs_needed(case, study) for case in study.cases}
+        needed = {case_title(case): _runs_needed(case, study) for case in study.cases}
         plan = request | {"needed": needed, "runs": max(needed.values())}
         if not dry_run:
             write_sealed_text(path, f"{COMMENT}\n\n{yaml_text(plan)}")
@@ -73,20 +73,17 @@ def assumed_runs(tolerance: float) -> int:
     return math.ceil(tolerance**-2)
 
 
-def runs_needed(scene: Scene, study: Study) -> int:
+def _runs_needed(scene: Scene, study: Study) -> int:
     """Return the number of exact runs of a scene whose standard error is the study's tolerance."""
-    runs = runs_for(study.tolerance, 0.0, relative_scatter(scene, study.target, study.fit_windows[0]))
+    if study.target == DISTRIBUTION:
+        scatter = bias.spread_of_shares()
+    else:
+        scatter = spread_of(run_pilot(scene, REFERENCE), study.target, study.fit_windows[0])
+    runs = runs_for(study.tolerance, 0.0, scatter)
     if runs > MOST_SEEDS:
         needed = f"a tolerance of {study.tolerance:g} needs {runs} runs; at most {MOST_SEEDS}"
         raise RequestError(f"{case_title(scene)}: {needed}")
     return runs
-
-
-def relative_scatter(scene: Scene, target: str, window: tuple[float, float]) -> float:
-    """Return the standard deviation of `target` over exact runs, relative to its mean, from a pilot."""
-    if target == DISTRIBUTION:
-        return bias.spread_of_shares()
-    return spread_of(run_pilot(scene, REFERENCE), target, window)
 
 
 def case_title(scene: Scene) -> str:
