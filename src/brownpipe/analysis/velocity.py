@@ -118,7 +118,7 @@ def expected_slope(case: Case, averages: Averages) -> float:
 
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
-    means = {name: runs.observables[name] for name in CORRELATIONS if name in runs.observables}
+    means = {name: runs.observables[name] for name in (*CORRELATIONS, "species_energy") if name in runs.observables}
     if "velocity_autocorrelation" in means and len(case.times) > 2:
         rate, fastest = enskog_rate(case.scene), fastest_rate(case.scene)
         samples = early(case.times, fastest)
@@ -128,8 +128,6 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     integral = with_velocity(case, runs, "velocity_displacement")
     if integral is not None:
         means["green_kubo"] = integral / 2
-    if "species_energy" in runs.observables:
-        means["species_energy"] = runs.observables["species_energy"]
     for name, counts in DENSITIES.items():
         if counts in runs.observables:
             means[name] = density(runs.observables[counts], _width(case, counts))

@@ -46,18 +46,11 @@ PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".html")  # files of `brown
 SHOWN = 3  # files that a remark names
 
 
-class Problem(NamedTuple):
-    """A file that is missing or is not what brownpipe wrote."""
-
-    file: str  # relative to the folder of the study's results
-    what: str  # is wrong with it
-
-
 class Verdict(NamedTuple):
     """What was found in the results of a study."""
 
     intact: int  # number of files
-    problems: tuple[Problem, ...]
+    problems: tuple[tuple[str, str], ...]  # file, relative to the folder of the results, and what is wrong with it
     remarks: tuple[str, ...]  # on files that are no problem
     cure: str | None  # command that makes again what is missing or damaged
 
@@ -97,7 +90,7 @@ def verify_results(folder: str | Path) -> Verdict:
     intact = len({*results.files}.difference(problems, remarks[FOREIGN]))
     lines = tuple(REMARKS[key].format(_some(files)) for key, files in remarks.items() if files)
     cure = _cure(results, problems) if problems else None
-    return Verdict(intact, tuple(Problem(*each) for each in sorted(problems.items())), lines, cure)
+    return Verdict(intact, tuple(sorted(problems.items())), lines, cure)
 
 
 def verify_file(path: str | Path) -> None:
