@@ -40,7 +40,8 @@ def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run
     }
     plan = _stored_plan(path)
     if {key: plan.get(key) for key in request} != request:
-        seconds, goal = _pilot_seconds(study), f"a tolerance of {100 * study.tolerance:g} % of {study.target} needs"
+        seconds = 0.0 if study.target == DISTRIBUTION else sum(map(pilot_seconds, study.cases))
+        goal = f"a tolerance of {100 * study.tolerance:g} % of {study.target} needs"
         pilots = f"pilot runs, some {in_time(seconds)} of CPU once kernels are compiled,"
         if seconds and dry_run:
             runs = assumed_runs(study.tolerance)
@@ -61,11 +62,6 @@ def _with_runs(study: Study, runs: int) -> Study:
     while study.batch is not None and len(study.jobs()) > MOST_JOBS:
         study = replace(study, batch=2 * study.batch)
     return study
-
-
-def _pilot_seconds(study: Study) -> float:
-    """Return the CPU seconds that the pilot runs of a study are expected to take."""
-    return 0.0 if study.target == DISTRIBUTION else sum(map(pilot_seconds, study.cases))
 
 
 def assumed_runs(tolerance: float) -> int:

@@ -66,7 +66,7 @@ class Results(NamedTuple):
     promised: frozenset[str]  # all files that the study makes, as far as they are known
 
 
-Findings = Iterator[tuple[str, str | None, str | None]]  # file, what is wrong with it, key of REMARKS
+Findings = Iterator[tuple[str, str | None]]  # file; what is wrong with it, or a key of REMARKS, or None
 
 
 def verify_results(folder: str | Path) -> Verdict:
@@ -81,12 +81,12 @@ def verify_results(folder: str | Path) -> Verdict:
     problems = dict.fromkeys(results.promised.difference(results.files), MISSING_FILE)
     remarks: dict[str, list[str]] = {key: [] for key in REMARKS}
     sealed = list(_sealed(results))
-    broken = {file for file, what, _ in sealed if what is not None}
-    for file, what, remark in (*sealed, *_listed(results, broken)):
-        if what is not None:
+    broken = {file for file, what in sealed if what is not None and what not in REMARKS}
+    for file, what in (*sealed, *_listed(results, broken)):
+        if what in REMARKS:
+            remarks[what].append(file)
+        elif what is not None:
             problems.setdefault(file, what)
-        elif remark is not None:
-            remarks[remark].append(file)
     intact = len({*results.files}.difference(problems, remarks[FOREIGN]))
     lines = tuple(REMARKS[key].format(_some(files)) for key, files in remarks.items() if files)
     cure = _cure(results, problems) if problems else None
@@ -188,21 +188,21 @@ def _sealed(results: Results) -> Findings:
         path = results.folder / file
         try:
             if not path.is_file():
-                yield file, *(("is no ordinary file", None) if file in results.promised else (None, FOREIGN))
+                yield file, "is no ordinary file" if file in results.promised else FOREIGN
             elif file in (RECORD, PLAN):
                 read_sealed_text(path)
                 if not (is_run_record if file == RECORD else is_plan)(path):
-                    yield file, "is another text than its name says", None
+                    yield file, "is another text than its name says"
             elif path.suffix == ".h5":
-                yield _trajectories(results, file)
+                yield file, _trajectories(results, file)
             elif path.suffix == ".nc":
-                yield _dataset(results, file)
+                yield file, _dataset(results, file)
             elif file not in listed and file not in results.promised:
-                yield file, None, FOREIGN
+                yield file, FOREIGN
         except WrongFileError as error:
-            yield file, *((_cause(error), None) if file in results.promised else (None, FOREIGN))
+            yield file, _cause(error) if file in results.promised else FOREIGN
         except StorageError as error:
-            yield file, _cause(error), None
+            yield file, _cause(error)
 
 
 def _cause(error: StorageError) -> str:
@@ -210,18 +210,18 @@ def _cause(error: StorageError) -> str:
     return str(error.__cause__ if isinstance(error.__cause__, StorageError) else error)
 
 
-def _trajectories(results: Results, file: str) -> tuple[str, str | None, str | None]:
-    """Return what is wrong with a trajectory file that is intact."""
+def _trajectories(results: Results, file: str) -> str | None:
+    """Return what is wrong with a trajectory file that is intact, or a key of REMARKS."""
     outline = read_trajectories(results.folder / file).outline
     request = results.requests.get(file)
     if request is not None and (wrong := difference(outline, request)):
-        return file, wrong, None
+        return wrong
     if file not in (_place(outline), _place(outline, "replay")):
-        return file, f"holds the runs of {_place(outline)}", None
+        return f"holds the runs of {_place(outline)}"
     if request is None and results.study is not None:
-        return file, None, SURPLUS
+        return SURPLUS
     is_older = outline.source != source_digest(*modules_of("simulate", outline.engine.name))
-    return file, None, OLDER if is_older else None
+    return OLDER if is_older else None
 
 
 def _place(outline: Outline, folder: str = "simulate") -> str:
@@ -231,17 +231,17 @@ def _place(outline: Outline, folder: str = "simulate") -> str:
     return f"{folder}/{job.file}"
 
 
-def _dataset(results: Results, file: str) -> tuple[str, str | None, str | None]:
-    """Return what is wrong with a dataset that is intact."""
+def _dataset(results: Results, file: str) -> str | None:
+    """Return what is wrong with a dataset that is intact, or a key of REMARKS."""
     dataset, study = read_dataset(results.folder / file), results.study
     if study is None or file not in results.promised:
-        return file, None, None if study is None else SURPLUS
+        return None if study is None else SURPLUS
     step = "tradeoff" if is_tradeoff(dataset) else "aggregate"
     if not file.startswith(f"{step}/"):
-        return file, f"is a dataset of `brownpipe {step}`", None
+        return f"is a dataset of `brownpipe {step}`"
     wrong = (_other_scenes if step == "tradeoff" else _other_runs)(dataset, results)
     is_older = dataset.attrs.get("source_digest") != made_with(step)["source"]
-    return file, wrong, OLDER if is_older else None
+    return wrong or (OLDER if is_older else None)
 
 
 def _other_scenes(dataset: "Dataset", results: Results) -> str | None:
@@ -288,26 +288,21 @@ def _listed(results: Results, broken: Set[str]) -> Findings:
         except WrongFileError:
             continue  # without the file, which is missing
         except StorageError as error:
-            yield sums, str(error), None
+            yield sums, str(error)
             continue
         of_part = (f"{part}/", PAGE) if part == "figures" else f"{part}/"
         promised = {file for file in results.promised if file.startswith(of_part)} - {sums}
         files = {name: os.path.normpath(f"{part}/{name}") for name in listed}
-        yield from ((file, "has no checksum", None) for file in promised.difference(files.values()))
+        yield from ((file, "has no checksum") for file in promised.difference(files.values()))
         there = [name for name in listed if files[name] not in broken and (folder / name).is_file()]
         differing = [name for name in there if digest_of(folder / name) != listed[name]]
         datasets = {name for name in differing if name.endswith(".nc")}
         if datasets and len(differing) > len(datasets):
-            yield sums, "is of other results than those in its folder", None
+            yield sums, "is of other results than those in its folder"
             continue
         for name in differing:
-            is_dataset = name in datasets
-            what = (
-                "is not the dataset that the figures show"
-                if is_dataset
-                else "was damaged or edited after it was written"
-            )
-            yield files[name], what, None
+            is_other = "is not the dataset that the figures show"
+            yield files[name], is_other if name in datasets else "was damaged or edited after it was written"
 
 
 def _checksums(folder: Path) -> Mapping[str, str]:
