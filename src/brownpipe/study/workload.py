@@ -92,15 +92,9 @@ def cautions(study: Study) -> list[str]:
     total = sum(part.seconds for part in parts)
     lines = [_too_large(largest), _too_long(study, longest)]
     if total >= LONG:
-        lines.append(
-            f"the study takes some {in_time(total)} of CPU; {_fewer(study)}, a shorter duration or fewer disks"
-        )
+        fewer = "must be fewer `seeds`" if study.tolerance is None else "must be a larger `tolerance`"
+        lines.append(f"the study takes some {in_time(total)} of CPU; {fewer}, a shorter duration or fewer disks")
     return [line for line in lines if line is not None]
-
-
-def _fewer(study: Study) -> str:
-    """Return the key by which a study has fewer runs."""
-    return "must be fewer `seeds`" if study.tolerance is None else "must be a larger `tolerance`"
 
 
 def _job(part: CaseWorkload) -> str:

@@ -1,7 +1,7 @@
 """All engines and settings of a study compared with its exact runs, as one dataset."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,14 +22,6 @@ from brownpipe.tradeoff.variables import ATTRIBUTES, COORDINATES, VARIABLES
 
 if TYPE_CHECKING:
     import xarray
-
-
-class Comparison(NamedTuple):
-    """Runs to compare with the exact runs of a scene."""
-
-    label: str  # of the setting
-    runs: EngineRuns
-    paired: bool  # runs of equal seeds start from the same state
 
 
 def measure(
@@ -57,9 +49,9 @@ def measure(
         raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
     parts = []
     for exact in tracked(references, "cases"):
-        comparisons = _comparisons(exact, all_runs, (instead_of or {}).get(exact.scene.name, ()))
-        settings = _settings(exact, comparisons, _window(exact, window), seconds_per_run)
-        of_scene = _scene(exact, _window(exact, window))
+        compared = _compared(exact, all_runs, (instead_of or {}).get(exact.scene.name, ()))
+        fitted = window or (exact.times[-1] / 10, exact.times[-1])
+        settings, of_scene = _settings(exact, compared, fitted, seconds_per_run), _scene(exact, fitted)
         for label, values in settings.items():
             axes: Axes = {"scene": ("scene", [labels[exact.case]]), "setting": ("setting", [label])}
             axes["sample"] = ("sample", range(CURVE))
@@ -82,10 +74,6 @@ def _scene_labels(all_runs: Sequence[EngineRuns]) -> dict[tuple[str, int], str]:
     return {(name, number): name if names.count(name) == 1 else f"{name}_N{number}" for name, number in cases}
 
 
-def _window(exact: EngineRuns, window: tuple[float, float] | None) -> tuple[float, float]:
-    return window or (exact.times[-1] / 10, exact.times[-1])
-
-
 def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, ArrayLike]:
     """The variables of a scene."""
     return {
@@ -98,9 +86,9 @@ def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, ArrayLik
     }
 
 
-def _comparisons(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequence[str]) -> list[Comparison]:
-    """All engines in the scene, the exact one included, and exact runs of the scenes that may stand in for it."""
-    comparisons = [Comparison(runs.engine.label, runs, True) for runs in all_runs if runs.case == exact.case]
+def _compared(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequence[str]) -> dict[str, EngineRuns]:
+    """By setting: all engines in the scene, also the exact one, and exact runs of scenes that may stand in for it."""
+    compared = {runs.engine.label: runs for runs in all_runs if runs.case == exact.case}
     for name in stand_ins:
         others = [runs for runs in all_runs if runs.scene.name == name and runs.is_reference]
         if not others:
@@ -110,8 +98,8 @@ def _comparisons(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: S
         for runs in others:
             if not _same_samples(runs.times, exact.times):
                 raise AnalysisError(f"{name}: has other sample times than {exact.scene.name}; must have the same")
-            comparisons.append(Comparison(f"{REFERENCE_NAME} in {name}", runs, False))
-    return comparisons
+            compared[f"{REFERENCE_NAME} in {name}"] = runs
+    return compared
 
 
 def _same_samples(times: np.ndarray, others: np.ndarray) -> bool:
@@ -119,12 +107,12 @@ def _same_samples(times: np.ndarray, others: np.ndarray) -> bool:
 
 
 def _settings(
-    exact: EngineRuns, comparisons: Sequence[Comparison], window: tuple[float, float], seconds_per_run: Callable | None
+    exact: EngineRuns, compared: dict[str, EngineRuns], window: tuple[float, float], seconds_per_run: Callable | None
 ) -> dict[str, dict]:
     """The variables of every setting of a scene: label -> values."""
     unit, settings = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene), {}
-    for label, runs, paired in tracked(comparisons, "settings"):
-        cost = _cost(runs, exact, unit, seconds_per_run)
+    for label, runs in tracked(compared.items(), "settings"):
+        cost, paired = _cost(runs, exact, unit, seconds_per_run), runs.case == exact.case
         settings[label] = compare(runs, exact, window, unit * cost.ratio, paired) | {
             "cost_ratio": cost.ratio,
             "cost_ratio_low": cost.low,
