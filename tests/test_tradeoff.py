@@ -271,6 +271,15 @@ def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measu
     assert storage.read_dataset(tmp_path / "tradeoff.nc").identical(measured)
 
 
+def test_stand_ins_of_several_particle_counts_are_settings_of_their_own():
+    runs = [
+        make_runs(make_scene(name, number), range(12)) for name, number in (("full", 20), ("half", 9), ("half", 11))
+    ]
+    found = tradeoff.measure(runs, {"full": ["half"]}, seconds_per_run=cost).sel(scene="full")
+    assert found.setting.values.tolist() == ["exact", "exact in half_N11", "exact in half_N9"]
+    assert found.seconds.values.tolist() == [COSTS["exact"], COSTS["exact"] * 11 / 20, COSTS["exact"] * 9 / 20]
+
+
 @pytest.mark.slow
 def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
     with pytest.raises(AnalysisError, match=r"^full: no runs of the exact engine to compare with"):

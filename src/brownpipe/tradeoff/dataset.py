@@ -49,7 +49,7 @@ def measure(
         raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
     parts = []
     for exact in tracked(references, "cases"):
-        compared = _compared(exact, all_runs, (instead_of or {}).get(exact.scene.name, ()))
+        compared = _compared(exact, all_runs, labels, (instead_of or {}).get(exact.scene.name, ()))
         fitted = window or (exact.times[-1] / 10, exact.times[-1])
         settings, of_scene = _settings(exact, compared, fitted, seconds_per_run), _scene(exact, fitted)
         for label, values in settings.items():
@@ -86,7 +86,9 @@ def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, ArrayLik
     }
 
 
-def _compared(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequence[str]) -> dict[str, EngineRuns]:
+def _compared(
+    exact: EngineRuns, all_runs: Sequence[EngineRuns], labels: dict[tuple[str, int], str], stand_ins: Sequence[str]
+) -> dict[str, EngineRuns]:
     """By setting: all engines in the scene, also the exact one, and exact runs of scenes that may stand in for it."""
     compared = {runs.engine.label: runs for runs in all_runs if runs.case == exact.case}
     for name in stand_ins:
@@ -98,7 +100,7 @@ def _compared(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequ
         for runs in others:
             if not _same_samples(runs.times, exact.times):
                 raise AnalysisError(f"{name}: has other sample times than {exact.scene.name}; must have the same")
-            compared[f"{REFERENCE_NAME} in {name}"] = runs
+            compared[f"{REFERENCE_NAME} in {labels[runs.case]}"] = runs
     return compared
 
 
