@@ -131,4 +131,5 @@ class Study:
         case = next(case for case in self.cases if (case.name, case.particles) == (job.scene, job.particles))
         engine = next(engine for engine in self.engines if engine.label == job.engine)
         seeds = range(job.first, job.last + 1)
-        return Request(case, engine, seeds, frozenset({self.record}), self.observables, self.average)
+        measured = engine.definition.measured(self.observables, self.average)
+        return Request(case, engine, seeds, frozenset({self.record}), *measured)

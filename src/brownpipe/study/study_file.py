@@ -301,12 +301,13 @@ def _figures(
     """Return the figures of the study; by default all whose needs are met."""
     counts = {case.particles for case in cases} - {0}
     counting = {name for use in uses if use.engine.definition.counts_collisions for name in use.scenes}
-    met = {f"the observable {name}" for name in observables}
+    measured = {name for use in uses for name in use.engine.definition.measured(observables, "runs")[0]}
+    met = {f"the observable {name}" for name in measured}
     met |= {FOLLOWED} if counts else set()
     met |= {COLLISIONS} if any(case.particles and case.name in counting for case in cases) else set()
     met |= {SEVERAL_COUNTS} if len(counts) > 1 else set()
     met |= {TRACKED} if record == "tracer" else set()
-    met |= {SPREADING} if record == "tracer" or "square_displacement" in observables else set()
+    met |= {SPREADING} if record == "tracer" or "square_displacement" in measured else set()
     unmet = {name: [need for need in figure.needs if need not in met] for name, figure in FIGURES.items()}
     if entry.value is None:
         return tuple(name for name in FIGURES if not unmet[name])
