@@ -2,6 +2,7 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
+from itertools import chain
 from typing import NamedTuple
 
 from brownpipe.engines import Engine, forecast
@@ -42,28 +43,9 @@ class CaseWorkload(NamedTuple):
         return bisect_right(self.seeds, batch[1]) - bisect_left(self.seeds, batch[0])
 
 
-class EngineWorkload(NamedTuple):
-    """The runs of one engine in a study: every seed of every case."""
-
-    engine: Engine
-    parts: list[CaseWorkload]
-
-    @property
-    def cases(self) -> list[Scene]:
-        return [part.case for part in self.parts]
-
-    @property
-    def seconds(self) -> float:
-        """CPU seconds, with starting the processes."""
-        return sum(part.seconds for part in self.parts)
-
-
-def workloads(study: Study) -> list[EngineWorkload]:
-    """Return the workload of each entry of the study's `engines`. The study's seeds must be known."""
-    return [
-        EngineWorkload(use.engine, [_workload(study, use, case) for case in study.cases_of(use)])
-        for use in study.engine_uses
-    ]
+def workloads(study: Study) -> list[list[CaseWorkload]]:
+    """Return, for each entry of the study's `engines`, the workload of each case. The study's seeds must be known."""
+    return [[_workload(study, use, case) for case in study.cases_of(use)] for use in study.engine_uses]
 
 
 def _workload(study: Study, use: EngineUse, case: Scene) -> CaseWorkload:
@@ -72,8 +54,8 @@ def _workload(study: Study, use: EngineUse, case: Scene) -> CaseWorkload:
 
 
 def parts_of(study: Study) -> list[CaseWorkload]:
-    """Return the workload of each case by each entry of the study's `engines`. The study's seeds must be known."""
-    return [part for workload in workloads(study) for part in workload.parts]
+    """Return all workloads of a study in one list."""
+    return [*chain.from_iterable(workloads(study))]
 
 
 def seconds_of_job(cost: forecast.Cost, runs: int) -> float:
