@@ -77,7 +77,7 @@ def compressibility_from_rate(scene: Scene, rate: np.ndarray, kt: np.ndarray) ->
     return 1.0 + mean_root(scene) * rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
 
 
-def is_alike(scene: Scene) -> bool:
+def has_equal_disks(scene: Scene) -> bool:
     """Return whether there are two or more disks, all of one radius and mass."""
     return scene.particles > 1 and np.ptp(scene.radius) == 0 and np.ptp(scene.mass) == 0
 
@@ -137,7 +137,7 @@ def _of_temperature(
             values[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], hot)
     if "wall_pressure" in means:
         values["wall_compressibility"] = wall_compressibility(scene, means["wall_pressure"], hot)
-    if "collision_rate" in means and is_alike(scene):
+    if "collision_rate" in means and has_equal_disks(scene):
         values["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], hot)
     return values
 

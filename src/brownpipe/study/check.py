@@ -22,7 +22,7 @@ from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_count import assumed_runs
 from brownpipe.study.study import REFERENCE
-from brownpipe.study.workload import LONG, cautions, describe_workload, recording_of, workloads
+from brownpipe.study.workload import LONG, cautions, describe_workload, workloads
 
 RUNS = 100  # of a scene, for which its placement should succeed
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
@@ -176,7 +176,7 @@ def _study(study: Study) -> list[str]:
     lines = [f"{'scene':<{width}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  per run"]
     for case in study.cases:
         used = ((part.engine, part.cost) for part in parts if part.case is case)
-        engine, cost = next(used, (REFERENCE, forecast.of_run(case, *recording_of(study))))  # where none runs it
+        engine, cost = next(used, (REFERENCE, forecast.of_run(case, *study.recording)))  # where none runs it
         collisions = _rounded(cost.pair_collisions + cost.wall_collisions) if cost.pair_collisions else "-"
         seconds = in_time(cost.seconds + cost.storing)
         row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {collisions:>11} {seconds:>9}"

@@ -17,13 +17,13 @@ from brownpipe.study.study import REFERENCE, Study
 from brownpipe.study.workload import CaseWorkload, parts_of, seconds_of_job
 
 MARGIN = 1.5  # of memory
-COMPILING = 150e6  # bytes besides, in a process that must compile kernels
-AROUND = 300e6  # bytes besides on a cluster: on the node two processes of Snakemake wait for that of the job
+COMPILING = 150e6  # further bytes of a process that compiles kernels
+AROUND = 300e6  # further bytes on a cluster: two processes of Snakemake wait on the node for that of the job
 SLOWER = 2.0  # how much slower the processors of a cluster may be
-DELAY = 300.0  # seconds besides: to compile kernels, and to wait for a network file system
+DELAY = 300.0  # further seconds: to compile kernels, and to wait for a network file system
 ANALYSIS = 170e6  # bytes of memory of a process that analyses or draws, besides data
 ANALYSIS_START = 1.5  # CPU seconds, to import what the analysis needs
-PER_CASE = 0.3  # CPU seconds besides, to analyse a case
+PER_CASE = 0.3  # further CPU seconds to analyse a case
 BYTES_PER_NUMBER = 130e3  # of memory for the replicates of a quantity that is averaged over the runs of a case
 COPIES_READ = 5  # of the largest file in memory: two files are kept, a third is read, decoded and verified
 BYTES_PER_RUN = 300  # of memory for what a dataset has of each run

@@ -77,7 +77,12 @@ class Study:
         seeds = use.seeds or self.seeds
         if self.batch is not None:
             return batches(seeds, self.batch)
-        return automatic_batches(seeds, use.engine.forecast(case, {self.record}, self.observables, self.average))
+        return automatic_batches(seeds, use.engine.forecast(case, *self.recording))
+
+    @property
+    def recording(self) -> tuple[set[str], tuple[str, ...], str]:
+        """What each run records, what it measures, and the average: the last arguments of `Engine.forecast`."""
+        return {self.record}, self.observables, self.average
 
     @property
     def simulate_options(self) -> str:

@@ -125,7 +125,7 @@ def verify_file(path: str | Path) -> None:
 
 
 def _results(folder: Path) -> Results:
-    """Return the results in a folder with the study that they are of, if that is known."""
+    """Return the results in a folder, with their study if that is known."""
     files = tuple(sorted(_files(folder)))
     record = _record(folder)
     study, requests = None, {}
@@ -225,7 +225,7 @@ def _trajectories(results: Results, file: str) -> str | None:
 
 
 def _place(outline: Outline, folder: str = "simulate") -> str:
-    """Return the file that the runs belong into."""
+    """Return the path at which a study stores these runs, relative to the folder of its results."""
     first, last = outline.seeds[[0, -1]].tolist()
     job = SimulationJob(outline.scene.name, outline.scene.particles, outline.engine.label, first, last)
     return f"{folder}/{job.file}"
@@ -278,7 +278,7 @@ def _other_runs(dataset: "Dataset", results: Results) -> str | None:
 def _listed(results: Results, broken: Set[str]) -> Findings:
     """Compare figures, tables and texts with the checksums of their folders, and their dataset unless it is broken.
 
-    Where an intact dataset and what it was drawn as both differ from SHA256SUMS, that is of other results.
+    If an intact dataset and a file drawn from it both differ from SHA256SUMS, the checksums are those of other results.
     """
     for part in ("figures", "tradeoff"):
         folder = results.folder / part
@@ -317,7 +317,7 @@ def _checksums(folder: Path) -> Mapping[str, str]:
 
 
 def _cure(results: Results, problems: Mapping[str, str]) -> str:
-    """Return the command that removes what is wrong and makes again what the study promises."""
+    """Return the command that deletes damaged files and makes again all that the study promises."""
     root = results.folder.parent.parent
     steps = [] if root.resolve() == Path.cwd() else [f"cd {shell_path(root.resolve())}"]
     if wrong := sorted(file for file, what in problems.items() if what != MISSING_FILE):

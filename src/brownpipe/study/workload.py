@@ -49,7 +49,7 @@ def workloads(study: Study) -> list[list[CaseWorkload]]:
 
 
 def _workload(study: Study, use: EngineUse, case: Scene) -> CaseWorkload:
-    cost = use.engine.forecast(case, *recording_of(study))
+    cost = use.engine.forecast(case, *study.recording)
     return CaseWorkload(use.engine, use.seeds or study.seeds, case, cost, study.batches_of(use, case))
 
 
@@ -120,8 +120,3 @@ def describe_workload(study: Study) -> str:
     size = in_bytes(sum(len(part.seeds) * part.cost.recorded for part in parts))
     jobs = f"{runs:,} runs in {count} jobs of up to {max(part.most_seeds for part in parts):,} seeds"
     return f"{jobs}: some {seconds} of CPU, {size} in results/{study.name}"
-
-
-def recording_of(study: Study) -> tuple[set[str], tuple[str, ...], str]:
-    """Return the last arguments of `Engine.forecast`: what each run records, what it measures, and the average."""
-    return {study.record}, study.observables, study.average

@@ -11,7 +11,7 @@ from brownpipe.study.study import REFERENCE
 from brownpipe.study.study_file import MOST_STUDY_BYTES
 
 # Keys of the original study that do not apply to the derived one.
-OF_THE_OTHER = ("batch", "tolerance", "target", "observable", "instead_of")
+NOT_INHERITED = ("batch", "tolerance", "target", "observable", "instead_of")
 
 
 def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int) -> dict:
@@ -21,7 +21,7 @@ def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs
     scenes = mapping["scenes"] if isinstance(mapping["scenes"], list) else [mapping["scenes"]]
     folder = Path(path).resolve().parent
     mapping["scenes"] = [os.path.relpath(Path(study_file).resolve().parent / scene, folder) for scene in scenes]
-    for key in OF_THE_OTHER:
+    for key in NOT_INHERITED:
         mapping.pop(key, None)
     return mapping | {"engines": [{"name": engine.name, **dict(engine.settings)}], "seeds": runs}
 
