@@ -13,6 +13,7 @@ from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
 from brownpipe.engines import friction
 from brownpipe.engines.friction import DENSEST
+from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
 COLLISION_COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
@@ -92,13 +93,10 @@ def enskog(scene: Scene) -> dict[str, float]:
     kt = scene.velocities and scene.velocities.temperature
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
         return {}
-    species = [one for one in scene.species if one.count]
-    radius = np.array([one.radius for one in species])
-    mass = np.array([one.mass for one in species])
-    number = np.array([one.count for one in species])
+    _, number, radius, mass, _ = species_table(scene)
     n = number / scene.box.area
     rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt)
-    rates = rates * np.where(np.eye(len(species)) > 0, (1 - 1 / number), 1.0)  # no disk collides with itself
+    rates = rates * np.where(np.eye(len(number)) > 0, (1 - 1 / number), 1.0)  # no disk collides with itself
     partners = friction.partners_of(scene)
     return {
         "enskog_collision_rate": (number * rates.sum(axis=1)).sum() / number.sum(),
