@@ -301,8 +301,8 @@ def _listed(results: Results, broken: Set[str]) -> Findings:
             yield sums, "is of other results than those in its folder"
             continue
         for name in differing:
-            is_other = "is not the dataset that the figures show"
-            yield files[name], is_other if name in datasets else "was damaged or edited after it was written"
+            edited = "was damaged or edited after it was written"
+            yield files[name], "is not the dataset that the figures show" if name in datasets else edited
 
 
 def _checksums(folder: Path) -> Mapping[str, str]:
@@ -317,7 +317,7 @@ def _checksums(folder: Path) -> Mapping[str, str]:
 
 
 def _cure(results: Results, problems: Mapping[str, str]) -> str:
-    """Return the command that deletes damaged files and makes again all that the study promises."""
+    """Return the command that deletes what is wrong and makes again all that the study promises."""
     root = results.folder.parent.parent
     steps = [] if root.resolve() == Path.cwd() else [f"cd {shell_path(root.resolve())}"]
     if wrong := sorted(file for file, what in problems.items() if what != MISSING_FILE):
