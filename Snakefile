@@ -31,6 +31,8 @@ except KeyboardInterrupt:
 seen = {key: value for key, value in overrides.items() if key not in ("figures", "allow_failed")}  # by the analysis
 settings = ["--config", *(f"{key}={json.dumps(value)}" for key, value in seen.items())] if seen else []
 results = f"results/{study.name}"
+batch = "{scene}/N{particles}/{engine}/{first}-{last}"  # file of a job of simulate, without suffix
+trajectories = [f"{results}/simulate/{job.file}" for job in study.jobs()]
 captions = PACKAGE / "figures"
 replay = [file for file, _ in replay_files(study)]  # one run, or none
 cases = study.case_table

@@ -17,6 +17,7 @@ import numpy as np
 from bench_study import timed
 
 from brownpipe import tradeoff
+from brownpipe.analysis.runs import groups_of
 from brownpipe.study import performance, read_study, writing
 from brownpipe.study.offers import offers
 
@@ -52,7 +53,7 @@ def row(scene, tolerance, folder):
         words = [f"{ROOT / 'config' / 'scenes' / job.scene}.yaml", "--seeds", f"{job.first}-{job.last}"]
         words += ["--engine", *chosen.engine.options.split(), "--output", str(folder / f"{job.first}.h5")]
         taken += timed([sys.executable, "-m", "brownpipe", "simulate", *words])[1]
-    (runs,) = tradeoff.read_runs(sorted(folder.glob("*.h5")))
+    (runs,) = tradeoff.read_runs(groups_of(folder.glob("*.h5")))
     scatter = tradeoff.spread_of(runs, "msd", (0.0, runs.times[-1])) / np.sqrt(len(runs.seeds))
     achieved = float(np.hypot(scatter, np.sqrt(case.engines[chosen.engine].bias_square)))
     first = f"| {scene} | {tolerance} | {chosen.engine.label} | {chosen.runs} | {chosen.error:.4f} | {achieved:.4f} "

@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from bench_exact import ROOT, Case, scene_of
 
-from brownpipe.analysis.departure import SHARE, departure_time
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw
@@ -27,6 +26,7 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.timestep.settings import COLLISIONS, refuse_unfit
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene, read_scene
+from brownpipe.tradeoff.compare import APART, departure_time
 
 STEPS = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 BOX_STEPS = (1e-4, 1e-3, 1e-2)
@@ -78,7 +78,7 @@ def runs_of_the_note(effort):
         double, single = (milliseconds(scene, few, dt, one, collisions, effort) for one in PRECISIONS)
         run = timestep.simulate(scene, range(seeds), time_step=dt, collisions=collisions)
         less = 100 * (run.observables["pair_collisions"] - pairs) / pairs.mean()
-        departed = departure_time(scene.times, run.tracer.position, there.tracer.position, SHARE * scene.radius[0])
+        departed = departure_time(scene.times, run.tracer.position, there.tracer.position, APART * scene.radius[0])
         yield (
             f"| {dt:g} | {collisions} | {double:.2f} | {single:.2f} | {double / alone:.1f} | {less.mean():.2f} +- "
             f"{less.std(ddof=1) / seeds**0.5:.2f} | {np.median(departed):.2f} | "

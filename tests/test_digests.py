@@ -32,7 +32,7 @@ OF_OTHERS = {  # what it imports for other kinds of files or for other engines
         *("storage/__init__.py", "storage/datasets.py", "storage/origin.py", "storage/tree.py"),
         "engines/exact/checkpoint.py",
     },
-    "aggregate": {"tradeoff/", "analysis/departure.py"},  # by the number of runs for a tolerance
+    "aggregate": {"tradeoff/"},  # by the number of runs for a tolerance
     "tradeoff": set(),
 }
 pytestmark = pytest.mark.promise(

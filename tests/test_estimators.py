@@ -404,7 +404,7 @@ def test_points_have_no_structure(boundary):
     scene = gas(boundary, tracer={"radius": 1.5, "mass": 1.0})
     seen = snapshots(scene)
     assert ("pair_expected" in seen) == (boundary == "reflecting")
-    expected = 300 * pairs.ideal(scene, pairs._edges(case_of(scene)))
+    expected = 300 * pairs.ideal(scene, pairs.bin_edges(scene))
     for names in (seen, ("pair_counts", "pair_snapshots")):
         g, _ = g_of(scene, {name: seen[name] for name in names})
         off = (g - 1)[1:]

@@ -108,6 +108,23 @@ def test_every_exchange_of_files_is_refused_by_name(study, before, capsys):
     assert read_dataset("after.nc").identical(read_dataset(before))
 
 
+def test_an_engine_of_the_tracer_alone_holds_what_it_can_measure(original, tmp_path, monkeypatch):
+    """The Langevin engine beside the exact one: it has no energies of the species, and so no average without them."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(original / "scenes", "scenes")
+    Path("scenes/hot.yaml").write_text(f"{SCENE}equilibrate: {{time: 0.1, tracer: free}}\n")
+    options = {"square_displacement,species_energy": "origins", "species_energy": "runs"}
+    engines = "engines: [exact, {name: langevin, friction: enskog}]\n"
+    for names, average in options.items():
+        asked = f"observables: [{names}]\naverage: {average}\nseeds: 2\n"
+        Path("study.yaml").write_text(f"scenes: scenes/hot.yaml\n{engines}{asked}")
+        for path, request in expected_files(read_settled("study.yaml")):
+            told = ["--observables", names, "--average", average, "--engine", *request.engine.options.split()]
+            assert simulated("hot", "--seeds", "0-1", *told, "--output", path) == DONE
+        assert aggregated("after.nc") == DONE
+        shutil.rmtree("results")
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

@@ -12,6 +12,7 @@ import yaml
 import brownpipe as bp
 from brownpipe.analysis import aggregate
 from brownpipe.analysis.failed import failed_runs
+from brownpipe.analysis.runs import groups_of
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import equilibration, layout
@@ -300,7 +301,7 @@ def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd,
     assert (first.failed_runs.item(), first.runs.item()) == (4, 12)
     for name in ("msd", "msd_standard_error", "diffusion_coefficient", "displacement_counts"):
         np.testing.assert_array_equal(first[name], without[name])
-    assert [runs.failed for runs in read_runs(in_threes)] == [4]
+    assert [runs.failed for runs in read_runs(groups_of(in_threes))] == [4]
     write_dataset("a.nc", first)
     assert read_dataset("a.nc").identical(first)
 

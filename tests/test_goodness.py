@@ -20,7 +20,7 @@ def ensembles(runs, edges, sets=SETS, seed=1):
     for _ in range(sets):
         track = np.cumsum(rng.normal(0, math.sqrt(0.025), (runs, len(TIMES) - 1, 2)), axis=1)
         squared = np.concatenate([np.zeros((runs, 1)), (track**2).sum(axis=-1)], axis=1)
-        ring = np.searchsorted(edges, np.sqrt(squared[:, -1]), side="right") - 1
+        ring = distribution.ring_of(np.sqrt(squared[:, -1]), edges)
         estimates = squared[:, -1], *(squared @ weight for weight in weights)
         yield squared[:, -1], ring, estimates
 

@@ -40,6 +40,18 @@ def test_a_finished_batch_is_taken_back(made, tmp_path, capsys):
     )
 
 
+def test_a_finished_batch_of_the_tracer_alone_is_taken_back(tmp_path, monkeypatch, capsys):
+    """The Langevin engine leaves out observables of other disks."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hot.yaml").write_text(SCENE)
+    words = [*WORDS, "--engine", "langevin", "--friction", "enskog", "--observables", "species_energy"]
+    assert main(words) == DONE
+    set_aside("runs.h5")
+    capsys.readouterr()
+    assert main(words) == DONE
+    assert capsys.readouterr().out.startswith("runs.h5: kept, ")
+
+
 @pytest.mark.parametrize("change", ["seeds", "scene", "record", "source", "version", "byte"])
 def test_a_batch_that_differs_in_anything_is_made_again(made, tmp_path, monkeypatch, capsys, change):
     words = [*WORDS, "--seeds", "0-2" if change == "seeds" else "0-1"]

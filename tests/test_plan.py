@@ -11,10 +11,10 @@ import yaml
 
 from brownpipe import cli, storage, tradeoff
 from brownpipe.analysis.displacement import squared_displacement
-from brownpipe.engines import Engine, forecast
+from brownpipe.engines import Engine, configured, forecast
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError
-from brownpipe.study import performance, pilot, plan, read_study, run_count
+from brownpipe.study import performance, pilot, plan, read_study, run_count, writing
 from brownpipe.study.batches import automatic_batches
 from brownpipe.study.offers import cores, offers
 from brownpipe.study.performance import CasePerformance, EnginePerformance
@@ -269,6 +269,14 @@ def test_stored_tradeoffs_of_the_same_scene_are_used_and_a_study_is_written(stud
     assert "use        exact" in said and "no         timestep-0.03: its bias is 5" in said
     assert cli.main(["plan", str(path), "--tolerance", "1%", "--budget", "5s", "--write", "not.yaml"]) == FAILED
     assert "cannot be met within 5 s" in capsys.readouterr().out and not os.path.exists("not.yaml")
+
+
+def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, here):
+    path, engine = study_file(seeds=5, figures=["thermodynamics"]), configured("langevin", friction="enskog")
+    writing.write_yaml("kept.yaml", writing.derived_study(path, "kept.yaml", EXACT, 20), "planned")
+    writing.write_yaml("other.yaml", writing.derived_study(path, "other.yaml", engine, 20), "planned")
+    assert read_study("kept.yaml").figures == ("thermodynamics",)
+    assert "msd" in read_study("other.yaml").figures
 
 
 def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys):

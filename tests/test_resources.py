@@ -10,8 +10,8 @@ from brownpipe.study.resources import (
     COPIES_READ,
     Need,
     describe_used,
+    need_of_runs,
     needs_of_others,
-    needs_of_simulate,
     requests,
     used,
 )
@@ -66,7 +66,7 @@ def test_what_jobs_took_is_compared_with_what_they_ask_for(study, tmp_path, monk
     tables = Path("results/small/benchmarks")
     first, second = (tables / f"simulate/harrison2020/N50/exact/{seeds}.tsv" for seeds in ("0-29", "30-59"))
     first.parent.mkdir(parents=True)
-    need = needs_of_simulate(study)["harrison2020", 50, "exact"](30)
+    need = need_of_runs(forecast.of_run(study.cases[0]), 30)
     first.write_text(TABLE.format(30 * need.minutes(), 0.25e6 / 2**20 * need.megabytes()))
     second.write_text(TABLE.format(0.4, "NA"))  # too short to be measured
     (tables / "aggregate").mkdir()

@@ -69,6 +69,12 @@ def test_figures_of_collisions_are_drawn_of_engines_that_count_them():
     assert "thermodynamics" in small(engines=[langevin, "exact"]).figures
 
 
+def test_figures_of_observables_are_drawn_of_engines_that_measure_them():
+    langevin = {"name": "langevin", "friction": "enskog"}
+    assert "energy" not in small(engines=[langevin], observables="species_energy").figures
+    assert "energy" in small(engines=[langevin, "exact"], observables="species_energy").figures
+
+
 def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "one.yaml").write_text("box: {x: [0, 1], y: [0, 1]}\ndisks: []\nduration: 1\n")

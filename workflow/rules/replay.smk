@@ -2,11 +2,11 @@
 # of the same seed that the study has; `study/replay.py` says which studies have such a run.
 rule replay:
     output:
-        f"{results}/replay/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.h5",
+        f"{results}/replay/{batch}.h5",
     log:
-        f"{results}/logs/replay/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.log",
+        f"{results}/logs/replay/{batch}.log",
     benchmark:
-        f"{results}/benchmarks/replay/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.tsv"
+        f"{results}/benchmarks/replay/{batch}.tsv"
     resources:
         **request["replay"],
     params:

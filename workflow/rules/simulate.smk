@@ -1,11 +1,11 @@
 # Parameters, not inputs: the path of the scene file and the digest of its physics. Editing a comment reruns nothing.
 rule simulate:
     output:
-        f"{results}/simulate/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.h5",
+        f"{results}/simulate/{batch}.h5",
     log:
-        f"{results}/logs/simulate/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.log",
+        f"{results}/logs/simulate/{batch}.log",
     benchmark:
-        f"{results}/benchmarks/simulate/{{scene}}/N{{particles}}/{{engine}}/{{first}}-{{last}}.tsv"
+        f"{results}/benchmarks/simulate/{batch}.tsv"
     resources:
         **request["simulate"],
     params:

@@ -1,7 +1,7 @@
 # This rule measures CPU times, so no other job may run at the same time.
 rule tradeoff:
     input:
-        [f"{results}/simulate/{job.file}" for job in study.jobs()],
+        trajectories,
     output:
         f"{results}/tradeoff/{study.name}.nc",
     log:

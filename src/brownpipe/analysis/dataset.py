@@ -82,7 +82,8 @@ def aggregate(
     fitted = windows or default_fit_windows(min(group.outline.scene.duration for group in groups))
     options = Options(fitted, edges, tuple(displacement_times or ()))
     _refuse_same(options)
-    cases = [_case(group, options) for group in groups]
+    outlines = [group.outline for group in groups]
+    cases = [Case(one.scene, one.engine.label, one.times, options, one.average) for one in outlines]
     _refuse_out_of_reach(cases, windows or (), dr or 0.0)
     _refuse_unsampled(cases, options.displacement_times)
     ends = np.cumsum([len(group.seeds) for group in groups]).tolist()
@@ -97,11 +98,6 @@ def aggregate(
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
     return joined(parts, ALL_VARIABLES, ALL_COORDINATES, ATTRIBUTES | made, ascending=EACH)
-
-
-def _case(group: Group, options: Options) -> Case:
-    outline = group.outline
-    return Case(outline.scene, group.engine.label, outline.times, options, outline.average)
 
 
 def _refuse_same(options: Options) -> None:
@@ -180,12 +176,5 @@ def _enough_for_rings(blocks: Iterator[RunBlock]) -> list[RunBlock]:
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
     """The columns of all estimators."""
-    means: dict[str, np.ndarray] = {}
-    products: dict[str, np.ndarray] = {}
-    counts: dict[str, np.ndarray] = {}
-    for estimator in ESTIMATORS:
-        columns = estimator.columns(case, runs)
-        means |= columns.means
-        products |= columns.products
-        counts |= columns.counts
-    return Columns(means, products, counts)
+    parts = zip(*(estimator.columns(case, runs) for estimator in ESTIMATORS), strict=True)
+    return Columns(*({name: values for one in part for name, values in one.items()} for part in parts))

@@ -5,7 +5,6 @@ docs/theory.md, section 5.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,14 +15,6 @@ from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, sca
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import AREA, EACH, RATE, TIME, Variable, error_of, estimate_of, kept_always
 from brownpipe.observables import displacement as of_a_run
-
-
-class Line(NamedTuple):
-    """A least-squares line through points (t, y) inside a window."""
-
-    slope: float
-    intercept: float
-    naive_slope_error: float  # by least squares for independent points; not valid for an MSD, see `fit_line`
 
 
 def squared_displacement(
@@ -58,20 +49,19 @@ def _inside(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     return (times >= start - slack) & (times <= end + slack) & (times[-1] >= end - slack)
 
 
-def fit_line(times: np.ndarray, values: np.ndarray, window: tuple[float, float]) -> Line:
-    """Return the least-squares line through `values` (T,) at `times` (T,) inside `window`.
+def naive_slope_error(times: np.ndarray, values: np.ndarray, window: tuple[float, float]) -> float:
+    """Return the standard error of the slope of `values` (T,) in a window by least squares for independent points.
 
-    The points of an MSD curve come from the same runs, so the standard error of least squares for independent points is
-    not valid (13 times too small in the note's scene). The error of the slope is that of the mean of the slopes of
-    single runs, `per_run_lines`.
+    It is not valid for an MSD (13 times too small in the note's scene), as all points of the curve come from the same
+    runs. The error of that slope is that of the mean of the slopes of single runs, `per_run_lines`.
     """
     slope, intercept = (line_weights(times, window) * values).sum(axis=-1)
     inside = _inside(times, window)
     if np.isnan(slope):
-        return Line(np.nan, np.nan, np.nan)
+        return np.nan
     residual = (values - intercept - slope * times)[inside]
     moment = ((times[inside] - times[inside].mean()) ** 2).sum()
-    return Line(slope, intercept, np.sqrt((residual**2).sum() / (residual.size - 2) / moment))
+    return np.sqrt((residual**2).sum() / (residual.size - 2) / moment)
 
 
 def per_run_lines(squared: np.ndarray, times: np.ndarray, windows: Sequence[tuple[float, float]]) -> np.ndarray:
@@ -145,7 +135,7 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         **with_interval("msd_over_4t", scaled(msd, over_4t)),
         **with_interval("slope", slope),
         **with_error("intercept", intercept),
-        "naive_slope_error": [fit_line(times, msd.mean, window).naive_slope_error for window in case.options.windows],
+        "naive_slope_error": [naive_slope_error(times, msd.mean, window) for window in case.options.windows],
         **with_interval("diffusion_coefficient", scaled(slope, 0.25)),
     }
     if "diffusion_running" in averages:

@@ -31,16 +31,15 @@ def ring_edges(width: float, rings: int) -> np.ndarray:
     return width * np.arange(rings + 1)
 
 
-def ring_counts(distance: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return the number of runs (K + 1,) in each ring [edges[k], edges[k + 1]), and beyond the outermost edge."""
-    ring = np.searchsorted(edges, distance, side="right") - 1
-    return np.bincount(ring, minlength=len(edges))
+def ring_of(distance: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return the number k (n,) of the ring [edges[k], edges[k + 1]) at each distance; K beyond the outermost edge."""
+    return np.searchsorted(edges, distance, side="right") - 1
 
 
 def expected_ring_counts(
     runs: int, edges: np.ndarray, t: float, diffusion: float, half_width: float | None = None
 ) -> np.ndarray:
-    """Return the expected `ring_counts` (K + 1,) of `runs` diffusers after time t: eq. (18) integrated over each ring.
+    """Return how many of `runs` diffusers eq. (18) expects in each ring and beyond the last, (K + 1,), after time t.
 
     With `half_width` they start in the centre of a reflecting square, `theory.reflecting_square_within`.
     """
@@ -97,7 +96,7 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     size = max(map(len, case.edges))
     counts, shared = [], []
     for k, column, edges in zip(at, r2.T, case.edges, strict=True):
-        ring = np.searchsorted(edges, np.sqrt(column), side="right") - 1
+        ring = ring_of(np.sqrt(column), edges)
         counts.append(np.bincount(ring, minlength=size))
         shared.append([np.bincount(ring, one, size) for one in (squared[:, k], *slopes.T)])
     sums = {"rings": np.array(counts), "shared": np.array(shared)}

@@ -4,12 +4,13 @@ To add one: a module with an `ESTIMATOR`, entered in `dataset.ESTIMATORS`. Its `
 its `estimate` the averages over all runs with their errors; nothing else of a run stays in memory.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple, Never
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe.analysis import resampling
 from brownpipe.analysis.resampling import Estimate
@@ -133,6 +134,12 @@ def with_error(name: str, estimate: Estimate) -> dict[str, np.ndarray]:
 def with_interval(name: str, estimate: Estimate) -> dict[str, np.ndarray]:
     """Return mean, standard error and the ends of the interval, `name_low` and `name_high`."""
     return with_error(name, estimate) | {f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+
+
+def intervals(averages: Averages, names: Iterable[str]) -> dict[str, ArrayLike]:
+    """Return the values of the variables of those of the `means` in `names` that are there, with their intervals."""
+    estimates = {name: averages.estimate(name) for name in names if name in averages}
+    return {key: values for name in estimates for key, values in with_interval(name, estimates[name]).items()}
 
 
 def scaled(estimate: Estimate, factor: np.ndarray | float) -> Estimate:

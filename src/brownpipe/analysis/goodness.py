@@ -210,13 +210,10 @@ def _lognormal(runs: int) -> tuple[float, float, float]:
 
 def _greenwood(n: int) -> tuple[float, float, float]:
     """Mean, variance and skewness of n/2 times the sum of squares of n random parts of 1, in exact fractions."""
-
-    def rising(k: int) -> Fraction:
-        return Fraction(int(np.prod([n + j for j in range(k)], dtype=object)))
-
-    first = Fraction(2 * n) / rising(2)
-    second = Fraction(24 * n + 4 * n * (n - 1)) / rising(4)
-    third = Fraction(720 * n + 144 * n * (n - 1) + 8 * n * (n - 1) * (n - 2)) / rising(6)
+    rising = {k: math.prod(range(n, n + k)) for k in (2, 4, 6)}  # n (n + 1) ... (n + k - 1)
+    first = Fraction(2 * n, rising[2])
+    second = Fraction(24 * n + 4 * n * (n - 1), rising[4])
+    third = Fraction(720 * n + 144 * n * (n - 1) + 8 * n * (n - 1) * (n - 2), rising[6])
     variance = second - first**2
     skewness = float(third - 3 * first * second + 2 * first**3) / (float(variance) * math.sqrt(variance))
     return float(first * n / 2), float(variance * n * n / 4), skewness

@@ -1,8 +1,6 @@
 """Bond-orientational order: means over runs of abs(psi_6) and abs(psi_6)^2. See docs/theory.md, section 3."""
 
-from numpy.typing import ArrayLike
-
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
+from brownpipe.analysis.estimator import Case, Columns, Estimator, intervals
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, estimate_of
 
@@ -16,15 +14,8 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns({name: runs.observables[name] for name in ARRAYS if name in runs.observables})
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    values: dict[str, ArrayLike] = {}
-    for name in (name for name in ARRAYS if name in averages):
-        values |= with_interval(name, averages.estimate(name))
-    return values
-
-
 ESTIMATOR = Estimator(
     _columns,
-    _estimate,
+    lambda case, averages: intervals(averages, ARRAYS),
     {key: one for name, text in ARRAYS.items() for key, one in estimate_of(name, EACH, "1", text).items()},
 )

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import observables, theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, scaled, with_interval
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import mean_root, temperature
 from brownpipe.analysis.variables import EACH, Variable, estimate_of
 from brownpipe.engines.friction import DENSEST
-from brownpipe.observables.pairs import species_pairs
+from brownpipe.observables.pairs import bins, pair_names, species_pairs
 from brownpipe.observables.species import species_table
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
@@ -32,6 +32,12 @@ def numbers_of_pairs(scene: Scene) -> tuple:
         (a, b, number[a] * (number[a] - 1) / 2 if a == b else number[a] * number[b]) for a, b in species_pairs(table)
     ]
     return table, pairs
+
+
+def contact_distances(scene: Scene) -> list[float]:
+    """Return the distance [length] of the two disks at contact for every pair of species."""
+    table = species_table(scene)
+    return [table.radius[a] + table.radius[b] for a, b in species_pairs(table)]
 
 
 def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
@@ -114,8 +120,7 @@ def collisions_by_pair(scene: Scene, seen: dict[str, np.ndarray]) -> np.ndarray 
 
     Known for one species, and for one beside a single tracer; None for other mixtures.
     """
-    kinds, _ = numbers_of_pairs(scene)
-    number = kinds.number
+    number = species_table(scene).number
     if not {"pair_collisions", "tracer_collisions", "kinetic_energy"} <= seen.keys():
         return None
     every, tracers = np.asarray(seen["pair_collisions"], float), np.asarray(seen["tracer_collisions"], float)
@@ -159,28 +164,23 @@ def _by_rate(case: Case, runs: RunBlock) -> dict[str, np.ndarray]:
     return {"contact_value_rate": contact_from_rate(scene, collisions, kt, case.times[-1])}
 
 
-def _edges(case: Case) -> np.ndarray:
-    middle = np.asarray(observables.axes(case.scene, "pair_counts")["distance"])
-    return np.arange(len(middle) + 1) * (2 * middle[0])
+def bin_edges(scene: Scene) -> np.ndarray:
+    """Return the edges (R + 1,) [length] of the bins of distance."""
+    number, width = bins(scene)
+    return np.arange(number + 1) * width
 
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
     by_rate, seen = _by_rate(case, runs), runs.observables
     if "pair_counts" not in seen:
         return Columns(by_rate)
-    edges = _edges(case)
-    kinds, pairs = numbers_of_pairs(case.scene)
-    contacts = [kinds.radius[a] + kinds.radius[b] for a, b, _ in pairs]
+    edges, contacts = bin_edges(case.scene), contact_distances(case.scene)
     weights = [contact_weights(edges, *pair) for pair in zip(contacts, decays(case.scene), strict=True)]
 
     def at_contact(g: np.ndarray, suffix: str = "") -> dict[str, np.ndarray]:
-        values = {}
-        for name, of_order in zip(
-            ("contact_value", "contact_value_following"), np.swapaxes(weights, 0, 1), strict=True
-        ):
-            product = np.where(np.isnan(of_order), np.nan, g * np.nan_to_num(of_order))
-            values[name + suffix] = product.sum(axis=-1)
-        return values
+        names = (f"contact_value{suffix}", f"contact_value_following{suffix}")
+        value, following = ((g * of_order).sum(axis=-1) for of_order in np.swapaxes(weights, 0, 1))
+        return dict(zip(names, (value, following), strict=True))
 
     uniform = ideal(case.scene, edges) * np.asarray(seen["pair_snapshots"], float)[:, None, None]
     g = _over(np.asarray(seen["pair_counts"], float), uniform)
@@ -203,42 +203,38 @@ def _of_ideal(averages: Averages, name: str) -> Estimate:
     part of the spread would cancel.
     """
     estimate = averages.estimate(name)
-    if f"{name}_ideal" not in averages:
-        return estimate
+    return scaled(estimate, _over_ideal(averages, name)) if f"{name}_ideal" in averages else estimate
+
+
+def _over_ideal(averages: Averages, name: str) -> np.ndarray:
+    """One over the mean of the ideal gas around the lone disks; 1 for other pairs."""
     of_ideal = averages.mean(f"{name}_ideal")
-    lone = np.isfinite(of_ideal)
-    return scaled(estimate, np.where(lone, _over(np.ones_like(of_ideal), of_ideal), 1.0))
+    return np.where(np.isfinite(of_ideal), _over(np.ones_like(of_ideal), of_ideal), 1.0)
 
 
 def _at_contact(averages: Averages) -> Estimate:
     """Estimate of the contact values, relative to the ideal gas of `_of_ideal`; with the error of the extrapolation."""
     estimate, following = _of_ideal(averages, "contact_value"), averages.estimate("contact_value_following")
     if "contact_value_ideal" in averages:
-        of_ideal, next_ideal = averages.mean("contact_value_ideal"), averages.mean("contact_value_following_ideal")
-        lone = np.isfinite(of_ideal)
-        following = following._replace(mean=following.mean - np.where(lone, estimate.mean * next_ideal, 0.0))
-        following = scaled(following, np.where(lone, _over(np.ones_like(of_ideal), of_ideal), 1.0))
+        lone = np.isfinite(averages.mean("contact_value_ideal"))
+        of_ideal = estimate.mean * averages.mean("contact_value_following_ideal")
+        following = following._replace(mean=following.mean - np.where(lone, of_ideal, 0.0))
+        following = scaled(following, _over_ideal(averages, "contact_value"))
     return widened(estimate, truncation(following))
 
 
 def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    values: dict[str, ArrayLike] = {}
+    values = intervals(averages, ["contact_value_rate"])
     if "pair_distribution" in averages:
         values |= with_interval("pair_distribution", _of_ideal(averages, "pair_distribution"))
         values |= with_interval("contact_value", _at_contact(averages))
-    if "contact_value_rate" in averages:
-        values |= with_interval("contact_value_rate", averages.estimate("contact_value_rate"))
-    if values:
-        kinds, pairs = numbers_of_pairs(case.scene)
-        values["contact_distance"] = [kinds.radius[a] + kinds.radius[b] for a, b, _ in pairs]
-    return values
+    return values | {"contact_distance": contact_distances(case.scene)} if values else {}
 
 
 def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
     if "pair_distribution" in averages:
         return {dim: (dim, values) for dim, values in observables.axes(case.scene, "pair_counts").items()}
-    kinds, pairs = numbers_of_pairs(case.scene)
-    return {"species_pair": ("species_pair", [f"{kinds.name[a]}:{kinds.name[b]}" for a, b, _ in pairs])}
+    return {"species_pair": ("species_pair", pair_names(case.scene))}
 
 
 PAIR = (*EACH, "species_pair")

@@ -12,6 +12,7 @@ from brownpipe.analysis.pairs import contact_weights, truncation, widened
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, estimate_of
 from brownpipe.engines.friction import DENSEST
+from brownpipe.observables.profile import bins
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
@@ -24,8 +25,8 @@ def wall_weights(scene: Scene) -> np.ndarray:
     `pairs.contact_weights` for a flat wall, up to a fifth of a diameter from it.
     """
     phi = min(scene.packing_fraction, DENSEST)
-    middle = np.asarray(observables.axes(scene, "density_profile")["wall_distance"])
-    edges, diameters = np.arange(len(middle) + 1) * (2 * middle[0]), 2 * species_table(scene).radius
+    number, width = bins(scene)
+    edges, diameters = np.arange(number + 1) * width, 2 * species_table(scene).radius
     decay = DECAY * phi * float(theory.contact_value(phi))
     return np.stack([contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1)
 

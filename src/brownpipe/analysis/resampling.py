@@ -85,7 +85,8 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray, squares
     block, columns = int(seeds[0]) // SEEDS_PER_BLOCK, np.asarray(columns, float)
     if sums is None:
         total = np.cumsum(columns - columns[0], axis=0)[-1]  # same order of additions for any number of columns
-        sums = Sums(0, columns[0] + total / len(seeds), *map(np.zeros, _sizes(columns.shape[1], squares)))
+        shapes = columns.shape[1], squares, REPLICATES, (REPLICATES, columns.shape[1]), (REPLICATES, squares)
+        sums = Sums(0, columns[0] + total / len(seeds), *map(np.zeros, shapes))
     deviation = columns - sums.pivot
     rows = np.asarray(seeds) - block * SEEDS_PER_BLOCK
     ones = np.ones((len(seeds), 1))
@@ -111,11 +112,6 @@ def _drawn(block: int, rows: np.ndarray, terms: np.ndarray) -> np.ndarray:
     full = np.zeros((rows[-1] + 1 - rows[0], terms.shape[1]), np.float32)
     full[rows - rows[0]] = steps
     return (_weights(block)[:, rows[0] : rows[-1] + 1] @ full) * unit
-
-
-def _sizes(columns: int, squares: int) -> tuple:
-    """Shapes of the arrays of Sums after the pivot."""
-    return columns, squares, REPLICATES, (REPLICATES, columns), (REPLICATES, squares)
 
 
 @lru_cache(maxsize=4)

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
-from brownpipe.engines import Engine
-from brownpipe.engines.state import NONE_STOPPED, Track, blank
+from brownpipe.engines.state import NONE_STOPPED, Ensemble, Track, blank
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
@@ -32,14 +31,9 @@ class TrajectoryFile(NamedTuple):
     runs: "RunBlock | None" = None  # if in memory
 
     @property
-    def engine(self) -> Engine:
-        """The engine with its settings."""
-        return self.outline.engine
-
-    @property
     def key(self) -> tuple[str, int, str]:
         """Scene, particle count and engine label."""
-        return self.outline.scene.name, self.outline.scene.particles, self.engine.label
+        return self.outline.scene.name, self.outline.scene.particles, self.outline.engine.label
 
 
 class Group(NamedTuple):
@@ -53,14 +47,6 @@ class Group(NamedTuple):
         """That of the first file, if possible of one with a run that came to its end."""
         outlines = [file.outline for file in self.files]
         return next((outline for outline in outlines if outline.observables is not None), outlines[0])
-
-    @property
-    def engine(self) -> Engine:
-        return self.files[0].engine
-
-    @property
-    def key(self) -> tuple[str, int, str]:
-        return self.files[0].key
 
 
 class RunBlock(NamedTuple):
@@ -88,7 +74,7 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
 
 def _described(number: int, source: Source) -> TrajectoryFile:
     if isinstance(source, Trajectories):
-        return TrajectoryFile(f"runs[{number}]", source.outline, _run_block(source))
+        return TrajectoryFile(f"runs[{number}]", source.outline, block_of(source.ensemble))
     if not isinstance(source, Expected):
         return TrajectoryFile(str(source), read_outline(source))
     path, outline = str(source.path), read_outline(source.path)
@@ -147,7 +133,7 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
     The blocks do not depend on how the runs are distributed over files. Raises AnalysisError for a file that changes
     meanwhile or lacks observables that another has, and what `storage.read_trajectories` raises.
     """
-    read = lru_cache(maxsize=LOADED)(lambda path: _run_block(read_trajectories(path)))
+    read = lru_cache(maxsize=LOADED)(lambda path: block_of(read_trajectories(path).ensemble))
 
     def load(file: TrajectoryFile) -> RunBlock:
         return read(file.path) if file.runs is None else file.runs
@@ -165,9 +151,8 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
         yield _joined(parts)
 
 
-def _run_block(trajectories: Trajectories) -> RunBlock:
-    """The part of a trajectory file that the estimators need."""
-    ensemble = trajectories.ensemble
+def block_of(ensemble: Ensemble) -> RunBlock:
+    """Return the part of an ensemble that the estimators need."""
     return RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables, ensemble.stopped)
 
 

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_error, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, with_error
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
 from brownpipe.engines import friction
 from brownpipe.engines.friction import DENSEST
+from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
 COLLISION_COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
@@ -77,7 +78,7 @@ def compressibility_from_rate(scene: Scene, rate: np.ndarray, kt: np.ndarray) ->
     return 1.0 + mean_root(scene) * rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
 
 
-def is_alike(scene: Scene) -> bool:
+def has_equal_disks(scene: Scene) -> bool:
     """Return whether there are two or more disks, all of one radius and mass."""
     return scene.particles > 1 and np.ptp(scene.radius) == 0 and np.ptp(scene.mass) == 0
 
@@ -92,13 +93,10 @@ def enskog(scene: Scene) -> dict[str, float]:
     kt = scene.velocities and scene.velocities.temperature
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
         return {}
-    species = [one for one in scene.species if one.count]
-    radius = np.array([one.radius for one in species])
-    mass = np.array([one.mass for one in species])
-    number = np.array([one.count for one in species])
+    _, number, radius, mass, _ = species_table(scene)
     n = number / scene.box.area
     rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt)
-    rates = rates * np.where(np.eye(len(species)) > 0, (1 - 1 / number), 1.0)  # no disk collides with itself
+    rates = rates * np.where(np.eye(len(number)) > 0, (1 - 1 / number), 1.0)  # no disk collides with itself
     partners = friction.partners_of(scene)
     return {
         "enskog_collision_rate": (number * rates.sum(axis=1)).sum() / number.sum(),
@@ -137,7 +135,7 @@ def _of_temperature(
             values[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], hot)
     if "wall_pressure" in means:
         values["wall_compressibility"] = wall_compressibility(scene, means["wall_pressure"], hot)
-    if "collision_rate" in means and is_alike(scene):
+    if "collision_rate" in means and has_equal_disks(scene):
         values["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], hot)
     return values
 
@@ -165,9 +163,7 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     values: dict[str, ArrayLike] = {}
     for name in (name for name in COLLISION_COUNTS if name in averages):
         values |= with_error(name, averages.estimate(name))
-    for name in (name for name in MEASURED if name in averages):
-        values |= with_interval(name, averages.estimate(name))
-    return values | enskog(case.scene)
+    return values | intervals(averages, MEASURED) | enskog(case.scene)
 
 
 ESTIMATOR = Estimator(

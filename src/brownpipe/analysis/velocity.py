@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from brownpipe import elementary, observables, theory
 from brownpipe.analysis.displacement import with_velocity
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, with_interval
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
@@ -118,19 +118,16 @@ def expected_slope(case: Case, averages: Averages) -> float:
 
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
-    means = {name: runs.observables[name] for name in CORRELATIONS if name in runs.observables}
-    if "velocity_autocorrelation" in means:
-        if len(case.times) > 2:
-            rate, fastest = enskog_rate(case.scene), fastest_rate(case.scene)
-            samples = early(case.times, fastest)
-            times, first = case.times[samples], means["velocity_autocorrelation"][:, samples]
-            if fastest * times[2] <= LATEST:
-                means["vacf_initial_slope"] = (first * slope_weights(times, rate)).sum(axis=1)
+    means = {name: runs.observables[name] for name in (*CORRELATIONS, "species_energy") if name in runs.observables}
+    if "velocity_autocorrelation" in means and len(case.times) > 2:
+        rate, fastest = enskog_rate(case.scene), fastest_rate(case.scene)
+        samples = early(case.times, fastest)
+        times, first = case.times[samples], means["velocity_autocorrelation"][:, samples]
+        if fastest * times[2] <= LATEST:
+            means["vacf_initial_slope"] = (first * slope_weights(times, rate)).sum(axis=1)
     integral = with_velocity(case, runs, "velocity_displacement")
     if integral is not None:
         means["green_kubo"] = integral / 2
-    if "species_energy" in runs.observables:
-        means["species_energy"] = runs.observables["species_energy"]
     for name, counts in DENSITIES.items():
         if counts in runs.observables:
             means[name] = density(runs.observables[counts], _width(case, counts))
@@ -143,10 +140,7 @@ def _width(case: Case, counts: str) -> float:
 
 
 def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    names = (*CORRELATIONS, "green_kubo", "species_energy", *DENSITIES)
-    values: dict[str, ArrayLike] = {}
-    for name in (name for name in names if name in averages):
-        values |= with_interval(name, averages.estimate(name))
+    values = intervals(averages, (*CORRELATIONS, "green_kubo", "species_energy", *DENSITIES))
     if "velocity_autocorrelation" in averages and len(case.times) > 2:
         values |= with_interval("vacf_initial_slope", initial_slope(case, averages))
         values["vacf_initial_slope_expected"] = expected_slope(case, averages)

@@ -43,5 +43,7 @@ class Definition(NamedTuple):
     candidates: Callable[[Scene], list[dict]] = lambda scene: [{}]
     # (scene, settings): the scene whose disks are placed and moved; None if the engine needs no disk but the tracer
     scene_with_disks: Callable[[Scene, dict], Scene | None] = lambda scene, settings: scene
+    # (observables, average): what it can measure of these, and the average; by default all
+    measured: Callable[[tuple[str, ...], str], tuple[tuple[str, ...], str]] = lambda *asked: asked
     counts_collisions: bool = True  # whether its runs have the rates of collisions among their observables
     keeps_checkpoints: bool = False

@@ -1,4 +1,4 @@
-"""What a study has that its trajectory files do not have yet: the reasons for simulating again, in words."""
+"""Differences between a study and its trajectory files, in words: the reasons for simulating again."""
 
 from collections import defaultdict
 from collections.abc import Iterator

@@ -6,6 +6,7 @@ from `engines.forecast`; nothing is simulated or timed here.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 
 from brownpipe import observables
 from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
@@ -21,7 +22,7 @@ from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_count import assumed_runs
 from brownpipe.study.study import REFERENCE
-from brownpipe.study.workload import LONG, EngineWorkload, cautions, describe_workload, recording_of, workloads
+from brownpipe.study.workload import LONG, cautions, describe_workload, workloads
 
 RUNS = 100  # of a scene, for which its placement should succeed
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
@@ -170,31 +171,28 @@ def _study(study: Study) -> list[str]:
     """Return the lines of the report on a study: a table of its cases, its engines and the whole workload."""
     study, seeds = _with_seeds(study)
     width = max(len(case.name) for case in study.cases)
-    parts = workloads(study)
+    by_engine = workloads(study)
+    parts = [*chain.from_iterable(by_engine)]
     lines = [f"{'scene':<{width}}  {'N':>8} {'phi':>8} {'collisions':>11} {'CPU':>9} {'file':>9}  per run"]
     for case in study.cases:
-        engine, cost = _first_engine(study, parts, case)
+        used = ((part.engine, part.cost) for part in parts if part.case is case)
+        engine, cost = next(used, (REFERENCE, forecast.of_run(case, *study.recording)))  # where none runs it
         collisions = _rounded(cost.pair_collisions + cost.wall_collisions) if cost.pair_collisions else "-"
         seconds = in_time(cost.seconds + cost.storing)
         row = f"{case.particles:>8} {case.packing_fraction:>8.4f} {collisions:>11} {seconds:>9}"
         by = "" if engine == REFERENCE else f"  {engine.label}"
         lines.append(f"{case.name:<{width}}  {row} {in_bytes(cost.recorded):>9}{by}")
-    for part in parts:
-        names = ", ".join(dict.fromkeys(case.name for case in part.cases))
-        where = "" if len(part.cases) == len(study.cases) else f" in {names}"
-        model = f"{part.engine.model(part.cases)}; some {in_time(part.seconds)} of CPU"
-        lines += [f"engine    {part.engine.label}{where}: {model}", *_cautions(part.engine, part.cases)]
-    lines += _kernels([(part.engine, case) for part in parts for case in part.cases])
-    placements = [_placement(part.engine, part.case, len(part.seeds)) for workload in parts for part in workload.parts]
+    for of_engine in by_engine:
+        engine, cases = of_engine[0].engine, [part.case for part in of_engine]
+        names = ", ".join(dict.fromkeys(case.name for case in cases))
+        where = "" if len(cases) == len(study.cases) else f" in {names}"
+        model = f"{engine.model(cases)}; some {in_time(sum(part.seconds for part in of_engine))} of CPU"
+        lines += [f"engine    {engine.label}{where}: {model}", *_cautions(engine, cases)]
+    lines += _kernels([(part.engine, part.case) for part in parts])
+    placements = [_placement(part.engine, part.case, len(part.seeds)) for part in parts]
     foreseen = dict.fromkeys([*filter(None, placements), *cautions(study)])
     lines += [f"caution   {reason}" for reason in foreseen]
     return [*lines, *seeds, f"total     {describe_workload(study)}", f"figures   {', '.join(study.figures)}"]
-
-
-def _first_engine(study: Study, parts: Sequence[EngineWorkload], case: Scene) -> tuple[Engine, forecast.Cost]:
-    """Return the first engine of a study that runs a case, the exact one if none does, and the cost of a run."""
-    used = ((part.engine, part.cost) for workload in parts for part in workload.parts if part.case is case)
-    return next(used, (REFERENCE, forecast.of_run(case, *recording_of(study))))
 
 
 def _with_seeds(study: Study) -> tuple[Study, list[str]]:

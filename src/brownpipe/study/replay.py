@@ -18,8 +18,8 @@ LONGEST = 10.0  # CPU seconds expected, most of which can only be the equilibrat
 def replay_jobs(study: Study) -> list[SimulationJob]:
     """Return the first run of the case that a study shows first, as a list of one job.
 
-    The list is empty if the exact engine does not run this case or has no seeds yet, for a case without disks, and for
-    one with more disks, collisions or samples, or a longer run, than the constants above say.
+    The list is empty if the exact engine does not run this case or has no seeds yet, if the case has no disks, or if
+    its disks, collisions, samples or CPU time exceed the constants above.
     """
     in_scene = {case.particles: case for case in study.cases if case.name == study.cases[0].name}
     case = in_scene[shown_count([*in_scene])]

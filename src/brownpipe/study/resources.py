@@ -5,8 +5,7 @@ effect. The need of a job of `simulate` is the forecast of its runs.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,16 +14,16 @@ from brownpipe.engines import forecast
 from brownpipe.formatting import in_time
 from brownpipe.study.replay import RECORD, replay_jobs
 from brownpipe.study.study import REFERENCE, Study
-from brownpipe.study.workload import CaseWorkload, seconds_of_job, workloads
+from brownpipe.study.workload import CaseWorkload, parts_of, seconds_of_job
 
 MARGIN = 1.5  # of memory
-COMPILING = 150e6  # bytes besides, in a process that must compile kernels
-AROUND = 300e6  # bytes besides on a cluster: on the node two processes of Snakemake wait for that of the job
+COMPILING = 150e6  # further bytes of a process that compiles kernels
+AROUND = 300e6  # further bytes on a cluster: two processes of Snakemake wait on the node for that of the job
 SLOWER = 2.0  # how much slower the processors of a cluster may be
-DELAY = 300.0  # seconds besides: to compile kernels, and to wait for a network file system
+DELAY = 300.0  # further seconds: to compile kernels, and to wait for a network file system
 ANALYSIS = 170e6  # bytes of memory of a process that analyses or draws, besides data
 ANALYSIS_START = 1.5  # CPU seconds, to import what the analysis needs
-PER_CASE = 0.3  # CPU seconds besides, to analyse a case
+PER_CASE = 0.3  # further CPU seconds to analyse a case
 BYTES_PER_NUMBER = 130e3  # of memory for the replicates of a quantity that is averaged over the runs of a case
 COPIES_READ = 5  # of the largest file in memory: two files are kept, a third is read, decoded and verified
 BYTES_PER_RUN = 300  # of memory for what a dataset has of each run
@@ -62,35 +61,27 @@ class Used(NamedTuple):
 
 def requests(study: Study) -> dict[str, dict[str, object]]:
     """Return the `resources` of each rule of the workflow; those that depend on wildcards or attempt are functions."""
-    need_of_runs = needs_of_simulate(study)
+    costs, others = costs_of_runs(study), needs_of_others(study)
 
-    def need_of_simulate(wildcards: Mapping[str, str]) -> Need:
+    def need_of(rule: str, wildcards: Mapping[str, str]) -> Need:
+        if rule in others:
+            return others[rule]
         case = wildcards["scene"], int(wildcards["particles"]), wildcards["engine"]
-        return need_of_runs[case](int(wildcards["last"]) - int(wildcards["first"]) + 1)
+        return need_of_runs(costs[case], int(wildcards["last"]) - int(wildcards["first"]) + 1)
 
-    others = {rule: _asked(partial(_whatever_wildcards, need)) for rule, need in needs_of_others(study).items()}
-    return {"simulate": _asked(need_of_simulate)} | others
+    def asked(rule: str) -> dict[str, object]:
+        return {
+            "mem_mb": lambda wildcards, attempt: need_of(rule, wildcards).megabytes(attempt),
+            "runtime": lambda wildcards, attempt: need_of(rule, wildcards).minutes(attempt),
+            "cpus_per_task": 1,
+        }
 
-
-def _whatever_wildcards(need: Need, wildcards: Mapping[str, str]) -> Need:
-    return need
-
-
-def _asked(need: Callable[[Mapping[str, str]], Need]) -> dict[str, object]:
-    """Return the resources of a rule whose jobs have a need by their wildcards."""
-    return {
-        "mem_mb": lambda wildcards, attempt: need(wildcards).megabytes(attempt),
-        "runtime": lambda wildcards, attempt: need(wildcards).minutes(attempt),
-        "cpus_per_task": 1,
-    }
+    return {rule: asked(rule) for rule in ("simulate", *others)}
 
 
-def needs_of_simulate(study: Study) -> dict[tuple[str, int, str], Callable[[int], Need]]:
-    """Return by scene, number of disks and engine the need of a job, a function of its number of runs."""
-    return {
-        (part.case.name, part.case.particles, part.engine.label): partial(_need_of_runs, part.cost)
-        for part in _parts(study)
-    }
+def costs_of_runs(study: Study) -> dict[tuple[str, int, str], forecast.Cost]:
+    """Return the forecast of a run by scene, number of disks and engine."""
+    return {(part.case.name, part.case.particles, part.engine.label): part.cost for part in parts_of(study)}
 
 
 def needs_of_others(study: Study) -> dict[str, Need]:
@@ -104,12 +95,9 @@ def needs_of_others(study: Study) -> dict[str, Need]:
     }
 
 
-def _need_of_runs(cost: forecast.Cost, runs: int) -> Need:
+def need_of_runs(cost: forecast.Cost, runs: int) -> Need:
+    """Return the need of a job of so many runs."""
     return Need(forecast.memory(cost, runs), seconds_of_job(cost, runs))
-
-
-def _parts(study: Study) -> list[CaseWorkload]:
-    return [part for workload in workloads(study) for part in workload.parts]
 
 
 def need_of_replay(study: Study) -> Need:
@@ -117,12 +105,12 @@ def need_of_replay(study: Study) -> Need:
     if not replay_jobs(study):
         return Need(forecast.PROCESS, forecast.START_UP)
     request = study.request_of(replay_jobs(study)[0])
-    return _need_of_runs(REFERENCE.forecast(request.scene, RECORD), 1)
+    return need_of_runs(REFERENCE.forecast(request.scene, RECORD), 1)
 
 
 def need_of_aggregate(study: Study) -> Need:
     """Return the need of the analysis: replicates of one case, some of its files, and some numbers of each run."""
-    parts = _parts(study)
+    parts = parts_of(study)
     runs = sum(len(part.seeds) for part in parts)
     numbers = [_numbers_in(study, part) for part in parts]
     of_case = max(
@@ -142,13 +130,13 @@ def _numbers_in(study: Study, part: CaseWorkload) -> int:
 
 def need_of_figures(study: Study, figures: int) -> Need:
     """Return the need of drawing so many figures, which hold the numbers of each run."""
-    runs = sum(len(part.seeds) for part in _parts(study))
+    runs = sum(len(part.seeds) for part in parts_of(study))
     return Need(ANALYSIS + 100e6 + BYTES_PER_RUN * runs, ANALYSIS_START + FIGURE * (figures + 1))
 
 
 def need_of_tradeoff(study: Study) -> Need:
     """Return the need of the trade-off: all runs in memory, and measurements of CPU time."""
-    parts = _parts(study)
+    parts = parts_of(study)
     numbers = sum(len(part.seeds) * _numbers_in(study, part) for part in parts)
     timed = sum(max(TIMING * part.cost.seconds, LEAST_TIMING) for part in parts)
     return Need(ANALYSIS + BYTES_COMPARED * numbers, need_of_aggregate(study).seconds + timed)
@@ -168,8 +156,8 @@ def describe_used(study: Study) -> str:
 
 def used(study: Study) -> Iterator[Used]:
     """Yield what each finished job of a study took, of those that were long enough to be measured."""
-    runs = needs_of_simulate(study)
-    needs = {f"simulate/{job.file}": runs[job[:3]](job.last - job.first + 1) for job in study.jobs()}
+    costs = costs_of_runs(study)
+    needs = {f"simulate/{job.file}": need_of_runs(costs[job[:3]], job.last - job.first + 1) for job in study.jobs()}
     needs |= {f"replay/{job.file}": need_of_replay(study) for job in replay_jobs(study)}
     needs |= {f"{rule}/{study.name}": need for rule, need in needs_of_others(study).items() if rule != "replay"}
     for job, need in needs.items():

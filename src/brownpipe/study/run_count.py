@@ -40,7 +40,8 @@ def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run
     }
     plan = _stored_plan(path)
     if {key: plan.get(key) for key in request} != request:
-        seconds, goal = _pilot_seconds(study), f"a tolerance of {100 * study.tolerance:g} % of {study.target} needs"
+        seconds = 0.0 if study.target == DISTRIBUTION else sum(map(pilot_seconds, study.cases))
+        goal = f"a tolerance of {100 * study.tolerance:g} % of {study.target} needs"
         pilots = f"pilot runs, some {in_time(seconds)} of CPU once kernels are compiled,"
         if seconds and dry_run:
             runs = assumed_runs(study.tolerance)
@@ -48,7 +49,7 @@ def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run
             return _with_runs(study, runs)
         if seconds:
             say(f"brownpipe: the study {study.name}: {pilots} determine how many runs {goal}")
-        needed = {case_title(case): runs_needed(case, study) for case in study.cases}
+        needed = {case_title(case): _runs_needed(case, study) for case in study.cases}
         plan = request | {"needed": needed, "runs": max(needed.values())}
         if not dry_run:
             write_sealed_text(path, f"{COMMENT}\n\n{yaml_text(plan)}")
@@ -63,30 +64,22 @@ def _with_runs(study: Study, runs: int) -> Study:
     return study
 
 
-def _pilot_seconds(study: Study) -> float:
-    """Return the CPU seconds that the pilot runs of a study are expected to take."""
-    return 0.0 if study.target == DISTRIBUTION else sum(map(pilot_seconds, study.cases))
-
-
 def assumed_runs(tolerance: float) -> int:
     """Return the number of runs for a quantity whose standard deviation is its mean, as that of r^2 in diffusion."""
     return math.ceil(tolerance**-2)
 
 
-def runs_needed(scene: Scene, study: Study) -> int:
+def _runs_needed(scene: Scene, study: Study) -> int:
     """Return the number of exact runs of a scene whose standard error is the study's tolerance."""
-    runs = runs_for(study.tolerance, 0.0, relative_scatter(scene, study.target, study.fit_windows[0]))
+    if study.target == DISTRIBUTION:
+        scatter = bias.spread_of_shares()
+    else:
+        scatter = spread_of(run_pilot(scene, REFERENCE), study.target, study.fit_windows[0])
+    runs = runs_for(study.tolerance, 0.0, scatter)
     if runs > MOST_SEEDS:
         needed = f"a tolerance of {study.tolerance:g} needs {runs} runs; at most {MOST_SEEDS}"
         raise RequestError(f"{case_title(scene)}: {needed}")
     return runs
-
-
-def relative_scatter(scene: Scene, target: str, window: tuple[float, float]) -> float:
-    """Return the standard deviation of `target` over exact runs, relative to its mean, from a pilot."""
-    if target == DISTRIBUTION:
-        return bias.spread_of_shares()
-    return spread_of(run_pilot(scene, REFERENCE), target, window)
 
 
 def case_title(scene: Scene) -> str:

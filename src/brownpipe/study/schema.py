@@ -8,7 +8,7 @@ leaves to the reader. Names of earlier versions, which the reader still accepts,
 from collections.abc import Iterable
 
 from brownpipe.engines import DEFINITIONS
-from brownpipe.engines.definition import Definition, Setting
+from brownpipe.engines.definition import Definition
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.observables import AVERAGES, OBSERVABLES
 from brownpipe.scene.scene_file import MOST_DISKS
@@ -98,23 +98,19 @@ def _seeds() -> Schema:
 def _engine() -> Schema:
     """The schema of an engine: its name, or a mapping of its name and settings."""
     bare = [
-        name for name, definition in DEFINITIONS.items() if all(_has_default(s) for s in definition.settings.values())
+        name
+        for name, definition in DEFINITIONS.items()
+        if all(setting.default is not None for setting in definition.settings.values())
     ]
     return one_of(_word(bare), *(_with_settings(definition) for definition in DEFINITIONS.values()))
 
 
 def _with_settings(definition: Definition) -> Schema:
-    settings = {key: described(_setting(setting), setting.help) for key, setting in definition.settings.items()}
-    required = {key: schema for key, schema in settings.items() if not _has_default(definition.settings[key])}
-    optional = {key: schema for key, schema in settings.items() if key not in required}
+    required: dict[str, Schema] = {"name": {"const": definition.name}}
+    optional: dict[str, Schema] = {}
+    for key, setting in definition.settings.items():
+        schema = described(_word(setting.words) if setting.words else POSITIVE, setting.help)
+        (required if setting.default is None else optional)[key] = schema
     optional["scenes"] = described(_one_or_more(TEXT), "names of the scenes it is used in (default: all)")
     optional["seeds"] = described(_seeds(), "in place of the study's")
-    return described(mapping({"name": {"const": definition.name}} | required, optional), definition.summary)
-
-
-def _has_default(setting: Setting) -> bool:
-    return setting.default is not None
-
-
-def _setting(setting: Setting) -> Schema:
-    return _word(setting.words) if setting.words else POSITIVE
+    return described(mapping(required, optional), definition.summary)

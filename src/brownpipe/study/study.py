@@ -77,7 +77,12 @@ class Study:
         seeds = use.seeds or self.seeds
         if self.batch is not None:
             return batches(seeds, self.batch)
-        return automatic_batches(seeds, use.engine.forecast(case, {self.record}, self.observables, self.average))
+        return automatic_batches(seeds, use.engine.forecast(case, *self.recording))
+
+    @property
+    def recording(self) -> tuple[set[str], tuple[str, ...], str]:
+        """What each run records, what it measures, and the average: the last arguments of `Engine.forecast`."""
+        return {self.record}, self.observables, self.average
 
     @property
     def simulate_options(self) -> str:
@@ -131,4 +136,5 @@ class Study:
         case = next(case for case in self.cases if (case.name, case.particles) == (job.scene, job.particles))
         engine = next(engine for engine in self.engines if engine.label == job.engine)
         seeds = range(job.first, job.last + 1)
-        return Request(case, engine, seeds, frozenset({self.record}), self.observables, self.average)
+        measured = engine.definition.measured(self.observables, self.average)
+        return Request(case, engine, seeds, frozenset({self.record}), *measured)

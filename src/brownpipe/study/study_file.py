@@ -8,7 +8,7 @@ config/README.md.
 
 import os
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -76,7 +76,8 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         gone = [key for new, old in REPLACED.items() if overrides.get(new) is not None for key in old]
         file = f"{path} with {', '.join(map(str, overrides))} replaced"
         origin = whole.origin and whole.origin._replace(keys=dict.fromkeys((*gone, *overrides)))
-        whole = Entry(_without(mapping, gone) | overrides, file, (), origin)
+        kept = {key: value for key, value in mapping.items() if key not in gone}
+        whole = Entry(kept | overrides, file, (), origin)
     _refuse_keys_of_scenes(whole)
     entries = reading.fields(_with_new_names(whole), ("scenes",), DEFAULTS)
     scenes = _scenes(entries["scenes"], Path(path).parent)
@@ -85,14 +86,14 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
     record = reading.choice(entries["record"], RECORDS)
     observables, average = _measures(entries["observables"], entries["average"], cases)
     tolerance, target = _tolerance(entries, cases)
-    uses = _engine_uses(entries["engines"], cases)
+    uses, batch = _engine_uses(entries["engines"], cases), entries["batch"]
     study = Study(
         name=reading.name(Entry(Path(path).stem, file, ("name of the file",))),
         scenes=scenes,
         cases=cases,
         engine_uses=uses,
         seeds=read_seeds(entries["seeds"]) if tolerance is None else (),
-        batch=_batch(entries["batch"]),
+        batch=None if batch.value == AUTO else reading.integer(batch, 1, MOST_SEEDS, f" or {AUTO}"),
         figures=_figures(entries["figures"], cases, uses, record, observables),
         displacement_times=_displacement_times(entries["displacement_times"], cases),
         fit_windows=_windows(entries["fit_windows"], cases),
@@ -110,7 +111,7 @@ def read_study(path: str | Path, overrides: dict | None = None) -> Study:
         refuse_repetition(cases, seeds, entries["seeds"])
     jobs = len(study.jobs())
     if jobs > MOST_JOBS:
-        must_be(entries["batch"], f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
+        must_be(batch, f"large enough for at most {MOST_JOBS} jobs ({jobs} with this one)")
     return study
 
 
@@ -131,10 +132,6 @@ def _listed(key: str, value: object) -> object:
     if key in LISTS and isinstance(value, str) and "," in value and value[0] not in "[{":
         return [part.strip() for part in value.split(",")]
     return value
-
-
-def _without(mapping: dict, keys: Collection[str]) -> dict:
-    return {key: value for key, value in mapping.items() if key not in keys}
 
 
 def _refuse_keys_of_scenes(entry: Entry) -> None:
@@ -253,13 +250,6 @@ def read_target(entry: Entry) -> str:
     return reading.choice(reading.current_name(entry, RENAMED_TARGETS), TARGETS)
 
 
-def _batch(entry: Entry) -> int | None:
-    """Return the seeds of a job; None for AUTO."""
-    if entry.value == AUTO:
-        return None
-    return reading.integer(entry, 1, MOST_SEEDS, f" or {AUTO}")
-
-
 def _tolerance(entries: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[float | None, str | None]:
     """Return the tolerance that a study has in place of seeds and what it is for; None, None for a study with seeds."""
     tolerance, target, seeds = (entries[key] for key in ("tolerance", "target", "seeds"))
@@ -311,12 +301,13 @@ def _figures(
     """Return the figures of the study; by default all whose needs are met."""
     counts = {case.particles for case in cases} - {0}
     counting = {name for use in uses if use.engine.definition.counts_collisions for name in use.scenes}
-    met = {f"the observable {name}" for name in observables}
+    measured = {name for use in uses for name in use.engine.definition.measured(observables, "runs")[0]}
+    met = {f"the observable {name}" for name in measured}
     met |= {FOLLOWED} if counts else set()
     met |= {COLLISIONS} if any(case.particles and case.name in counting for case in cases) else set()
     met |= {SEVERAL_COUNTS} if len(counts) > 1 else set()
     met |= {TRACKED} if record == "tracer" else set()
-    met |= {SPREADING} if record == "tracer" or "square_displacement" in observables else set()
+    met |= {SPREADING} if record == "tracer" or "square_displacement" in measured else set()
     unmet = {name: [need for need in figure.needs if need not in met] for name, figure in FIGURES.items()}
     if entry.value is None:
         return tuple(name for name in FIGURES if not unmet[name])

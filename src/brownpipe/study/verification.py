@@ -46,18 +46,11 @@ PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".html")  # files of `brown
 SHOWN = 3  # files that a remark names
 
 
-class Problem(NamedTuple):
-    """A file that is missing or is not what brownpipe wrote."""
-
-    file: str  # relative to the folder of the study's results
-    what: str  # is wrong with it
-
-
 class Verdict(NamedTuple):
     """What was found in the results of a study."""
 
     intact: int  # number of files
-    problems: tuple[Problem, ...]
+    problems: tuple[tuple[str, str], ...]  # file, relative to the folder of the results, and what is wrong with it
     remarks: tuple[str, ...]  # on files that are no problem
     cure: str | None  # command that makes again what is missing or damaged
 
@@ -73,7 +66,7 @@ class Results(NamedTuple):
     promised: frozenset[str]  # all files that the study makes, as far as they are known
 
 
-Findings = Iterator[tuple[str, str | None, str | None]]  # file, what is wrong with it, key of REMARKS
+Findings = Iterator[tuple[str, str | None]]  # file; what is wrong with it, or a key of REMARKS, or None
 
 
 def verify_results(folder: str | Path) -> Verdict:
@@ -88,16 +81,16 @@ def verify_results(folder: str | Path) -> Verdict:
     problems = dict.fromkeys(results.promised.difference(results.files), MISSING_FILE)
     remarks: dict[str, list[str]] = {key: [] for key in REMARKS}
     sealed = list(_sealed(results))
-    broken = {file for file, what, _ in sealed if what is not None}
-    for file, what, remark in (*sealed, *_listed(results, broken)):
-        if what is not None:
+    broken = {file for file, what in sealed if what is not None and what not in REMARKS}
+    for file, what in (*sealed, *_listed(results, broken)):
+        if what in REMARKS:
+            remarks[what].append(file)
+        elif what is not None:
             problems.setdefault(file, what)
-        elif remark is not None:
-            remarks[remark].append(file)
     intact = len({*results.files}.difference(problems, remarks[FOREIGN]))
     lines = tuple(REMARKS[key].format(_some(files)) for key, files in remarks.items() if files)
     cure = _cure(results, problems) if problems else None
-    return Verdict(intact, tuple(Problem(*each) for each in sorted(problems.items())), lines, cure)
+    return Verdict(intact, tuple(sorted(problems.items())), lines, cure)
 
 
 def verify_file(path: str | Path) -> None:
@@ -132,7 +125,7 @@ def verify_file(path: str | Path) -> None:
 
 
 def _results(folder: Path) -> Results:
-    """Return the results in a folder with the study that they are of, if that is known."""
+    """Return the results in a folder, with their study if that is known."""
     files = tuple(sorted(_files(folder)))
     record = _record(folder)
     study, requests = None, {}
@@ -195,21 +188,21 @@ def _sealed(results: Results) -> Findings:
         path = results.folder / file
         try:
             if not path.is_file():
-                yield file, *(("is no ordinary file", None) if file in results.promised else (None, FOREIGN))
+                yield file, "is no ordinary file" if file in results.promised else FOREIGN
             elif file in (RECORD, PLAN):
                 read_sealed_text(path)
                 if not (is_run_record if file == RECORD else is_plan)(path):
-                    yield file, "is another text than its name says", None
+                    yield file, "is another text than its name says"
             elif path.suffix == ".h5":
-                yield _trajectories(results, file)
+                yield file, _trajectories(results, file)
             elif path.suffix == ".nc":
-                yield _dataset(results, file)
+                yield file, _dataset(results, file)
             elif file not in listed and file not in results.promised:
-                yield file, None, FOREIGN
+                yield file, FOREIGN
         except WrongFileError as error:
-            yield file, *((_cause(error), None) if file in results.promised else (None, FOREIGN))
+            yield file, _cause(error) if file in results.promised else FOREIGN
         except StorageError as error:
-            yield file, _cause(error), None
+            yield file, _cause(error)
 
 
 def _cause(error: StorageError) -> str:
@@ -217,38 +210,38 @@ def _cause(error: StorageError) -> str:
     return str(error.__cause__ if isinstance(error.__cause__, StorageError) else error)
 
 
-def _trajectories(results: Results, file: str) -> tuple[str, str | None, str | None]:
-    """Return what is wrong with a trajectory file that is intact."""
+def _trajectories(results: Results, file: str) -> str | None:
+    """Return what is wrong with a trajectory file that is intact, or a key of REMARKS."""
     outline = read_trajectories(results.folder / file).outline
     request = results.requests.get(file)
     if request is not None and (wrong := difference(outline, request)):
-        return file, wrong, None
+        return wrong
     if file not in (_place(outline), _place(outline, "replay")):
-        return file, f"holds the runs of {_place(outline)}", None
+        return f"holds the runs of {_place(outline)}"
     if request is None and results.study is not None:
-        return file, None, SURPLUS
+        return SURPLUS
     is_older = outline.source != source_digest(*modules_of("simulate", outline.engine.name))
-    return file, None, OLDER if is_older else None
+    return OLDER if is_older else None
 
 
 def _place(outline: Outline, folder: str = "simulate") -> str:
-    """Return the file that the runs belong into."""
+    """Return the path at which a study stores these runs, relative to the folder of its results."""
     first, last = outline.seeds[[0, -1]].tolist()
     job = SimulationJob(outline.scene.name, outline.scene.particles, outline.engine.label, first, last)
     return f"{folder}/{job.file}"
 
 
-def _dataset(results: Results, file: str) -> tuple[str, str | None, str | None]:
-    """Return what is wrong with a dataset that is intact."""
+def _dataset(results: Results, file: str) -> str | None:
+    """Return what is wrong with a dataset that is intact, or a key of REMARKS."""
     dataset, study = read_dataset(results.folder / file), results.study
     if study is None or file not in results.promised:
-        return file, None, None if study is None else SURPLUS
+        return None if study is None else SURPLUS
     step = "tradeoff" if is_tradeoff(dataset) else "aggregate"
     if not file.startswith(f"{step}/"):
-        return file, f"is a dataset of `brownpipe {step}`", None
+        return f"is a dataset of `brownpipe {step}`"
     wrong = (_other_scenes if step == "tradeoff" else _other_runs)(dataset, results)
     is_older = dataset.attrs.get("source_digest") != made_with(step)["source"]
-    return file, wrong, OLDER if is_older else None
+    return wrong or (OLDER if is_older else None)
 
 
 def _other_scenes(dataset: "Dataset", results: Results) -> str | None:
@@ -285,7 +278,7 @@ def _other_runs(dataset: "Dataset", results: Results) -> str | None:
 def _listed(results: Results, broken: Set[str]) -> Findings:
     """Compare figures, tables and texts with the checksums of their folders, and their dataset unless it is broken.
 
-    Where an intact dataset and what it was drawn as both differ from SHA256SUMS, that is of other results.
+    If an intact dataset and a file drawn from it both differ from SHA256SUMS, the checksums are those of other results.
     """
     for part in ("figures", "tradeoff"):
         folder = results.folder / part
@@ -295,26 +288,21 @@ def _listed(results: Results, broken: Set[str]) -> Findings:
         except WrongFileError:
             continue  # without the file, which is missing
         except StorageError as error:
-            yield sums, str(error), None
+            yield sums, str(error)
             continue
         of_part = (f"{part}/", PAGE) if part == "figures" else f"{part}/"
         promised = {file for file in results.promised if file.startswith(of_part)} - {sums}
         files = {name: os.path.normpath(f"{part}/{name}") for name in listed}
-        yield from ((file, "has no checksum", None) for file in promised.difference(files.values()))
+        yield from ((file, "has no checksum") for file in promised.difference(files.values()))
         there = [name for name in listed if files[name] not in broken and (folder / name).is_file()]
         differing = [name for name in there if digest_of(folder / name) != listed[name]]
         datasets = {name for name in differing if name.endswith(".nc")}
         if datasets and len(differing) > len(datasets):
-            yield sums, "is of other results than those in its folder", None
+            yield sums, "is of other results than those in its folder"
             continue
         for name in differing:
-            is_dataset = name in datasets
-            what = (
-                "is not the dataset that the figures show"
-                if is_dataset
-                else "was damaged or edited after it was written"
-            )
-            yield files[name], what, None
+            edited = "was damaged or edited after it was written"
+            yield files[name], "is not the dataset that the figures show" if name in datasets else edited
 
 
 def _checksums(folder: Path) -> Mapping[str, str]:
@@ -329,7 +317,7 @@ def _checksums(folder: Path) -> Mapping[str, str]:
 
 
 def _cure(results: Results, problems: Mapping[str, str]) -> str:
-    """Return the command that removes what is wrong and makes again what the study promises."""
+    """Return the command that deletes what is wrong and makes again all that the study promises."""
     root = results.folder.parent.parent
     steps = [] if root.resolve() == Path.cwd() else [f"cd {shell_path(root.resolve())}"]
     if wrong := sorted(file for file, what in problems.items() if what != MISSING_FILE):

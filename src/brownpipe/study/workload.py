@@ -2,6 +2,7 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
+from itertools import chain
 from typing import NamedTuple
 
 from brownpipe.engines import Engine, forecast
@@ -42,33 +43,19 @@ class CaseWorkload(NamedTuple):
         return bisect_right(self.seeds, batch[1]) - bisect_left(self.seeds, batch[0])
 
 
-class EngineWorkload(NamedTuple):
-    """The runs of one engine in a study: every seed of every case."""
-
-    engine: Engine
-    parts: list[CaseWorkload]
-
-    @property
-    def cases(self) -> list[Scene]:
-        return [part.case for part in self.parts]
-
-    @property
-    def seconds(self) -> float:
-        """CPU seconds, with starting the processes."""
-        return sum(part.seconds for part in self.parts)
-
-
-def workloads(study: Study) -> list[EngineWorkload]:
-    """Return the workload of each entry of the study's `engines`. The study's seeds must be known."""
-    return [
-        EngineWorkload(use.engine, [_workload(study, use, case) for case in study.cases_of(use)])
-        for use in study.engine_uses
-    ]
+def workloads(study: Study) -> list[list[CaseWorkload]]:
+    """Return, for each entry of the study's `engines`, the workload of each case. The study's seeds must be known."""
+    return [[_workload(study, use, case) for case in study.cases_of(use)] for use in study.engine_uses]
 
 
 def _workload(study: Study, use: EngineUse, case: Scene) -> CaseWorkload:
-    cost = use.engine.forecast(case, *recording_of(study))
+    cost = use.engine.forecast(case, *study.recording)
     return CaseWorkload(use.engine, use.seeds or study.seeds, case, cost, study.batches_of(use, case))
+
+
+def parts_of(study: Study) -> list[CaseWorkload]:
+    """Return all workloads of a study in one list."""
+    return [*chain.from_iterable(workloads(study))]
 
 
 def seconds_of_job(cost: forecast.Cost, runs: int) -> float:
@@ -81,21 +68,15 @@ def cautions(study: Study) -> list[str]:
 
     The seeds of the study must be known.
     """
-    parts = [part for workload in workloads(study) for part in workload.parts]
+    parts = parts_of(study)
     largest = max(parts, key=lambda part: forecast.memory(part.cost, part.most_seeds))
     longest = max(parts, key=lambda part: seconds_of_job(part.cost, part.most_seeds))
     total = sum(part.seconds for part in parts)
     lines = [_too_large(largest), _too_long(study, longest)]
     if total >= LONG:
-        lines.append(
-            f"the study takes some {in_time(total)} of CPU; {_fewer(study)}, a shorter duration or fewer disks"
-        )
+        fewer = "must be fewer `seeds`" if study.tolerance is None else "must be a larger `tolerance`"
+        lines.append(f"the study takes some {in_time(total)} of CPU; {fewer}, a shorter duration or fewer disks")
     return [line for line in lines if line is not None]
-
-
-def _fewer(study: Study) -> str:
-    """Return the key by which a study has fewer runs."""
-    return "must be fewer `seeds`" if study.tolerance is None else "must be a larger `tolerance`"
 
 
 def _job(part: CaseWorkload) -> str:
@@ -132,15 +113,10 @@ def _too_long(study: Study, part: CaseWorkload) -> str | None:
 
 def describe_workload(study: Study) -> str:
     """Return the workload of the whole study in one line. Its seeds must be known."""
-    parts = [part for workload in workloads(study) for part in workload.parts]
+    parts = parts_of(study)
     runs = sum(len(part.seeds) for part in parts)
     count = sum(len(part.batches) for part in parts)
     seconds = in_time(sum(part.seconds for part in parts))
     size = in_bytes(sum(len(part.seeds) * part.cost.recorded for part in parts))
     jobs = f"{runs:,} runs in {count} jobs of up to {max(part.most_seeds for part in parts):,} seeds"
     return f"{jobs}: some {seconds} of CPU, {size} in results/{study.name}"
-
-
-def recording_of(study: Study) -> tuple[set[str], tuple[str, ...], str]:
-    """Return the last arguments of `Engine.forecast`: what each run records, what it measures, and the average."""
-    return {study.record}, study.observables, study.average

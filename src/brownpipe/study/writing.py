@@ -4,26 +4,35 @@ import os
 from pathlib import Path
 
 from brownpipe.engines import Engine
+from brownpipe.errors import RequestError
 from brownpipe.provenance import made_with, versions
 from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.storage import write_file
 from brownpipe.study.study import REFERENCE
-from brownpipe.study.study_file import MOST_STUDY_BYTES
+from brownpipe.study.study_file import AUTO, MOST_STUDY_BYTES, read_study
 
 # Keys of the original study that do not apply to the derived one.
-OF_THE_OTHER = ("batch", "tolerance", "target", "observable", "instead_of")
+NOT_INHERITED = ("batch", "tolerance", "target", "observable", "instead_of")
 
 
 def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int) -> dict:
-    """Return the contents of a study file at `path`: the scenes of another study with so many runs of one engine."""
+    """Return the contents of a study file at `path`: the scenes of another study with so many runs of one engine.
+
+    Without the figures of the other study if this engine lacks what one of them needs.
+    """
     mapping = read_yaml(study_file, MOST_STUDY_BYTES)
     assert isinstance(mapping, dict)  # as `study_file` has been read as a study before
     scenes = mapping["scenes"] if isinstance(mapping["scenes"], list) else [mapping["scenes"]]
     folder = Path(path).resolve().parent
     mapping["scenes"] = [os.path.relpath(Path(study_file).resolve().parent / scene, folder) for scene in scenes]
-    for key in OF_THE_OTHER:
+    for key in NOT_INHERITED:
         mapping.pop(key, None)
-    return mapping | {"engines": [{"name": engine.name, **dict(engine.settings)}], "seeds": runs}
+    keys = {"engines": [{"name": engine.name, **dict(engine.settings)}], "seeds": runs}
+    try:
+        read_study(study_file, keys | {"batch": AUTO})
+    except RequestError:
+        mapping.pop("figures", None)
+    return mapping | keys
 
 
 def write_yaml(path: str | Path, values: dict, comment: str) -> None:

@@ -14,41 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis.resampling import replicates, resample
+from brownpipe.analysis.resampling import Estimate, replicates, resample
 
 SHELLS, NEAR_CONTACT = 5, 1.25  # of equal width, from contact to so many contact distances, in which g(r) is compared
 RINGS = 10  # of equal probability, in which displacement distributions are compared
 CERTAIN = 0.95
 Pairs = tuple[np.ndarray, np.ndarray]  # (n,), (n,) rows of the runs of equal seeds in two samples
-
-
-class Bias(NamedTuple):
-    """A relative difference from the exact mean, shape (...) like one run's entry, with its uncertainty."""
-
-    value: np.ndarray  # NaN where the exact mean is not positive
-    standard_error: np.ndarray
-    low: np.ndarray  # 95 % interval; NaN for fewer runs than an interval needs
-    high: np.ndarray
-
-    @property
-    def resolved(self) -> np.ndarray:
-        """Whether the 95 % interval excludes 0."""
-        return (self.low > 0.0) | (self.high < 0.0)
-
-    @property
-    def bound(self) -> np.ndarray:
-        """Upper bound of the size of the bias, with 95 % confidence or more."""
-        return np.maximum(np.abs(self.low), np.abs(self.high))
-
-    @property
-    def square(self) -> np.ndarray:
-        """Unbiased estimate of the squared bias, but not below 0: max(b^2 - se^2, 0)."""
-        return np.maximum(self.value**2 - self.standard_error**2, 0.0)
-
-    @property
-    def careful(self) -> np.ndarray:
-        """`square` of a resolved bias, the square of `bound` of an unresolved one."""
-        return np.where(self.resolved, self.square, self.bound**2)
 
 
 class Distance(NamedTuple):
@@ -63,9 +34,25 @@ class Distance(NamedTuple):
 NO_DISTANCE = Distance(0.0, 0.0, 0.0, 0.0)
 
 
-def none_of(exact: np.ndarray) -> Bias:
-    """Return the bias of the exact runs (S, ...) themselves: zeros (...)."""
-    return Bias(*(np.zeros(np.shape(exact)[1:]) for _ in Bias._fields))
+def no_bias(shape: tuple[int, ...]) -> Estimate:
+    """Return the bias of the exact runs themselves: 0, without uncertainty."""
+    return Estimate(*np.zeros((4, *shape)))
+
+
+def square(bias: Estimate) -> np.ndarray:
+    """Return an unbiased estimate of the squared bias, but not below 0: max(b^2 - se^2, 0)."""
+    return np.maximum(bias.mean**2 - bias.standard_error**2, 0.0)
+
+
+def is_resolved(bias: Estimate) -> np.ndarray:
+    """Return whether the 95 % interval excludes 0."""
+    return (bias.low > 0.0) | (bias.high < 0.0)
+
+
+def careful_square(bias: Estimate) -> np.ndarray:
+    """Return the `square` of a resolved bias; of an unresolved one that of its upper bound, with 95 % confidence."""
+    bound = np.maximum(np.abs(bias.low), np.abs(bias.high))
+    return np.where(is_resolved(bias), square(bias), bound**2)
 
 
 def same_seeds(approximate: np.ndarray, exact: np.ndarray) -> Pairs:
@@ -74,12 +61,12 @@ def same_seeds(approximate: np.ndarray, exact: np.ndarray) -> Pairs:
     return rows, exact_rows
 
 
-def relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Bias:
+def relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Estimate:
     """Return the bias of the mean of `approximate` (S_a, ...) relative to that of `exact` (S_e, ...).
 
-    `pairs` are the runs of equal seeds, `same_seeds`; approximate runs without an exact partner are then left out. The
-    interval combines those of the two independent terms (G. Y. Zou, A. Donner, Statist. Med. 27, 1693 (2008), eq. 7),
-    each a bootstrap-t over runs.
+    NaN where the exact mean is not positive. `pairs` are the runs of equal seeds, `same_seeds`; approximate runs
+    without an exact partner are then left out. The interval combines those of the two independent terms (G. Y. Zou,
+    A. Donner, Statist. Med. 27, 1693 (2008), eq. 7), each a bootstrap-t over runs.
     """
     shape = np.shape(exact)[1:]
     approximate, exact = (np.reshape(np.asarray(runs, float), (len(runs), -1)) for runs in (approximate, exact))
@@ -92,7 +79,7 @@ def relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | Non
     low = value - np.hypot(own.mean - own.low, other.high - other.mean)
     high = value + np.hypot(own.high - own.mean, other.mean - other.low)
     error = np.hypot(own.standard_error, other.standard_error)
-    return Bias(*(np.where(defined, values, np.nan).reshape(shape) for values in (value, error, low, high)))
+    return Estimate(*(np.where(defined, values, np.nan).reshape(shape) for values in (value, error, low, high)))
 
 
 def _corrected(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None) -> tuple[np.ndarray, np.ndarray]:
@@ -106,9 +93,7 @@ def _corrected(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None) 
     return paired - slope * partner, slope
 
 
-def total_variation(
-    approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None, rings: int = RINGS
-) -> Distance:
+def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Distance:
     """Return the total variation distance of displacements (S_a,) and (S_e,): half the sum of abs(p_a - p_e).
 
     p are the shares of the runs in rings, which hold equal shares of the exact runs; differences inside a ring are not
@@ -117,7 +102,7 @@ def total_variation(
     the half-width of the interval, as the true distance is within q of the measured one (triangle inequality). The
     coverage is above 95 %.
     """
-    edges = np.quantile(exact, np.linspace(0.0, 1.0, rings + 1))
+    edges = np.quantile(exact, np.linspace(0.0, 1.0, RINGS + 1))
     edges[0], edges[-1] = 0.0, np.inf
     residual, reference = _indicators(approximate, edges), _indicators(exact, edges)
     slope = 0.0
@@ -132,7 +117,7 @@ def total_variation(
     return Distance(float(value), float(max(distance - quantile, 0.0)), float(distance + quantile), float(noise.mean()))
 
 
-def contact_deviation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Bias | None:
+def contact_deviation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Estimate | None:
     """Return the most significant deviation of g(r) near contact, from pair counts (S_a, P, R), (S_e, P, R) of a scene.
 
     Counts are pooled in shells between the contact distance and NEAR_CONTACT times that, for each of P pairs of
@@ -146,12 +131,12 @@ def contact_deviation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs |
         np.stack([runs[:, p, k:m].sum(axis=1) for p, k, m in shells], axis=1) for runs in (approximate, exact)
     )
     biases = relative_bias(pooled, reference, pairs)
-    size = np.abs(biases.value)
+    size = np.abs(biases.mean)
     significance = np.divide(size, biases.standard_error, out=np.zeros_like(size), where=biases.standard_error > 0.0)
     value, error, low, high = (part[int(np.nanargmax(significance))] for part in biases)
     tail = (1.0 - CERTAIN) / 2
     wider = NormalDist().inv_cdf(1.0 - tail / len(shells)) / NormalDist().inv_cdf(1.0 - tail)
-    return Bias(value, error, value - wider * (value - low), value + wider * (high - value))
+    return Estimate(value, error, value - wider * (value - low), value + wider * (high - value))
 
 
 def _shells(counts: np.ndarray) -> list[tuple[int, int, int]]:
@@ -166,14 +151,14 @@ def _shells(counts: np.ndarray) -> list[tuple[int, int, int]]:
     return shells
 
 
-def spread_of_shares(rings: int = RINGS) -> float:
+def spread_of_shares() -> float:
     """Return s such that the shares of n runs are on average at a distance s/sqrt(n) from the distribution.
 
     For rings of equal probability p each share has the standard deviation sqrt(p (1 - p)/n), and its mean absolute
     deviation is sqrt(2/pi) times that (normal approximation).
     """
-    share = 1.0 / rings
-    return float(rings / 2 * np.sqrt(2 / np.pi * share * (1 - share)))
+    share = 1.0 / RINGS
+    return float(RINGS / 2 * np.sqrt(2 / np.pi * share * (1 - share)))
 
 
 def _indicators(distance: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -5,17 +5,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brownpipe.analysis.departure import SHARE, departure_time
 from brownpipe.analysis.displacement import per_run_lines
 from brownpipe.analysis.estimator import with_interval
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.errors import AnalysisError
 from brownpipe.tradeoff import bias
-from brownpipe.tradeoff.bias import Bias, Pairs
+from brownpipe.tradeoff.bias import Pairs
 from brownpipe.tradeoff.runs import EngineRuns
 
 CURVE = 20  # number of times, equally spaced in log t, at which the bias of the MSD is given
 TARGET_COLUMNS = {"msd": 0, "d": 1}  # columns of `_per_run`
+APART = 1e-3  # of the tracer's radius: two trajectories further apart than this have departed
 
 
 def compare(
@@ -75,14 +75,14 @@ def _biases(
     """MSD at the end, D in the window and the curve of the MSD, all in one resampling."""
     curve = _curve(exact.times)
     samples, references = _per_run(runs, curve, window), _per_run(exact, curve, window)
-    biases = bias.none_of(references) if runs is exact else bias.relative_bias(samples, references, pairs)
+    biases = bias.no_bias(references.shape[1:]) if runs is exact else bias.relative_bias(samples, references, pairs)
     values: dict[str, float | np.ndarray] = {}
     for name, column in TARGET_COLUMNS.items():
-        of_target = Bias(*(part[column] for part in biases))
-        values |= with_interval(f"{name}_bias", Estimate(*of_target))
+        of_target = Estimate(*(part[column] for part in biases))
+        values |= with_interval(f"{name}_bias", of_target)
         values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(references[:, column].mean())
-        values[f"{name}_bias_square"] = of_target.square
-        values[f"{name}_bias_careful"] = of_target.careful
+        values[f"{name}_bias_square"] = bias.square(of_target)
+        values[f"{name}_bias_careful"] = bias.careful_square(of_target)
     curve_bias = Estimate(*(_padded(part[len(TARGET_COLUMNS) :]) for part in biases))
     return values | with_interval("msd_curve_bias", curve_bias)
 
@@ -110,19 +110,28 @@ def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict
 
 def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, np.ndarray]:
     """g(r) near contact; {} without pair counts, or if the two sets of runs have different bins."""
-    if runs.pair_counts is None or exact.pair_counts is None:
+    counts, reference = runs.pair_counts, exact.pair_counts
+    if counts is None or reference is None or counts.shape[1:] != reference.shape[1:]:
         return {}
-    if runs.pair_counts.shape[1:] != exact.pair_counts.shape[1:]:
-        return {}
-    if runs is exact:
-        return with_interval("contact_bias", Estimate(*bias.none_of(np.zeros((1,)))))
-    deviation = bias.contact_deviation(runs.pair_counts, exact.pair_counts, pairs)
-    return {} if deviation is None else with_interval("contact_bias", Estimate(*deviation))
+    deviation = bias.no_bias(()) if runs is exact else bias.contact_deviation(counts, reference, pairs)
+    return {} if deviation is None else with_interval("contact_bias", deviation)
 
 
 def _departure(runs: EngineRuns, exact: EngineRuns, pairs: Pairs) -> float:
     """Median over common seeds of the time at which the tracer departs from the exact trajectory; inf for never."""
     rows, exact_rows = pairs
     tracks = (runs.displacement[rows].transpose(1, 0, 2), exact.displacement[exact_rows].transpose(1, 0, 2))
-    times = np.sort(departure_time(exact.times, *tracks, SHARE * exact.scene.radius[0]))
+    times = np.sort(departure_time(exact.times, *tracks, APART * exact.scene.radius[0]))
     return float(times[len(times) // 2])
+
+
+def departure_time(times: np.ndarray, position: np.ndarray, reference: np.ndarray, bound: float) -> np.ndarray:
+    """Return the first of `times` (T,) at which tracks (T, S, 2) are further apart than `bound`: (S,), inf for never.
+
+    A position that is NaN counts as departed. Trajectories of hard disks diverge exponentially, so this time grows only
+    as the logarithm of 1/error: it tells for how long single collisions are right, but nothing about averages. It is
+    resolved to one sample interval.
+    """
+    apart = position - reference
+    departed = ~(np.hypot(apart[..., 0], apart[..., 1]) <= bound)
+    return np.where(departed.any(axis=0), times[departed.argmax(axis=0)], np.inf)

@@ -1,7 +1,7 @@
 """All engines and settings of a study compared with its exact runs, as one dataset."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,19 +17,11 @@ from brownpipe.storage import made_by, origin_attributes
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import CURVE, compare, curve_times
 from brownpipe.tradeoff.front import REFERENCE_NAME, Setting, pareto_front
-from brownpipe.tradeoff.runs import EngineRuns, runs_in
+from brownpipe.tradeoff.runs import EngineRuns, read_runs
 from brownpipe.tradeoff.variables import ATTRIBUTES, COORDINATES, VARIABLES
 
 if TYPE_CHECKING:
     import xarray
-
-
-class Comparison(NamedTuple):
-    """Runs to compare with the exact runs of a scene."""
-
-    label: str  # of the setting
-    runs: EngineRuns
-    paired: bool  # runs of equal seeds start from the same state
 
 
 def measure(
@@ -48,25 +40,25 @@ def measure(
     Raises AnalysisError for a scene without exact runs, for stand-ins without runs or with other sample times, and what
     `read_runs` raises.
     """
-    files = groups_of(paths)
-    groups = runs_in(files)
-    labels = _scene_labels(groups)
-    references = [runs for runs in groups if runs.is_reference]
-    lacking = set(labels.values()) - {labels[exact.key[:2]] for exact in references}
+    groups = groups_of(paths)
+    all_runs = read_runs(groups)
+    labels = _scene_labels(all_runs)
+    references = [runs for runs in all_runs if runs.is_reference]
+    lacking = set(labels.values()) - {labels[exact.case] for exact in references}
     if lacking:
         raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
     parts = []
     for exact in tracked(references, "cases"):
-        comparisons = _comparisons(exact, groups, (instead_of or {}).get(exact.scene.name, ()))
-        settings = _settings(exact, comparisons, _window(exact, window), seconds_per_run)
-        of_scene = _scene(exact, _window(exact, window))
+        compared = _compared(exact, all_runs, labels, (instead_of or {}).get(exact.scene.name, ()))
+        fitted = window or (exact.times[-1] / 10, exact.times[-1])
+        settings, of_scene = _settings(exact, compared, fitted, seconds_per_run), _scene(exact, fitted)
         for label, values in settings.items():
-            axes: Axes = {"scene": ("scene", [labels[exact.key[:2]]]), "setting": ("setting", [label])}
+            axes: Axes = {"scene": ("scene", [labels[exact.case]]), "setting": ("setting", [label])}
             axes["sample"] = ("sample", range(CURVE))
             parts.append(Part(of_scene | values, axes))
     stand_ins = {scene: [*others] for scene, others in (instead_of or {}).items()}
     options = {"instead_of": stand_ins, "fit_window": window}
-    made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in files), options)
+    made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in groups), options)
     return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, ascending=COORDINATES)
 
 
@@ -75,15 +67,11 @@ def is_tradeoff(dataset: "xarray.Dataset") -> bool:
     return "setting" in dataset.dims
 
 
-def _scene_labels(groups: Sequence[EngineRuns]) -> dict[tuple[str, int], str]:
+def _scene_labels(all_runs: Sequence[EngineRuns]) -> dict[tuple[str, int], str]:
     """Label of every (scene, number of disks): the name, with the number where a name has several."""
-    keys = dict.fromkeys(runs.key[:2] for runs in groups)
-    names = [name for name, _ in keys]
-    return {(name, number): name if names.count(name) == 1 else f"{name}_N{number}" for name, number in keys}
-
-
-def _window(exact: EngineRuns, window: tuple[float, float] | None) -> tuple[float, float]:
-    return window or (exact.times[-1] / 10, exact.times[-1])
+    cases = dict.fromkeys(runs.case for runs in all_runs)
+    names = [name for name, _ in cases]
+    return {(name, number): name if names.count(name) == 1 else f"{name}_N{number}" for name, number in cases}
 
 
 def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, ArrayLike]:
@@ -98,11 +86,13 @@ def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, ArrayLik
     }
 
 
-def _comparisons(exact: EngineRuns, groups: Sequence[EngineRuns], stand_ins: Sequence[str]) -> list[Comparison]:
-    """All engines in the scene, the exact one included, and exact runs of the scenes that may stand in for it."""
-    comparisons = [Comparison(runs.engine.label, runs, True) for runs in groups if runs.key[:2] == exact.key[:2]]
+def _compared(
+    exact: EngineRuns, all_runs: Sequence[EngineRuns], labels: dict[tuple[str, int], str], stand_ins: Sequence[str]
+) -> dict[str, EngineRuns]:
+    """By setting: all engines in the scene, also the exact one, and exact runs of scenes that may stand in for it."""
+    compared = {runs.engine.label: runs for runs in all_runs if runs.case == exact.case}
     for name in stand_ins:
-        others = [runs for runs in groups if runs.scene.name == name and runs.is_reference]
+        others = [runs for runs in all_runs if runs.scene.name == name and runs.is_reference]
         if not others:
             raise AnalysisError(
                 f"{name}: no runs of the exact engine, and so it cannot stand in for {exact.scene.name}"
@@ -110,8 +100,8 @@ def _comparisons(exact: EngineRuns, groups: Sequence[EngineRuns], stand_ins: Seq
         for runs in others:
             if not _same_samples(runs.times, exact.times):
                 raise AnalysisError(f"{name}: has other sample times than {exact.scene.name}; must have the same")
-            comparisons.append(Comparison(f"{REFERENCE_NAME} in {name}", runs, False))
-    return comparisons
+            compared[f"{REFERENCE_NAME} in {labels[runs.case]}"] = runs
+    return compared
 
 
 def _same_samples(times: np.ndarray, others: np.ndarray) -> bool:
@@ -119,12 +109,12 @@ def _same_samples(times: np.ndarray, others: np.ndarray) -> bool:
 
 
 def _settings(
-    exact: EngineRuns, comparisons: Sequence[Comparison], window: tuple[float, float], seconds_per_run: Callable | None
+    exact: EngineRuns, compared: dict[str, EngineRuns], window: tuple[float, float], seconds_per_run: Callable | None
 ) -> dict[str, dict]:
     """The variables of every setting of a scene: label -> values."""
     unit, settings = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene), {}
-    for label, runs, paired in tracked(comparisons, "settings"):
-        cost = _cost(runs, exact, unit, seconds_per_run)
+    for label, runs in tracked(compared.items(), "settings"):
+        cost, paired = _cost(runs, exact, unit, seconds_per_run), runs.case == exact.case
         settings[label] = compare(runs, exact, window, unit * cost.ratio, paired) | {
             "cost_ratio": cost.ratio,
             "cost_ratio_low": cost.low,

@@ -21,7 +21,7 @@ class Setting(NamedTuple):
     """An engine with its settings in one scene."""
 
     label: str
-    bias_square: float  # variance subtracted, `bias.Bias.square`
+    bias_square: float  # variance subtracted, `bias.square`
     spread: float  # relative standard deviation of a run: the standard error of n runs is spread/sqrt(n)
     seconds: float  # CPU time of one run
 
@@ -68,10 +68,9 @@ def pareto_front(settings: Sequence[Setting]) -> list[Interval]:
     return front
 
 
-def settings_of(dataset: "xarray.Dataset", scene: str, target: str = "msd", careful: bool = False) -> list[Setting]:
-    """Return the settings of a scene of the dataset, the exact one first, with their bias and spread of a target.
+def settings_of(dataset: "xarray.Dataset", scene: str, careful: bool = False) -> list[Setting]:
+    """Return the settings of a scene of the dataset, the exact one first, with bias and spread of the MSD at the end.
 
-    target: `msd`, `d` or `displacement`.
     careful: take an unresolved bias at its 95 % upper bound, so that no setting appears better than the data show;
         otherwise take all biases at their estimates, with their variances subtracted.
     """
@@ -80,8 +79,8 @@ def settings_of(dataset: "xarray.Dataset", scene: str, target: str = "msd", care
     for label in of_scene.setting.values:
         values = of_scene.sel(setting=label)
         if values.runs > 0:
-            square = float(values[f"{target}_bias_{'careful' if careful else 'square'}"])
-            settings.append(Setting(str(label), square, float(values[f"{target}_spread"]), float(values.seconds)))
+            square = float(values.msd_bias_careful if careful else values.msd_bias_square)
+            settings.append(Setting(str(label), square, float(values.msd_spread), float(values.seconds)))
     return sorted(settings, key=lambda setting: setting.label != REFERENCE_NAME)
 
 

@@ -1,11 +1,11 @@
 """The runs that the trade-off compares: all runs of one scene, number of disks and engine that did not fail."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_of, select
+from brownpipe.analysis.runs import Group, RunBlock, block_of, blocks_of, select
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import AnalysisError
@@ -30,35 +30,31 @@ class EngineRuns(NamedTuple):
     failed: int  # number of runs left out
 
     @property
-    def key(self) -> tuple[str, int, str]:
-        return self.scene.name, self.scene.particles, self.engine.label
+    def case(self) -> tuple[str, int]:
+        """Scene and number of disks."""
+        return self.scene.name, self.scene.particles
 
     @property
     def is_reference(self) -> bool:
         return self.engine.name == REFERENCE_NAME
 
 
-def read_runs(paths: Iterable[Source]) -> list[EngineRuns]:
-    """Return the runs of trajectory files, in any order and batches, sorted by scene, number of disks and engine.
+def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
+    """Return the runs of groups of trajectory files, `analysis.runs.groups_of`.
 
-    Raises AnalysisError for files without a tracer and what `analysis.runs.groups_of` and `blocks_of` raise.
+    Raises AnalysisError for files without a tracer and what `analysis.runs.blocks_of` raises.
     """
-    return runs_in(groups_of(paths))
-
-
-def runs_in(groups: Iterable[Group]) -> list[EngineRuns]:
-    """Return the runs of groups of trajectory files; errors as of `read_runs`."""
-    groups = [*groups]
     for group in groups:
         if not group.outline.tracer:
             raise AnalysisError(f"{group.files[0].path}: holds no tracer; make it again without --record none")
-    return [_joined(group.outline.scene, group.engine, group.outline.times, blocks_of(group)) for group in groups]
+    return [
+        _joined(group.outline.scene, group.outline.engine, group.outline.times, blocks_of(group)) for group in groups
+    ]
 
 
 def runs_of(scene: Scene, engine: Engine, ensemble: Ensemble) -> EngineRuns:
-    """Return the runs of an ensemble."""
-    block = RunBlock(ensemble.seeds, ensemble.tracer, ensemble.observables, ensemble.stopped)
-    return _joined(scene, engine, ensemble.times, [select(block, np.argsort(ensemble.seeds, kind="stable"))])
+    """Return the runs of an ensemble with ascending seeds."""
+    return _joined(scene, engine, ensemble.times, [block_of(ensemble)])
 
 
 def _joined(scene: Scene, engine: Engine, times: np.ndarray, blocks: Iterable[RunBlock]) -> EngineRuns:

@@ -38,7 +38,7 @@ def seconds_per_run(engine: Engine, scene: Scene, repeats: int = REPEATS) -> flo
     return float(np.median([measurement() for _ in range(_repeats(repeats, estimate))]))
 
 
-def ratio_to(reference: tuple[Engine, Scene], engine: Engine, scene: Scene, repeats: int = REPEATS) -> Ratio:
+def ratio_to(reference: tuple[Engine, Scene], engine: Engine, scene: Scene) -> Ratio:
     """Return the ratio of the CPU time of a run to that of a run of `reference`, by measuring both in turn.
 
     The speed of a shared machine changes from minute to minute; the ratio of two measurements, one after the other,
@@ -46,7 +46,7 @@ def ratio_to(reference: tuple[Engine, Scene], engine: Engine, scene: Scene, repe
     """
     measurement, estimate = _ready(engine, scene)
     reference_measurement, _ = _ready(*reference)
-    ratios = np.array([measurement() / reference_measurement() for _ in range(_repeats(repeats, estimate))])
+    ratios = np.array([measurement() / reference_measurement() for _ in range(_repeats(REPEATS, estimate))])
     return Ratio(float(np.median(ratios)), float(ratios.min()), float(ratios.max()))
 
 

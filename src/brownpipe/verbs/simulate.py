@@ -94,7 +94,8 @@ def simulate(arguments: Namespace) -> int:
     if remark := engine.definition.caution(scene):
         say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
-    ensemble = take_back(output, Request(scene, engine, seeds, record, **measures))
+    measured = engine.definition.measured(measures["observables"], measures["average"])
+    ensemble = take_back(output, Request(scene, engine, seeds, record, *measured))
     if ensemble is not None:
         show(f"{output}: kept, as an interrupted study had finished exactly these runs")
     else:

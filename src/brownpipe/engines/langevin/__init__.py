@@ -17,6 +17,7 @@ from brownpipe.engines.definition import Definition, one_of
 from brownpipe.engines.friction import DENSEST, bath_of, followed, friction_rate, partners_of
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
+from brownpipe.observables import of_tracer
 from brownpipe.scene.scene import Scene, Velocities
 
 LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
@@ -130,6 +131,7 @@ LANGEVIN = Definition(
     caution=caution,
     forecast=_forecast,
     scene_with_disks=scene_with_disks,
+    measured=of_tracer,
     counts_collisions=False,
     candidates=lambda scene: [{"friction": "enskog"}],  # it needs no runs of the exact engine
 )
