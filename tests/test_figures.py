@@ -20,10 +20,12 @@ from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine, state
 from brownpipe.errors import FigureError, StorageError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
+from brownpipe.figures.cases import of_whole_dataset
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import cases_shown, module_of
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tables import Table, to_csv
+from brownpipe.inspection import results
 from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures
 
@@ -223,6 +225,27 @@ def test_figures_not_drawn_again_do_not_stay(dataset, tmp_path, no_pictures):
     render(dataset, tmp_path, ["health"])
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"msd.txt", "health.png", "health.svg", "health.csv", *OF_ALL}
+
+
+@pytest.mark.parametrize("name", ["failed_runs", "slope", "verdict", "window_start", "worst_overlap", "duration"])
+def test_a_dataset_that_lacks_a_variable_is_refused(dataset, tmp_path, name, no_pictures):
+    """It was changed, or made by another version."""
+    with pytest.raises(FigureError, match=f"^{name}: is missing in the dataset; make it again$"):
+        render(dataset.drop_vars(name), tmp_path)
+
+
+def test_what_needs_no_missing_variable_is_shown(dataset, tmp_path, no_pictures):
+    render(dataset.drop_vars("displacement_overflow"), tmp_path)
+    assert {"msd.csv"} == {
+        path.name for path in tmp_path.glob("*.csv") if path.stem in ("msd", "displacement_distribution")
+    }
+    with pytest.raises(FigureError, match=r"^failed_runs: is missing"):
+        results.table(dataset.drop_vars("failed_runs"))
+
+
+def test_a_variable_that_no_dataset_has_is_no_fault_of_the_dataset(dataset):
+    with pytest.raises(AttributeError, match="unknown"):
+        of_whole_dataset(lambda dataset: dataset.unknown)(dataset.drop_vars("slope"))
 
 
 def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatch, no_pictures):

@@ -6,12 +6,15 @@ A case is one scene with one particle count and one engine: the dataset without 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, SupportsFloat
+from functools import wraps
+from typing import TYPE_CHECKING, Concatenate, ParamSpec, SupportsFloat, TypeVar
 
 import numpy as np
 
+from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
 from brownpipe.errors import FigureError
 from brownpipe.scene.reading import NAME
+from brownpipe.tradeoff.variables import COORDINATES, VARIABLES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,6 +23,9 @@ if TYPE_CHECKING:
 
 LABEL = re.compile(r"[ -#%-~]{1,200}")  # of engines, windows, models, ...: ASCII without $, by which formulae begin
 NOTE_PARTICLES = 150  # of the 2020 note
+P = ParamSpec("P")
+R = TypeVar("R")
+OF_DATASETS = {*ALL_VARIABLES, *ALL_COORDINATES, *VARIABLES, *COORDINATES}  # names of variables and coordinates
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
@@ -27,6 +33,22 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
     labels = [(s, n, e) for s in dataset.scene.values for n in dataset.particles.values for e in dataset.engine.values]
     cases = [dataset.sel(scene=s, particles=n, engine=e) for s, n, e in labels]
     return [case for case in cases if case.runs + case.failed_runs > 0]
+
+
+def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable[Concatenate[Dataset, P], R]:
+    """Let a function of a dataset raise FigureError, not an error of xarray, if a variable that it needs is missing."""
+
+    @wraps(function)
+    def naming(dataset: Dataset, *arguments: P.args, **options: P.kwargs) -> R:
+        try:
+            return function(dataset, *arguments, **options)
+        except (AttributeError, KeyError) as error:
+            for name in OF_DATASETS.difference(dataset.variables):
+                if f"'{name}'" in str(error):
+                    raise FigureError(f"{name}: is missing in the dataset; make it again") from error
+            raise
+
+    return naming
 
 
 def check_names(dataset: Dataset) -> None:

@@ -43,7 +43,7 @@ HEIGHT = 6.4  # of a row: the counts and their residuals [inch]
 RATIO = 2.2  # of the heights of these two
 LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where no runs are expected
 OVERFLOW = 2.6  # half the width of the strip that counts the runs beyond the last ring, in ring widths
-VARIABLES = ("displacement_counts",)
+VARIABLES = ("displacement_counts", "displacement_overflow")
 LACKING = "no run with a tracer was kept"
 
 

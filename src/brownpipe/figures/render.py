@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import cases_of, check_count, check_names, has, one_count
+from brownpipe.figures.cases import cases_of, check_count, check_names, has, of_whole_dataset, one_count
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.drawing import Drawing, drawing_of
 from brownpipe.figures.style import drawing
@@ -38,6 +38,7 @@ def drawn(dataset: Dataset, names: Sequence[str] | None = None, particles: int |
     return drawings
 
 
+@of_whole_dataset
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
     """Return one figure of a dataset, as `drawn` draws it; the same errors."""
     shown = cases_shown(dataset, particles, [name])

@@ -9,7 +9,7 @@ import numpy as np
 
 from brownpipe.analysis.variables import EACH
 from brownpipe.figures import tradeoff
-from brownpipe.figures.cases import cases_of, has
+from brownpipe.figures.cases import cases_of, has, of_whole_dataset
 from brownpipe.figures.summary import estimates_of, heading_of_msd, legend_of_estimates, missing_runs
 from brownpipe.figures.tables import aligned
 from brownpipe.inspection.lines import provenance, worst
@@ -32,6 +32,7 @@ def describe(dataset: Dataset) -> list[str]:
     ]
 
 
+@of_whole_dataset
 def table(dataset: Dataset) -> list[str]:
     """Return the results of a dataset of `brownpipe aggregate` or `brownpipe tradeoff`, each kind in its own table.
 

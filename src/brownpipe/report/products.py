@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from brownpipe.errors import FigureError
 from brownpipe.figures import render, tradeoff
+from brownpipe.figures.cases import of_whole_dataset
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.origin import Record, closing_lines, record_of, stamped, write_record
 from brownpipe.figures.summary import summary, summary_table
@@ -40,6 +41,7 @@ def read(path: str | Path, names: Sequence[str] | None = None, particles: int | 
     return dataset, record_of(dataset, step, seal_of(path), names, particles)
 
 
+@of_whole_dataset
 def write(
     dataset: Dataset,
     folder: str | Path,
@@ -52,7 +54,7 @@ def write(
 
     page: file of the page with all of them. replay: one run, replayed in the page of a study. Figures of a study that
     are in the folder but not among the products are removed, as they may belong to another dataset. Raises FigureError
-    as `render.drawn` does.
+    as `render.drawn` does, and for a variable that the dataset lacks.
     """
     folder = Path(folder)
     if is_tradeoff(dataset):
