@@ -183,6 +183,7 @@ def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_langua
     Here each command is a process of its own, as a user starts it.
     """
     folder = write_study(tmp_path / "a folder of another name")
+    runs = folder / "results" / "study" / "simulate"  # the run to replay, elsewhere, may come first
     elsewhere = {"TZ": "Asia/Kathmandu", "LC_ALL": "C.UTF-8", "LANG": "de_DE.UTF-8", "PYTHONHASHSEED": "7"}
     first = subprocess.Popen(
         command(folder, "--cores", "1"),
@@ -192,7 +193,7 @@ def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_langua
         start_new_session=True,
     )
     try:
-        wait_for(lambda: list(folder.rglob("*.h5")))
+        wait_for(lambda: list(runs.rglob("*.h5")))
         printed = snakemake(folder, "--cores", "1", fails=True)  # a second one at once
         assert "LockException" in printed
         assert printed.count("\n") == 2 and printed.endswith(": the same command with --unlock\n")  # after the profile
@@ -202,7 +203,7 @@ def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_langua
         first.wait(60)
     assert first.returncode != 0
     assert not list(folder.rglob("*.part"))
-    done = len(list(folder.rglob("*.h5")))
+    done = len(list(runs.rglob("*.h5")))
     assert 0 < done < 4
     assert planned(folder)["simulate"] <= 4 - done + 1
     again, surroundings = command(folder, "--cores", "2"), environment(**elsewhere)
