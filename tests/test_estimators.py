@@ -59,6 +59,7 @@ def dataset(tmp_path_factory):
     return analysis.aggregate(sorted(folder.iterdir()), windows=((0.5, 2.0),))
 
 
+@pytest.mark.slow
 def test_every_variable_is_there(dataset):
     """And says its unit; the bath's autocorrelation and the pressure on walls are in the second scene alone.
 
@@ -438,6 +439,7 @@ def test_points_around_a_tracer_off_centre_have_no_structure(off_centre):
     assert np.array_equal(uniform[2], g[2])  # the gas among itself
 
 
+@pytest.mark.slow
 def test_contact_value_around_a_tracer_off_centre(off_centre):
     """A gas of points has 1 at contact, too, though walls cut the ring of contact around the tracer."""
     scene, seen = off_centre

@@ -108,6 +108,7 @@ def test_every_exchange_of_files_is_refused_by_name(study, before, capsys):
     assert read_dataset("after.nc").identical(read_dataset(before))
 
 
+@pytest.mark.slow
 def test_an_engine_of_the_tracer_alone_holds_what_it_can_measure(original, tmp_path, monkeypatch):
     """The Langevin engine beside the exact one: it has no energies of the species, and so no average without them."""
     monkeypatch.chdir(tmp_path)

@@ -234,6 +234,7 @@ def test_a_size_that_is_not_stored_is_refused_before_it_is_taken(name, change, v
         assert ended.seconds < 5
 
 
+@pytest.mark.slow
 def test_a_variable_with_the_same_dimension_twice_is_refused(valid, tmp_path, recwarn):
     path = tmp_path / "study.nc"
     path.write_bytes((valid / "study.nc").read_bytes())

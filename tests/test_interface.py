@@ -44,6 +44,7 @@ def result(runs):
     return bp.analyse(runs)
 
 
+@pytest.mark.slow
 def test_runs_are_those_of_the_command_line_to_the_byte(folder, runs):
     bp.save(runs, folder / "mine.h5")
     assert (folder / "mine.h5").read_bytes() == (folder / "runs.h5").read_bytes()

@@ -89,6 +89,7 @@ def test_where_the_libraries_cannot_be_loaded_nothing_is_tried(verb):
     assert (done.returncode, done.stderr) == (FAILED, said)
 
 
+@pytest.mark.slow
 @pytest.mark.promise("too little memory while an intact file is read", "The file is not called damaged.")
 def test_a_lack_of_memory_is_not_taken_for_a_damaged_file(expected, monkeypatch):
     def without_memory(_):

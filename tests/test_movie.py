@@ -72,6 +72,7 @@ def test_it_says_what_it_made(path, capsys):
     assert capsys.readouterr().out == f"{path.with_suffix('.png')}: 1 frame, {size}\n"
 
 
+@pytest.mark.slow
 def test_animation_ends_with_the_last_sample(path, frames):
     with Image.open(io.BytesIO(made(path, ".gif", "--frames", "1"))) as animation:
         assert np.array_equal(frames[-1], np.asarray(animation.convert("RGB")))

@@ -121,6 +121,7 @@ def test_analysis_reports_files_and_then_runs(files, reported, tmp_path):
     assert reported == [Stage("figures", 1, 2), Stage("figures", 2, 2)]
 
 
+@pytest.mark.slow
 def test_a_movie_reports_its_frames(files, reported):
     movie(read_trajectories(files[0]), str(files[0]), ".gif")
     assert reported == [Stage("frames", k, 2) for k in (1, 2)]

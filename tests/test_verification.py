@@ -167,6 +167,7 @@ def test_the_command_that_is_printed_makes_again_what_was_wrong(studies, faults,
         assert [file for file, data in contents().items() if data != before[file]] == [], cure
 
 
+@pytest.mark.slow
 def test_what_is_wrong_is_said_with_its_cure(study, capsys):
     (RESULTS / "figures/health.png").unlink()
     with open(RESULTS / "simulate/hot/N6/exact/0-1.h5", "ab") as file:
