@@ -439,8 +439,9 @@ def test_a_workspace_that_had_to_grow_changes_nothing():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("candidates_fit_cache", [0, 20_000], ids=["candidates", "no candidates"])
 @pytest.mark.parametrize("phi", [0.14, 0.65])
-def test_prefetching_changes_no_bit(phi, monkeypatch):
+def test_prefetching_changes_no_bit(phi, candidates_fit_cache, monkeypatch):
     """With cells and with lists, as for many disks and as for few."""
     side = np.sqrt(1200 * np.pi / 4 / phi)
     disks = {"species": species((1200, 0.5, 1.0)), "placement": "random" if phi < 0.3 else "lattice"}
@@ -448,8 +449,9 @@ def test_prefetching_changes_no_bit(phi, monkeypatch):
     scene = parse_scene(mapping | {"duration": 3.0 / phi}, "many.yaml")
     plain = simulate(scene, [1], {"all"})
     monkeypatch.setattr(layout, "FITS_CACHE", 0)
+    monkeypatch.setattr(layout, "CANDIDATES_FIT_CACHE", candidates_fit_cache)
     w = layout.prepare(scene, units.frame_of(scene))
-    assert w.deferred is not None
+    assert w.deferred.with_candidates == (candidates_fit_cache == 0)
     assert all(array.ctypes.data % 64 == 0 for array in (w.disk, w.link, w.bucket, w.cell))
     prefetched = simulate(scene, [1], {"all"})
     assert plain.observables["pair_collisions"][0] > 5000
@@ -485,11 +487,12 @@ FEW = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fits_cache", [layout.FITS_CACHE, 0])
+@pytest.mark.parametrize("fits_cache", [layout.CANDIDATES_FIT_CACHE, 0])
 def test_the_compiler_changes_no_bit(fits_cache):
     """Every kernel gives the same numbers as plain Python: nothing is reordered, fused or approximated."""
     others = in_plain_python(
-        f"import pickle; from test_exact import FEW, layout, simulate; layout.FITS_CACHE = {fits_cache};"
+        "import pickle; from test_exact import FEW, layout, simulate;"
+        f"layout.FITS_CACHE = layout.CANDIDATES_FIT_CACHE = {fits_cache};"
         "print(pickle.dumps([simulate(scene, [3], {'all', 'events'}) for scene in FEW.values()]).hex())"
     )
     for scene, other in zip(FEW.values(), others, strict=True):

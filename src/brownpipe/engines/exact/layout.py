@@ -15,10 +15,11 @@ EVENTS_PER_BUCKET = 8.0  # on average
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
-FITS_CACHE = 20_000  # disks; with more, prefetching upcoming events and a shorter ring of buckets are faster
+FITS_CACHE = 10_000  # disks; with more, prefetching upcoming events and a shorter ring of buckets are faster
+CANDIDATES_FIT_CACHE = 20_000  # disks; with more, it is faster to prefetch the candidates of these events, too
 MOST_DEFERRED = 64  # deferred insertions at most: more than the events of a bucket schedule
 LEAST_SLOTS, MOST_SLOTS = 8, 64  # of a cell, at the first try; four disks are copied at once
-CACHE_LINE = 64  # bytes
+CACHE_LINE, HUGE_PAGE = 64, 2 << 20  # bytes
 
 
 def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None = None) -> ws.Workspace:
@@ -44,7 +45,17 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     candidates = 9 * grid.slots + 8 if big is None else grid.slots * (len(big.reach) + 9) + 9 * big.number + 8
     shift = np.array([(a * grid.width, u * grid.height, 0.0, 0.0) for u in (0, 1, -1) for a in (0, 1, -1)]).ravel()
     current = n + n // 8 + 16  # one event of every disk, and some outdated ones before they must be removed
-    disk, link = aligned(ws.ROW * n, np.float64), aligned(ws.ROW * n, np.uint32)
+    list_words = 0 if half == 0.0 else ws.WIDE_LIST_WORDS if wide else ws.LIST_WORDS
+    disk, link, cell, bucket, current_time, current_disk, centre, neighbour = zeros_together(
+        (ws.ROW * n, np.float64),
+        (ws.ROW * n, np.uint32),
+        ((grid.columns + 2) * (grid.rows + 2) * grid.slots, np.uint32),
+        (BUCKET_WORDS * (calendar.ring + 1), np.uint32),
+        (current, np.float64),
+        (current, np.uint32),
+        (2 * n, np.float64),
+        (list_words * n + fours.SIZE, np.uint32),
+    )
     disk[ws.RADIUS :: ws.ROW] = radius
     return ws.Workspace(
         grid=grid,
@@ -53,17 +64,15 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         link=link,
         event_time=link.view(np.float64),
         mass=None if equal else mass,
-        cell=aligned((grid.columns + 2) * (grid.rows + 2) * grid.slots, np.uint32),
+        cell=cell,
         image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
         shift=shift if scene.box.periodic else None,
         big=big,
-        lists=_empty_lists(half, wide, n) if half else None,
-        bucket=aligned(BUCKET_WORDS * (calendar.ring + 1), np.uint32),
-        current_time=np.empty(current),
-        current_disk=np.empty(current, np.uint32),
-        deferred=ws.Deferred(np.zeros(MOST_DEFERRED, np.int64), np.zeros(MOST_DEFERRED, np.uint32))
-        if n >= FITS_CACHE
-        else None,
+        lists=ws.NeighbourLists(half, wide, centre, neighbour) if half else None,
+        bucket=bucket,
+        current_time=current_time,
+        current_disk=current_disk,
+        deferred=_deferred(n) if n >= FITS_CACHE else None,
         candidate=np.zeros(candidates, np.uint32),
         progress=np.zeros(ws.PROGRESS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
@@ -71,12 +80,24 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     )
 
 
-def aligned(size: int, dtype: type) -> np.ndarray:
-    """Return (size,) zeros that begin at a cache line, so that no row of a disk lies across two."""
-    length = size * np.dtype(dtype).itemsize
-    memory = np.zeros(length + CACHE_LINE, np.uint8)
-    first = -memory.ctypes.data % CACHE_LINE
-    return memory[first : first + length].view(dtype)
+def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
+    """Return arrays of zeros of the given lengths and types, in one piece of memory of huge pages.
+
+    Each begins at a cache line, so that no row of a disk lies across two. NumPy requests huge pages from 4 MiB on, the
+    least that is allocated here; what is never written to takes no memory.
+    """
+    lines = [-(-size * np.dtype(dtype).itemsize // CACHE_LINE) for size, dtype in sizes]
+    starts = CACHE_LINE * np.cumsum([0, *lines])
+    pages = -(-int(starts[-1]) // HUGE_PAGE)
+    memory = np.zeros((pages + 1) * HUGE_PAGE, np.uint8)
+    memory = memory[-memory.ctypes.data % HUGE_PAGE :]
+    return [memory[start:].view(dtype)[:size] for start, (size, dtype) in zip(starts[:-1], sizes, strict=True)]
+
+
+def _deferred(n: int) -> ws.Deferred:
+    """Return an empty list of deferred insertions for n disks."""
+    bucket, disk = np.zeros(MOST_DEFERRED, np.int64), np.zeros(MOST_DEFERRED, np.uint32)
+    return ws.Deferred(bucket, disk, n >= CANDIDATES_FIT_CACHE)
 
 
 def begin(w: ws.Workspace, motion: np.ndarray) -> None:
@@ -149,12 +170,6 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
     width = power_of_two(min(EVENTS_PER_BUCKET / (n * (rate + crossing)), block))
     ring = max(16, 2 ** math.ceil(math.log2((0.75 if n < FITS_CACHE else 0.5) * n)))
     return ws.Calendar(block, width, 1 / width, ring - 1)
-
-
-def _empty_lists(half: float, wide: bool | None, n: int) -> ws.NeighbourLists:
-    """Return empty neighbour lists of n disks."""
-    words = ws.WIDE_LIST_WORDS if wide else ws.LIST_WORDS
-    return ws.NeighbourLists(half, wide, np.zeros(2 * n), aligned(words * n + fours.SIZE, np.uint32))
 
 
 def _big_disks(grid: ws.Grid, radius: np.ndarray, common: float, periodic: bool) -> ws.BigDisks | None:

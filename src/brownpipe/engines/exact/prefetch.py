@@ -10,8 +10,11 @@ Whenever a bucket is opened, each of these accesses is therefore prefetched for 
     bucket + 1    the candidates in these; the cells or lists of the partners
     current       the candidates of the partners
 
-Each stage reads only what an earlier one prefetched. Nothing is computed here, and no result depends on it. Cells and
-lists are prefetched by functions next to the code that reads them (`cells`, `neighbour_lists`).
+Each stage reads only what an earlier one prefetched. With fewer disks (`layout.CANDIDATES_FIT_CACHE`) the last two are
+left out: they are many instructions, and candidates do not wait for each other.
+
+Nothing is computed here, and no result depends on it. Cells and lists are prefetched by functions next to the code that
+reads them (`cells`, `neighbour_lists`).
 """
 
 import numpy as np
@@ -35,6 +38,8 @@ def prefetch_upcoming(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
         if calendar.is_valid(w, i, bucket):
             prefetch_disk(w.mass, w, partner_of(w, i))
             prefetch_cells_or_list(w.lists, w, i, event_of(w, i))
+    if not deferred.with_candidates:
+        return
     bucket = calendar.bucket_after(w, 1)
     for j in calendar.entries(w, bucket):
         i = np.int64(w.bucket[j])

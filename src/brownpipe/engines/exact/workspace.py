@@ -108,10 +108,11 @@ class NeighbourLists(NamedTuple):
 
 @by_reference
 class Deferred(NamedTuple):
-    """Deferred insertions: events whose bucket is being prefetched."""
+    """Deferred insertions: events whose bucket is being prefetched. With them other memory is prefetched, too."""
 
     bucket: np.ndarray  # (n,) int64, number of the bucket, not reduced to the ring
     disk: np.ndarray  # (n,) uint32
+    with_candidates: bool  # whether candidates are prefetched (`prefetch`)
 
 
 @by_reference
