@@ -93,27 +93,41 @@ def report(
         "momentum_residual": conserved.momentum_residual,
         "failed": np.uint8(not sound),
         "kinetic_energy": represented(0.5 * conserved.twice_energy, frame.mass, speed, speed),
-        "virial": represented(impulses[0], frame.mass, speed, frame.length),
+        "virial": represented(float(impulses[0]), frame.mass, speed, frame.length),
         **(further or {}),
     }
     if not scene.box.periodic:
-        values["wall_impulse"] = represented(impulses[1:].sum(), frame.mass, speed)
+        values["wall_impulse"] = represented(float(impulses[1:].sum()), frame.mass, speed)
     return values
 
 
-def represented(value: ArrayLike, *units: float) -> Any:
-    """Return value * product(units), a float or an array, rounded once; NaN where it over- or underflows (0 stays 0).
+def represented(value: float, *units: float) -> float:
+    """Return value * product(units), rounded once; NaN if the result overflows or underflows (0 stays 0).
 
     Intermediate products may be beyond the range of floating-point numbers.
     """
-    mantissa, exponent = np.frexp(value)
+    mantissa, exponent = math.frexp(value)
+    for unit in units:
+        part, power = math.frexp(unit)
+        mantissa, exponent = mantissa * part, exponent + power
+    try:
+        product = math.ldexp(mantissa, exponent)
+    except OverflowError:
+        return math.nan
+    lost = not math.isfinite(product) or (abs(product) < SMALLEST_NORMAL and value != 0.0)
+    return math.nan if lost else product
+
+
+def each_represented(values: np.ndarray, *units: float) -> np.ndarray:
+    """Return `represented` of each number of an array."""
+    mantissa, exponent = np.frexp(values)
     for unit in units:
         part, power = math.frexp(unit)
         mantissa, exponent = mantissa * part, exponent + power
     with np.errstate(over="ignore", under="ignore"):
         product = np.ldexp(mantissa, exponent)
-    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST_NORMAL) & (mantissa != 0.0))
-    return np.where(lost, np.nan, product)[()]
+    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST_NORMAL) & (values != 0.0))
+    return np.where(lost, np.nan, product)
 
 
 def images_fit(scene: Scene, frame: Frame, crossings: int, path: float) -> bool:
