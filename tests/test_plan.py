@@ -77,7 +77,7 @@ def test_costlier_engines_that_were_not_compared_offer_nothing():
         EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(FINE, math.nan, math.nan, 1.0, 0.05)
     )
     assert [one.engine for one in offers([case], 0.02, None)] == [EXACT]
-    assert "no         timestep-0.001: a run costs 2.5 times" in plan.describe([case], "msd", 0.02, None)
+    assert "no         timestep-0.001: a run costs 2.5 times" in plan.recommendation([case], "msd", 0.02, None)
 
 
 def test_a_budget_buys_the_smallest_error_and_may_be_too_small_for_a_tolerance():
@@ -87,7 +87,7 @@ def test_a_budget_buys_the_smallest_error_and_may_be_too_small_for_a_tolerance()
     assert other.error > 0.05
     assert offers([case], None, 2.0)[0].engine == COARSE
     assert offers([case], 0.02, 10.0) == []
-    text = plan.describe([case], "msd", 0.02, 10.0)
+    text = plan.recommendation([case], "msd", 0.02, 10.0)
     assert "cannot be met within 10 s of CPU" in text and f"instead    exact: {best.runs:,} runs" in text
 
 
@@ -99,7 +99,7 @@ def test_one_engine_for_all_cases_has_the_most_runs_of_any():
     (only,) = offers(cases, 0.02, None)
     assert (only.engine, only.runs, only.error) == (EXACT, 3600, pytest.approx(0.02))
     assert only.seconds == pytest.approx(3600 * 0.07, rel=0.15)  # and some starts of processes
-    assert "the same engine in all cases" in plan.describe(cases, "msd", 0.02, None)
+    assert "the same engine in all cases" in plan.recommendation(cases, "msd", 0.02, None)
 
 
 def test_an_offer_takes_as_long_as_the_jobs_of_the_study_that_it_becomes():
@@ -327,7 +327,7 @@ def test_old_names_of_the_target_are_understood_with_a_hint(study_file, here, mo
     ]
     targets = []
     monkeypatch.setattr(performance, "performance_of", lambda _, target: targets.append(target))
-    monkeypatch.setattr(plan, "describe", lambda *_: "")
+    monkeypatch.setattr(plan, "recommendation", lambda *_: "")
     monkeypatch.setattr("brownpipe.study.offers.offers", lambda *_: [])
     for words, hints in (
         (["--target", "d"], ""),

@@ -17,7 +17,7 @@ from brownpipe.errors import AnalysisError
 from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
 from brownpipe.tradeoff import bias, front, timing
-from brownpipe.tradeoff.front import Interval, Setting
+from brownpipe.tradeoff.front import Interval, MeasuredSetting
 from brownpipe.tradeoff.variables import VARIABLES
 from ensembles import make_runs, make_scene, write
 
@@ -149,8 +149,8 @@ def test_largest_deviation_near_contact():
 
 
 def test_cheap_and_biased_pays_until_exact_is_as_good():
-    exact, fast = Setting("exact", 0.0, 1.0, 1e-3), Setting("fast", 0.02**2, 1.0, 1e-4)
-    dear = Setting("dear", 0.01**2, 1.0, 2e-3)
+    exact, fast = MeasuredSetting("exact", 0.0, 1.0, 1e-3), MeasuredSetting("fast", 0.02**2, 1.0, 1e-4)
+    dear = MeasuredSetting("dear", 0.01**2, 1.0, 2e-3)
     intervals = front.pareto_front([exact, fast, dear])
     crossing = (1e-3 - 1e-4) / 0.02**2  # where 1/n of exact runs = bias^2 + 1/n of fast ones
     assert [(one.label, one.start, one.end) for one in intervals] == [
@@ -163,8 +163,8 @@ def test_cheap_and_biased_pays_until_exact_is_as_good():
 
 def test_front_is_the_smallest_error_at_every_time():
     rng = np.random.default_rng(5)
-    settings = [Setting("exact", 0.0, 1.0, 0.01)]
-    settings += [Setting(f"{k}", b**2, 1.0, c) for k, (b, c) in enumerate(rng.lognormal(-5, 2, (12, 2)))]
+    settings = [MeasuredSetting("exact", 0.0, 1.0, 0.01)]
+    settings += [MeasuredSetting(f"{k}", b**2, 1.0, c) for k, (b, c) in enumerate(rng.lognormal(-5, 2, (12, 2)))]
     intervals = front.pareto_front(settings)
     by_label = {one.label: one for one in settings}
     assert intervals[-1].end == np.inf and all(a.end == b.start for a, b in pairwise(intervals))
@@ -175,7 +175,7 @@ def test_front_is_the_smallest_error_at_every_time():
 
 
 def test_equally_good_settings_count_for_the_first():
-    twins = [Setting("exact", 0.0, 1.0, 1.0), Setting("other", 0.0, 1.0, 1.0)]
+    twins = [MeasuredSetting("exact", 0.0, 1.0, 1.0), MeasuredSetting("other", 0.0, 1.0, 1.0)]
     assert front.pareto_front(twins) == [Interval("exact", 10.0, np.inf)]
 
 

@@ -17,7 +17,7 @@ from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, 
 from brownpipe.figures.tables import Table, aligned
 from brownpipe.quoting import in_lines
 from brownpipe.stages import tracked
-from brownpipe.tradeoff.front import FEWEST_RUNS, Interval, Setting, pareto_front, settings_of, total_error
+from brownpipe.tradeoff.front import FEWEST_RUNS, Interval, MeasuredSetting, pareto_front, settings_of, total_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -85,7 +85,7 @@ def _unresolved_bound(setting: Dataset) -> float:
     return max(-low, high) if low < 0.0 < high else 0.0
 
 
-def _line(axes: Axes, times: np.ndarray, setting: Setting, bound: float, colour: str) -> None:
+def _line(axes: Axes, times: np.ndarray, setting: MeasuredSetting, bound: float, colour: str) -> None:
     """Draw the expected error of a setting, dotted where it is below the bound of its unresolved bias."""
     error = total_error(setting, times)
     looks: dict[str, Any] = {"color": colour, "linewidth": 1.0, "label": setting.label}

@@ -21,7 +21,7 @@ _LIST = "a list has brackets: [{}]"
 _SYNONYMS = {"runs": ["seeds"], "n": ["particles"], "kt": ["temperature"], "dt": ["time_step", "sample_interval"]}
 
 
-class Origin(NamedTuple):
+class SourceText(NamedTuple):
     """The text of a file, in which messages look up the line of a value."""
 
     text: str
@@ -34,7 +34,7 @@ class Entry(NamedTuple):
     value: object
     file: str
     path: tuple[str | int, ...] = ()  # ("disks", 3, "radius") is disks[3].radius
-    origin: Origin | None = None
+    origin: SourceText | None = None
 
     def part(self, key: str | int, value: object) -> "Entry":
         """Return the entry of a value in this mapping or list."""
@@ -48,7 +48,7 @@ class Entry(NamedTuple):
 
 def whole(mapping: object, file: str) -> Entry:
     """Return the entry of all that a file contains; for a `Document`, messages name lines, too."""
-    return Entry(mapping, file, (), Origin(mapping.text) if isinstance(mapping, Document) else None)
+    return Entry(mapping, file, (), SourceText(mapping.text) if isinstance(mapping, Document) else None)
 
 
 def _line_of(entry: Entry) -> int | None:

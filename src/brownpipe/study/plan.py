@@ -30,7 +30,7 @@ def tolerance_of(text: str) -> float:
     return read_tolerance(Entry(value, "", ("--tolerance",)))
 
 
-def describe(cases: list[CasePerformance], target: str, tolerance: float | None, budget: float | None) -> str:
+def recommendation(cases: list[CasePerformance], target: str, tolerance: float | None, budget: float | None) -> str:
     """Return the best engine, the runner-up and the excluded engines for each case, then one engine for all cases."""
     limits = [f"to {_percent(tolerance)}"] if tolerance is not None else []
     limits += [f"within {in_time(budget)} of CPU"] if budget is not None else []

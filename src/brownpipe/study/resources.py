@@ -14,7 +14,7 @@ from brownpipe.engines import forecast
 from brownpipe.formatting import in_time
 from brownpipe.study.replay import RECORD, replay_jobs
 from brownpipe.study.study import REFERENCE, Study
-from brownpipe.study.workload import CaseWorkload, parts_of, seconds_of_job
+from brownpipe.study.workload import CaseWorkload, case_workloads, seconds_of_job
 
 MARGIN = 1.5  # of memory
 COMPILING = 150e6  # further bytes of a process that compiles kernels
@@ -81,7 +81,7 @@ def requests(study: Study) -> dict[str, dict[str, object]]:
 
 def costs_of_runs(study: Study) -> dict[tuple[str, int, str], forecast.Cost]:
     """Return the forecast of a run by scene, number of disks and engine."""
-    return {(part.case.name, part.case.particles, part.engine.label): part.cost for part in parts_of(study)}
+    return {(part.case.name, part.case.particles, part.engine.label): part.cost for part in case_workloads(study)}
 
 
 def needs_of_others(study: Study) -> dict[str, Need]:
@@ -110,7 +110,7 @@ def need_of_replay(study: Study) -> Need:
 
 def need_of_aggregate(study: Study) -> Need:
     """Return the need of the analysis: replicates of one case, some of its files, and some numbers of each run."""
-    parts = parts_of(study)
+    parts = case_workloads(study)
     runs = sum(len(part.seeds) for part in parts)
     numbers = [_numbers_in(study, part) for part in parts]
     of_case = max(
@@ -130,13 +130,13 @@ def _numbers_in(study: Study, part: CaseWorkload) -> int:
 
 def need_of_figures(study: Study, figures: int) -> Need:
     """Return the need of drawing so many figures, which hold the numbers of each run."""
-    runs = sum(len(part.seeds) for part in parts_of(study))
+    runs = sum(len(part.seeds) for part in case_workloads(study))
     return Need(ANALYSIS + 100e6 + BYTES_PER_RUN * runs, ANALYSIS_START + FIGURE * (figures + 1))
 
 
 def need_of_tradeoff(study: Study) -> Need:
     """Return the need of the trade-off: all runs in memory, and measurements of CPU time."""
-    parts = parts_of(study)
+    parts = case_workloads(study)
     numbers = sum(len(part.seeds) * _numbers_in(study, part) for part in parts)
     timed = sum(max(TIMING * part.cost.seconds, LEAST_TIMING) for part in parts)
     return Need(ANALYSIS + BYTES_COMPARED * numbers, need_of_aggregate(study).seconds + timed)

@@ -53,7 +53,7 @@ def _workload(study: Study, use: EngineUse, case: Scene) -> CaseWorkload:
     return CaseWorkload(use.engine, use.seeds or study.seeds, case, cost, study.batches_of(use, case))
 
 
-def parts_of(study: Study) -> list[CaseWorkload]:
+def case_workloads(study: Study) -> list[CaseWorkload]:
     """Return all workloads of a study in one list."""
     return [*chain.from_iterable(workloads(study))]
 
@@ -68,7 +68,7 @@ def cautions(study: Study) -> list[str]:
 
     The seeds of the study must be known.
     """
-    parts = parts_of(study)
+    parts = case_workloads(study)
     largest = max(parts, key=lambda part: forecast.memory(part.cost, part.most_seeds))
     longest = max(parts, key=lambda part: seconds_of_job(part.cost, part.most_seeds))
     total = sum(part.seconds for part in parts)
@@ -113,7 +113,7 @@ def _too_long(study: Study, part: CaseWorkload) -> str | None:
 
 def describe_workload(study: Study) -> str:
     """Return the workload of the whole study in one line. Its seeds must be known."""
-    parts = parts_of(study)
+    parts = case_workloads(study)
     runs = sum(len(part.seeds) for part in parts)
     count = sum(len(part.batches) for part in parts)
     seconds = in_time(sum(part.seconds for part in parts))

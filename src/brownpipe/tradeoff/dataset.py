@@ -16,7 +16,7 @@ from brownpipe.stages import tracked
 from brownpipe.storage import made_by, origin_attributes
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import CURVE, compare, curve_times
-from brownpipe.tradeoff.front import REFERENCE_NAME, Setting, pareto_front
+from brownpipe.tradeoff.front import REFERENCE_NAME, MeasuredSetting, pareto_front
 from brownpipe.tradeoff.runs import EngineRuns, read_runs
 from brownpipe.tradeoff.variables import ATTRIBUTES, COORDINATES, VARIABLES
 
@@ -145,7 +145,9 @@ def _add_front(settings: dict[str, dict], unit: float) -> None:
         for label in sorted(settings, key=lambda label: label != REFERENCE_NAME):  # of equal ones the first counts
             values = settings[label]
             values[f"{name}_from"], values[f"{name}_to"] = np.nan, np.nan
-            candidates.append(Setting(label, values[f"msd_bias_{kind}"], values["msd_spread"], unit * values[ratio]))
+            candidates.append(
+                MeasuredSetting(label, values[f"msd_bias_{kind}"], values["msd_spread"], unit * values[ratio])
+            )
         for interval in pareto_front(candidates):
             values = settings[interval.label]
             values[f"{name}_from"] = np.fmin(values[f"{name}_from"], interval.start)

@@ -17,7 +17,7 @@ REFERENCE_NAME = "exact"  # the engine that all others are compared with
 FEWEST_RUNS = 10  # of a setting, before its total error is stated
 
 
-class Setting(NamedTuple):
+class MeasuredSetting(NamedTuple):
     """An engine with its settings in one scene."""
 
     label: str
@@ -34,7 +34,7 @@ class Interval(NamedTuple):
     end: float  # inf for the last
 
 
-def total_error(setting: Setting, cpu_time: np.ndarray | float) -> np.ndarray:
+def total_error(setting: MeasuredSetting, cpu_time: np.ndarray | float) -> np.ndarray:
     """Return the root mean square error after a CPU time [s]; NaN if that is less than FEWEST_RUNS runs take."""
     cpu_time = np.asarray(cpu_time, float)
     error = np.sqrt(setting.bias_square + setting.spread**2 * setting.seconds / cpu_time)
@@ -47,7 +47,7 @@ def runs_for(tolerance: float, bias_square: float, spread: float) -> int | None:
     return None if variance <= 0.0 else max(FEWEST_RUNS, int(np.ceil(spread**2 / variance * (1 - 1e-12))))
 
 
-def pareto_front(settings: Sequence[Setting]) -> list[Interval]:
+def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
     """Return the settings with the smallest total error, from the shortest CPU time to the longest.
 
     The square of the error is linear in 1/T. So the best setting changes only where two of these lines cross or where
@@ -68,7 +68,7 @@ def pareto_front(settings: Sequence[Setting]) -> list[Interval]:
     return front
 
 
-def settings_of(dataset: "xarray.Dataset", scene: str, careful: bool = False) -> list[Setting]:
+def settings_of(dataset: "xarray.Dataset", scene: str, careful: bool = False) -> list[MeasuredSetting]:
     """Return the settings of a scene of the dataset, the exact one first, with bias and spread of the MSD at the end.
 
     careful: take an unresolved bias at its 95 % upper bound, so that no setting appears better than the data show;
@@ -80,11 +80,11 @@ def settings_of(dataset: "xarray.Dataset", scene: str, careful: bool = False) ->
         values = of_scene.sel(setting=label)
         if values.runs > 0:
             square = float(values.msd_bias_careful if careful else values.msd_bias_square)
-            settings.append(Setting(str(label), square, float(values.msd_spread), float(values.seconds)))
+            settings.append(MeasuredSetting(str(label), square, float(values.msd_spread), float(values.seconds)))
     return sorted(settings, key=lambda setting: setting.label != REFERENCE_NAME)
 
 
-def _crossing(first: Setting, second: Setting) -> float:
+def _crossing(first: MeasuredSetting, second: MeasuredSetting) -> float:
     """The CPU time [s] at which two settings have the same total error; 0 if there is none."""
     cost = first.spread**2 * first.seconds - second.spread**2 * second.seconds
     gain = second.bias_square - first.bias_square

@@ -46,7 +46,7 @@ def plan(arguments: Namespace) -> int:
     output = None if arguments.write is None else writable(arguments.write, arguments.study, suffixes=YAML)
     with progress.shown("plan"):
         cases = performance.performance_of(study, target)
-    show(*planning.describe(cases, target, tolerance, budget).split("\n"))
+    show(*planning.recommendation(cases, target, tolerance, budget).split("\n"))
     best = next(iter(offers(cases, tolerance, budget)), None)
     if output is not None and best is not None:
         mapping = writing.derived_study(arguments.study, output, best.engine, best.runs)

@@ -6,7 +6,7 @@ import numpy as np
 
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.settings import PRECISIONS
-from brownpipe.engines.timestep.workspace import Box, PairList, Workspace
+from brownpipe.engines.timestep.workspace import EngineBox, PairList, Workspace
 from brownpipe.engines.units import Frame, common_radius, thermal_speed
 from brownpipe.scene import Scene
 
@@ -23,7 +23,8 @@ def prepare(
     radius = scene.radius[frame.order] / frame.length
     common = common_radius(radius) if n else 0.5
     corner = (np.array((box.x[0], box.y[0])) - frame.origin) / frame.length
-    inner = Box(float(corner[0]), float(corner[1]), box.width / frame.length, box.height / frame.length, box.periodic)
+    x, y = corner.tolist()
+    inner = EngineBox(x, y, box.width / frame.length, box.height / frame.length, box.periodic)
     dt = time_step / frame.time
     reals = np.zeros(ws.REALS, real)
     reals[ws.DT] = dt

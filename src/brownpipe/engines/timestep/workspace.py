@@ -26,7 +26,7 @@ DONE, PAUSED, LISTS_FULL = range(3)  # why `advance` returned
 
 
 @by_reference
-class Box(NamedTuple):
+class EngineBox(NamedTuple):
     """The box in the engine's units."""
 
     x: float  # lower left corner
@@ -51,7 +51,7 @@ class PairList(NamedTuple):
 class Workspace(NamedTuple):
     """All that a run reads and writes, except the samples. N disks; capacity C of each list of pairs."""
 
-    box: Box
+    box: EngineBox
     step: float  # the time step
     late: bool  # disks collide where they overlap each other or a wall at the end of a step, not at contact
     skin: float  # listed pairs are closer than contact plus this; more if disks are very fast
