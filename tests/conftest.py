@@ -36,8 +36,9 @@ gc.set_threshold(50_000)  # with all the packages in memory the usual 700 take 6
 FIRST = (
     "exact",
     *("figures", "goodness", "streaming", "analysis"),
-    *("workflow", "benchmarks", "check", "wheel", "prices", "estimators", "provenance", "checkpoint", "verification"),
-    *("limits", "cli", "readme", "extremes", "fluid", "kernels", "interruptions", "failures", "interrupts", "replay"),
+    *("workflow", "benchmarks", "check", "wheel", "validation", "prices", "estimators", "provenance", "checkpoint"),
+    *("verification", "limits", "cli", "readme", "extremes", "fluid", "kernels", "interruptions", "failures"),
+    *("langevin", "inspection", "hostile_files", "storage", "tradeoff", "observables", "interrupts", "replay"),
 )
 RANK = {f"test_{name}.py": rank for rank, name in enumerate(FIRST)}
 

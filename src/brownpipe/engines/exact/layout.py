@@ -81,16 +81,16 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
 
 
 def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
-    """Return arrays of zeros of the given lengths and types, in one piece of memory of huge pages.
+    """Return arrays of zeros of the given lengths and types, in one piece of memory, of huge pages unless it is small.
 
-    Each begins at a cache line, so that no row of a disk lies across two. NumPy requests huge pages from 4 MiB on, the
-    least that is allocated here; what is never written to takes no memory.
+    Each begins at a cache line, so that no row of a disk lies across two. NumPy requests huge pages for 4 MiB or more;
+    what is never written to takes no memory.
     """
     lines = [-(-size * np.dtype(dtype).itemsize // CACHE_LINE) for size, dtype in sizes]
     starts = CACHE_LINE * np.cumsum([0, *lines])
-    pages = -(-int(starts[-1]) // HUGE_PAGE)
-    memory = np.zeros((pages + 1) * HUGE_PAGE, np.uint8)
-    memory = memory[-memory.ctypes.data % HUGE_PAGE :]
+    unit = HUGE_PAGE if 2 * starts[-1] > HUGE_PAGE else CACHE_LINE
+    memory = np.zeros((-(-int(starts[-1]) // unit) + 1) * unit, np.uint8)
+    memory = memory[-memory.ctypes.data % unit :]
     return [memory[start:].view(dtype)[:size] for start, (size, dtype) in zip(starts[:-1], sizes, strict=True)]
 
 
