@@ -473,3 +473,8 @@ def test_departure_is_the_first_sample_beyond_the_bound():
     position[:, 2, 1] = 10.0 * (times > 0.25)
     position[5:, 3, 0] = np.nan
     assert departure_time(times, position, reference, 0.3).tolist() == [np.inf, 0.6000000000000001, times[3], 0.5]
+
+
+def test_a_time_step_that_is_no_number_is_refused():
+    with pytest.raises(RequestError, match="time_step: must be at most"):
+        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=np.nan)

@@ -77,7 +77,8 @@ def _status(argv: list[str]) -> int:
     except interrupts.Terminated:
         return say("terminated", 128 + signal.SIGTERM)
     except Exception as error:
-        if number := interrupts.arrived():  # its exception became this one, as in the import of NumPy
+        number = None if isinstance(error, BrownpipeError) else interrupts.arrived()
+        if number:  # its exception became this one, as in the import of NumPy
             return say(interrupts.SIGNALS[signal.Signals(number)], 128 + number)
         return _status_after(error)
     finally:

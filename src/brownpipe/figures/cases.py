@@ -43,7 +43,7 @@ def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable
         try:
             return function(dataset, *arguments, **options)
         except (AttributeError, KeyError) as error:
-            for name in OF_DATASETS.difference(dataset.variables):
+            for name in sorted(OF_DATASETS.difference(dataset.variables)):
                 if f"'{name}'" in str(error):
                     raise FigureError(f"{name}: is missing in the dataset; make it again") from error
             raise

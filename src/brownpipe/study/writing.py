@@ -18,7 +18,8 @@ NOT_INHERITED = ("batch", "tolerance", "target", "observable", "instead_of")
 def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int) -> dict:
     """Return the contents of a study file at `path`: the scenes of another study with so many runs of one engine.
 
-    Without the figures of the other study if this engine lacks what one of them needs.
+    Without the figures of the other study if this engine lacks what one of them needs. Raises RequestError if the study
+    is refused for another reason.
     """
     mapping = read_yaml(study_file, MOST_STUDY_BYTES)
     assert isinstance(mapping, dict)  # as `study_file` has been read as a study before
@@ -31,6 +32,7 @@ def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs
     try:
         read_study(study_file, keys | {"batch": AUTO})
     except RequestError:
+        read_study(study_file, keys | {"batch": AUTO, "figures": None})  # raises if it is refused for another reason
         mapping.pop("figures", None)
     return mapping | keys
 

@@ -19,12 +19,12 @@ def refuse_unfit(scene: Scene, settings: dict, record: Collection[str]) -> None:
     """Raise RequestError for a time step that does not fit the scene, or a record of events."""
     time_step, precision = settings["time_step"], settings["precision"]
     most, least = largest_step(scene), smallest_step(scene, precision)
-    if time_step > most:
+    if not time_step <= most:  # NaN, too
         raise RequestError(
             f"{scene.name}: time_step: must be at most {most:.4g}, in which a disk at thermal speed covers its radius, "
             f"found {time_step!r}"
         )
-    if time_step < least:
+    if not time_step >= least:
         raise RequestError(
             f"{scene.name}: time_step: must be at least {least:.4g} in {precision} precision, for at most "
             f"{MOST_STEPS:g} steps in which disks move by more than round-off, found {time_step!r}"
