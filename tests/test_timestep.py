@@ -478,3 +478,9 @@ def test_departure_is_the_first_sample_beyond_the_bound():
 def test_a_time_step_that_is_no_number_is_refused():
     with pytest.raises(RequestError, match="time_step: must be at most"):
         timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=np.nan)
+
+
+@pytest.mark.parametrize(("name", "words"), [("precision", "double, single"), ("collisions", "at_contact, late")])
+def test_unknown_words_are_refused(name, words):
+    with pytest.raises(RequestError, match=f"^{name}: must be one of {words}, found 'x'$"):
+        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=1e-3, **{name: "x"})

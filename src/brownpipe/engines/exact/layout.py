@@ -84,7 +84,7 @@ def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
     """Return arrays of zeros of the given lengths and types, in one piece of memory, of huge pages unless it is small.
 
     Each begins at a cache line, so that no row of a disk lies across two. NumPy requests huge pages for 4 MiB or more;
-    what is never written to takes no memory.
+    pages that are never written to take no memory.
     """
     lines = [-(-size * np.dtype(dtype).itemsize // CACHE_LINE) for size, dtype in sizes]
     starts = CACHE_LINE * np.cumsum([0, *lines])

@@ -10,8 +10,8 @@ Whenever a bucket is opened, each of these accesses is therefore prefetched for 
     bucket + 1    the candidates in these; the cells or lists of the partners
     current       the candidates of the partners
 
-Each stage reads only what an earlier one prefetched. With fewer disks (`layout.CANDIDATES_FIT_CACHE`) the last two are
-left out: they are many instructions, and candidates do not wait for each other.
+Each stage reads only what an earlier one prefetched. With fewer than `layout.CANDIDATES_FIT_CACHE` disks the last two
+are left out: they are many instructions, and candidates do not wait for each other.
 
 Nothing is computed here, and no result depends on it. Cells and lists are prefetched by functions next to the code that
 reads them (`cells`, `neighbour_lists`).

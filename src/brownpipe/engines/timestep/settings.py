@@ -16,7 +16,10 @@ FINEST = 64  # shortest path of a disk in a step, in units of the round-off of t
 
 
 def refuse_unfit(scene: Scene, settings: dict, record: Collection[str]) -> None:
-    """Raise RequestError for a time step that does not fit the scene, or a record of events."""
+    """Raise RequestError for unknown words, a time step that does not fit the scene, or a record of events."""
+    for name, words in (("collisions", COLLISIONS), ("precision", PRECISIONS)):
+        if settings[name] not in words:
+            raise RequestError(f"{name}: must be one of {', '.join(words)}, found {settings[name]!r}")
     time_step, precision = settings["time_step"], settings["precision"]
     most, least = largest_step(scene), smallest_step(scene, precision)
     if not time_step <= most:  # NaN, too

@@ -64,7 +64,7 @@ def simulate(
     Raises RequestError for a time step or record that the engine refuses, and if the scene leaves no place for its
     disks in any run.
     """
-    refuse_unfit(scene, {"time_step": time_step, "precision": precision}, record)
+    refuse_unfit(scene, {"time_step": time_step, "precision": precision, "collisions": collisions}, record)
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator = prepare_equilibration(scene)
     setup = prepared(scene, time_step, precision, collisions)
