@@ -89,7 +89,7 @@ def runs_of_the_note(effort):
 def stepping(scene, dt, precision, collisions):
     """The engine; None where it refuses the time step, too short for the precision."""
     try:
-        refuse_unfit(scene, {"time_step": dt, "precision": precision}, ())
+        refuse_unfit(scene, {"time_step": dt, "precision": precision, "collisions": collisions}, ())
         return timestep.prepared(scene, dt, precision, collisions)
     except RequestError:
         return None
