@@ -128,4 +128,4 @@ def test_place_is_what_draw_uses():
     scene = note_scene(1.0)
     numbers = np.random.Generator(np.random.Philox(np.random.SeedSequence(2020, spawn_key=(150, 4))))
     numbers.standard_normal((150, 2))
-    assert np.array_equal(place(scene, scene.radius, numbers), draw(scene, 4).position)
+    assert np.array_equal(place(scene, numbers), draw(scene, 4).position)

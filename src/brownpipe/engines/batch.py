@@ -73,9 +73,8 @@ def add_run(batch: Batch, column: int, result: RunResult) -> None:
         if tracer.image is not None:
             tracer.image[:, column] = result.tracer.image[:, 0]
     for name, value in _measured(batch, result).items():
-        value = np.asarray(value)
         if name not in ensemble.observables:
-            ensemble.observables[name] = blank((len(ensemble.seeds), *value.shape), value.dtype)
+            ensemble.observables[name] = blank((len(ensemble.seeds), *np.shape(value)), np.asarray(value).dtype)
         ensemble.observables[name][column] = value
     if result.whole is not None and "all" in batch.record:
         ensemble.whole[seed] = result.whole

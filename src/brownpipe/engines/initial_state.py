@@ -27,7 +27,7 @@ def draw(scene: Scene, seed: int) -> State:
         return State(position, velocity, radius, mass)
     stream = _stream(ROOT_SEED, scene, seed)
     velocity = _velocities(scene, mass, stream)
-    return State(placement.place(scene, radius, stream), velocity, radius, mass)
+    return State(placement.place(scene, stream), velocity, radius, mass)
 
 
 def draw_tracer(

@@ -1,6 +1,8 @@
 """Initial positions of the disks: random sequential insertion, or a triangular lattice for dense scenes."""
 
 import math
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +15,20 @@ from brownpipe.scene import Scene
 TRIES_PER_CALL = 1_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
 
 
-def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.ndarray:
-    """Return the centres (N, 2) [length] of the disks of a scene of species, of the given radii (N,).
+class Insertion(NamedTuple):
+    """Random sequential insertion into the box of a scene: what is the same for every run."""
+
+    radius: np.ndarray  # (N,) [length], in the order of insertion, like the next two
+    common: float  # largest radius without those of a few big disks [length]
+    big: np.ndarray  # int64, which disks are big
+    back: np.ndarray  # (N,) int64, place in the order of insertion of each of the scene's disks
+    low: np.ndarray  # (2,) lower left corner of the box [length]
+    size: np.ndarray  # (2,) of the box [length]
+    cells: tuple[int, ...]  # columns and rows of the cell list
+
+
+def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
+    """Return the centres (N, 2) [length] of the disks of a scene of species.
 
     A tracer is placed where the scene says, if it gives a position; all other disks by the scene's `placement`:
     `random`: random sequential insertion (B. Widom, J. Chem. Phys. 44, 3888 (1966)): each centre is uniform over the
@@ -25,27 +39,29 @@ def place(scene: Scene, radius: np.ndarray, stream: np.random.Generator) -> np.n
     """
     fixed = scene.species[0].position if scene.species else None
     if scene.placement == "lattice":
-        return _on_lattice(scene, radius, fixed, stream)
-    return _insert(scene, radius, fixed, stream)
+        return _on_lattice(scene, scene.radius, fixed, stream)
+    return _insert(scene, fixed, stream) if scene.particles else np.zeros((0, 2))
 
 
-def _insert(
-    scene: Scene, radius: np.ndarray, fixed: tuple[float, float] | None, stream: np.random.Generator
-) -> np.ndarray:
-    """Return centres (N, 2) by random sequential insertion; disk 0 is at `fixed` if this is not None."""
-    n = len(radius)
-    sequence = np.argsort(-radius, kind="stable")
-    if fixed is not None:
+@lru_cache(maxsize=1)
+def _insertion(scene: Scene) -> Insertion:
+    """Return what insertion needs of a scene; kept for its next run."""
+    sequence = np.argsort(-scene.radius, kind="stable")
+    if scene.species[0].position is not None:
         sequence = np.concatenate([[0], sequence[sequence > 0]])
-    position, radius = np.zeros((n, 2)), radius[sequence]
-    if n == 0:
-        return position
-    low, size = scene.box.accessible(0.0)
-    common = common_radius(radius)
-    shape = np.clip((size / (2 * common)).astype(np.int64), 1, 1 + math.isqrt(4 * n))
-    grid = np.full((shape[0], shape[1]), -1, dtype=np.int64)
+    radius = scene.radius[sequence]
+    common, (low, size) = common_radius(radius), scene.box.accessible(0.0)
+    cells = np.clip((size / (2 * common)).astype(np.int64), 1, 1 + math.isqrt(4 * len(radius)))
+    big, back = np.flatnonzero(radius > common), np.argsort(sequence)
+    return Insertion(radius, common, big, back, low, size, tuple(cells.tolist()))
+
+
+def _insert(scene: Scene, fixed: tuple[float, float] | None, stream: np.random.Generator) -> np.ndarray:
+    """Return centres (N, 2) by random sequential insertion; disk 0 is at `fixed` if this is not None."""
+    radius, common, big, back, low, size, cells = _insertion(scene)
+    n = len(radius)
+    position, grid = np.zeros((n, 2)), np.full(cells, -1, dtype=np.int64)
     following = np.full(n, -1, dtype=np.int64)
-    big = np.flatnonzero(radius > common)
     progress = np.zeros(2, dtype=np.int64)  # disks placed, failed tries for the next one
     if fixed is not None:
         position[0] = np.array(fixed) - low
@@ -65,7 +81,7 @@ def _insert(
             f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "
             f"(packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
         )
-    return (position + low)[np.argsort(sequence)]
+    return (position + low).take(back, axis=0)
 
 
 def _on_lattice(

@@ -141,4 +141,4 @@ def images_fit(scene: Scene, frame: Frame, crossings: int, path: float) -> bool:
 
 def all_finite(*arrays: ArrayLike) -> bool:
     """Whether no number is inf or NaN."""
-    return all(bool(np.all(np.isfinite(array))) for array in arrays)
+    return all(np.isfinite(array).all() for array in arrays)

@@ -79,8 +79,10 @@ def thermal_speed(scene: Scene) -> float:
 
 def motion_of(state: State, frame: Frame) -> np.ndarray:
     """Return positions and velocities (N, 4) float64 in the engine's units and order."""
-    position = (state.position[frame.order] - frame.origin) / frame.length
-    return np.hstack([position, state.velocity[frame.order] / (frame.length / frame.time)])
+    motion = np.empty((len(frame.order), 4))
+    motion[:, :2] = (state.position.take(frame.order, axis=0) - frame.origin) / frame.length
+    motion[:, 2:] = state.velocity.take(frame.order, axis=0) / (frame.length / frame.time)
+    return motion
 
 
 def common_radius(radius: np.ndarray) -> float:

@@ -8,6 +8,7 @@ import hashlib
 import json
 import math
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -88,7 +89,10 @@ class Velocities:
 
 @dataclass(frozen=True)
 class Scene:
-    """The physics of one run. Disk 0 is the tracer."""
+    """The physics of one run. Disk 0 is the tracer.
+
+    The arrays are made once, as every run reads them, and are read-only.
+    """
 
     name: str
     box: Box
@@ -107,17 +111,17 @@ class Scene:
         packing = f"packing fraction {self.packing_fraction:.4g}"
         return f"<Scene {self.name}: {self.particles} disks in a {box}, {packing}, duration {self.duration:g}>"
 
-    @property
+    @cached_property
     def particles(self) -> int:
         """The number of disks, N."""
         return len(self.disks) + sum(species.count for species in self.species)
 
-    @property
+    @cached_property
     def radius(self) -> np.ndarray:
         """Radii (N,) [length]."""
         return self._of_each_disk("radius")
 
-    @property
+    @cached_property
     def mass(self) -> np.ndarray:
         """Masses (N,)."""
         return self._of_each_disk("mass")
@@ -127,12 +131,12 @@ class Scene:
         """Packing fraction, phi = sum(pi R^2)/A."""
         return float(math.pi * np.sum((self.radius / self.box.width) * (self.radius / self.box.height)))
 
-    @property
+    @cached_property
     def times(self) -> np.ndarray:
         """Sample times (T,) [time] from 0 to the duration, both exactly: multiples of the interval, or logarithmic."""
         if self.samples is not None:
-            return sample_times.logarithmic_times(self.samples, self.duration)
-        return sample_times.linear_times(self.sample_interval, self.duration)
+            return _read_only(sample_times.logarithmic_times(self.samples, self.duration))
+        return _read_only(sample_times.linear_times(self.sample_interval, self.duration))
 
     @property
     def text(self) -> str:
@@ -148,7 +152,13 @@ class Scene:
         """Return a field of the listed disks or of the species, repeated for each of their disks, (N,)."""
         records = self.disks or self.species
         counts = np.array([getattr(record, "count", 1) for record in records], dtype=int)
-        return np.repeat(np.array([getattr(record, field) for record in records], dtype=float), counts)
+        return _read_only(np.repeat(np.array([getattr(record, field) for record in records], dtype=float), counts))
+
+
+def _read_only(values: np.ndarray) -> np.ndarray:
+    """Return an array, from now on read-only."""
+    values.flags.writeable = False
+    return values
 
 
 def as_mapping(scene: Scene) -> dict:
