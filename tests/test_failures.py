@@ -17,6 +17,7 @@ from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import equilibration, layout
 from brownpipe.engines.exact import run as exact_run
+from brownpipe.engines.exact import simulation as exact_simulation
 from brownpipe.engines.exact.checkpoint import Checkpoints
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.request import Request
@@ -140,6 +141,11 @@ def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(mon
     batch = simulate(scene, SEEDS)
     assert 0 < len(batch.stopped) < len(SEEDS)
     assert all(reason.startswith("no progress at t = ") for reason in batch.stopped.values())
+    for most in (1, 3):  # runs reported at once, with stopped ones between them
+        monkeypatch.setattr(exact_simulation, "MOST_TOGETHER", most)
+        same = simulate(scene, SEEDS)
+        assert same.stopped == batch.stopped and list(same.observables) == list(batch.observables)
+        assert all(values.tobytes() == batch.observables[name].tobytes() for name, values in same.observables.items())
     going = [seed for seed in SEEDS if seed not in batch.stopped]
     assert batch.tracer.position[:, going].tobytes() == whole.tracer.position[:, going].tobytes()
     monkeypatch.undo()

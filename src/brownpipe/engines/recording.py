@@ -53,17 +53,30 @@ def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, wall_imp
 
     `wall_impulses` (4,) are the total impulses >= 0 given by the walls left, right, bottom and top.
     """
-    square, square_after = (v[:, 0] * v[:, 0] + v[:, 1] * v[:, 1] for v in (first, last))
-    before, after = float((mass * square).sum()), float((mass * square_after).sum())
-    left, right, bottom, top = wall_impulses.tolist()
-    missing = (mass[:, None] * (last - first)).sum(axis=0) - (left - right, bottom - top)
-    scale = float((mass * np.sqrt(square)).sum()) + left + right + bottom + top
-    return Conservation(
-        twice_energy=before,
-        energy_drift=(after - before) / before if before > 0 else 0.0,
-        momentum_residual=float(np.abs(missing).max() / scale) if scale > 0 else 0.0,
-        fastest=math.sqrt(before / mass.min()) if before > 0 else 0.0,
-    )
+    return each_conservation(mass, first[None], last[None], wall_impulses[None])[0]
+
+
+def each_conservation(
+    mass: np.ndarray, first: np.ndarray, last: np.ndarray, wall_impulses: np.ndarray
+) -> list[Conservation]:
+    """Return `conservation` of each of K runs, from velocities (K, N, 2) and wall impulses (K, 4)."""
+    square, square_after = (v[..., 0] * v[..., 0] + v[..., 1] * v[..., 1] for v in (first, last))
+    before, after = (mass * square).sum(axis=1), (mass * square_after).sum(axis=1)
+    left, right, bottom, top = wall_impulses.T
+    missing = (mass[:, None] * (last - first)).sum(axis=1) - np.stack([left - right, bottom - top], axis=1)
+    scale = (mass * np.sqrt(square)).sum(axis=1) + left + right + bottom + top
+    lightest = float(mass.min(initial=np.inf))
+    return [
+        Conservation(
+            twice_energy=energy,
+            energy_drift=(energy_after - energy) / energy if energy > 0 else 0.0,
+            momentum_residual=momentum / most if most > 0 else 0.0,
+            fastest=math.sqrt(energy / lightest) if energy > 0 else 0.0,
+        )
+        for energy, energy_after, momentum, most in zip(
+            *(values.tolist() for values in (before, after, np.abs(missing).max(axis=1), scale)), strict=True
+        )
+    ]
 
 
 def report(

@@ -1,12 +1,13 @@
 """What a run of the exact engine returns: samples, the log of collisions and its report."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.recording import all_finite, conservation, each_represented, images_fit, report, sample_arrays
+from brownpipe.engines.recording import each_conservation, each_represented, images_fit, report, sample_arrays
 from brownpipe.engines.state import HEALTH_BOUND, Events
 from brownpipe.engines.units import Frame
 from brownpipe.errors import RequestError
@@ -14,6 +15,16 @@ from brownpipe.scene import Scene
 
 EVENTS_PER_LOG = 65_536  # collisions that a recorder holds; a full log is emptied between two calls of the kernel
 MOST_BLOCKS = 2.0**62  # an int64 counts the blocks of a run
+
+
+class Ending(NamedTuple):
+    """What the report of a run is made from, in the engine's units and order."""
+
+    first: np.ndarray  # (N, 2) velocities at the beginning
+    motion: np.ndarray  # (N, 4) positions and velocities at the end
+    elapsed: float  # time
+    count: np.ndarray  # type: ignore[assignment]  # int64, as in the workspace at the end; hides tuple.count
+    tally: np.ndarray  # float64, as in the workspace at the end
 
 
 def new_recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
@@ -55,35 +66,57 @@ def joined(logs: list[Events]) -> Events | None:
     return Events(*(np.concatenate(column) for column in zip(*logs, strict=True))) if logs else None
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
+def ending_of(w: ws.Workspace, first: np.ndarray) -> Ending:
+    """Return the ending of a run that began with velocities `first` (N, 2); the other arrays are the workspace's."""
+    elapsed = float(w.progress[ws.BLOCK] * w.calendar.block + w.tally[ws.NOW])
+    return Ending(first, w.disk.reshape(-1, ws.ROW)[:, ws.MOTION], elapsed, w.count, w.tally)
+
+
 def report_of(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) -> dict[str, float | int]:
-    """Return the report of a run that began with velocities `first` (N, 2), in the engine's units and order.
+    """Return the report of a run that began with velocities `first` (N, 2), in the engine's units and order."""
+    return each_report(scene, frame, w.mass, [ending_of(w, first)])[0]
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
+def each_report(
+    scene: Scene, frame: Frame, mass: np.ndarray | None, endings: Sequence[Ending]
+) -> list[dict[str, float | int]]:
+    """Return the reports of runs that have ended; `mass` (N,) is the workspace's, None if all masses are 1.
 
     A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers
     that are not finite. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
-    disks = w.disk.reshape(-1, ws.ROW)
-    mass, last = np.ones(len(disks)) if w.mass is None else w.mass, disks[:, ws.VX : ws.VX + 2]
+    first, motion, count, tally = (
+        _together([getattr(ending, name) for ending in endings]) for name in ("first", "motion", "count", "tally")
+    )
+    mass, last = np.ones(motion.shape[1]) if mass is None else mass, motion[..., 2:]
     moving = np.isfinite(mass)
     pinned = not moving.all()
     if pinned:
-        mass, first, last = mass[moving], first[moving], last[moving]
-    conserved = conservation(mass, first, last, w.tally[ws.WALL_IMPULSE :])
-    overlap = _worst_overlap(w)
-    residual = 0.0 if pinned else conserved.momentum_residual
-    sound = all(size <= HEALTH_BOUND for size in (abs(conserved.energy_drift), overlap, residual))
-    sound &= all_finite(conserved.twice_energy, disks[:, ws.MOTION], w.tally[ws.VIRIAL :])
-    elapsed = w.progress[ws.BLOCK] * w.calendar.block + w.tally[ws.NOW]
-    sound &= images_fit(scene, frame, int(w.count[ws.CROSSINGS]), conserved.fastest * elapsed)
-    collisions = w.count[[ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
-    return report(scene, frame, conserved, collisions, w.tally[ws.VIRIAL :], overlap, sound)
+        mass, first, last = mass[moving], first[:, moving], last[:, moving]
+    finite = np.isfinite(motion).all(axis=(1, 2)) & np.isfinite(tally[:, ws.VIRIAL :]).all(axis=1)
+    reports = []
+    for k, conserved in enumerate(each_conservation(mass, first, last, tally[:, ws.WALL_IMPULSE :])):
+        overlap = _worst_overlap(tally[k])
+        residual = 0.0 if pinned else conserved.momentum_residual
+        sound = all(size <= HEALTH_BOUND for size in (abs(conserved.energy_drift), overlap, residual))
+        sound &= bool(finite[k]) and math.isfinite(conserved.twice_energy)
+        sound &= images_fit(scene, frame, int(count[k, ws.CROSSINGS]), conserved.fastest * endings[k].elapsed)
+        collisions = count[k, [ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
+        reports.append(report(scene, frame, conserved, collisions, tally[k, ws.VIRIAL :], overlap, sound))
+    return reports
 
 
-def _worst_overlap(w: ws.Workspace) -> float:
+def _together(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Return arrays of one shape as one array with a first dimension for them; of a single array, a view."""
+    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
+
+
+def _worst_overlap(tally: np.ndarray) -> float:
     """Return the deepest overlap of a pair [contact distances]; >= 0.
 
     A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen: its distance from the
     cell then counts as an overlap.
     """
-    overlap = 1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0)))
-    return max(overlap, float(w.tally[ws.STRAY])) if w.tally[ws.STRAY] > HEALTH_BOUND else overlap
+    overlap = 1.0 - math.sqrt(max(0.0, 1.0 + min(tally[ws.NEAREST], 0.0)))
+    return max(overlap, float(tally[ws.STRAY])) if tally[ws.STRAY] > HEALTH_BOUND else overlap
