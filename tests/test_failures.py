@@ -328,6 +328,11 @@ def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
     refused, accepted = map(line.format, limits)
     assert said(capsys, "inspect", "a.nc", "--allow-failed", 3) == (FAILED, "", refused)
     assert said(capsys, "inspect", "a.nc", "--allow-failed", 4) == (DONE, "", accepted)
+    for name in ("scene", "particles", "engine", "seed"):
+        for lacking in (dataset.drop_vars(name), dataset.isel({name: 0})):
+            write_dataset("c.nc", lacking)
+            line = f"brownpipe: c.nc: {name}: is missing in the dataset; make it again\n"
+            assert said(capsys, "inspect", "c.nc", "--allow-failed", 3) == (WRONG_REQUEST, "", line)
     write_dataset("b.nc", aggregate(batches(1, (1, 3))))
     assert said(capsys, "inspect", "b.nc", "--allow-failed", 0) == (DONE, "", "")
 

@@ -249,6 +249,54 @@ def test_tables_of_a_dataset_that_lacks_a_variable(dataset, tmp_path, no_picture
     assert (tmp_path / "health.csv").exists()
 
 
+def pointwise(dataset, dim):
+    """One point of the dataset, which keeps its coordinate."""
+    return dataset.isel({dim: 0})
+
+
+def without_coordinate(dataset, dim):
+    """xarray numbers the points in its place."""
+    return dataset.drop_vars(dim)
+
+
+def emptied(dataset, dim):
+    return dataset.isel({dim: slice(0)})
+
+
+@pytest.mark.parametrize(
+    ("dim", "losses"),
+    {
+        "time": [pointwise, without_coordinate],
+        "window": [pointwise, without_coordinate, emptied],
+        "displacement_time": [pointwise, without_coordinate],
+        "r": [pointwise, without_coordinate],
+    }.items(),
+)
+def test_a_dataset_that_lacks_a_dimension_is_refused(dataset, tmp_path, no_pictures, dim, losses):
+    for lose in losses:
+        with pytest.raises(FigureError, match=f"^{dim}: is missing in the dataset; make it again$"):
+            render(lose(dataset, dim), tmp_path, ["msd", "displacement_distribution"])
+
+
+@pytest.mark.parametrize("dim", ["scene", "particles", "engine"])
+@pytest.mark.parametrize("lose", [pointwise, without_coordinate])
+def test_a_dataset_that_lacks_the_labels_of_its_cases_is_refused(dataset, dim, lose):
+    for function in (results.table, lambda dataset: draw(dataset, "health")):
+        if (function, lose) != (
+            results.table,
+            pointwise,
+        ):  # it lists the variables of what is no dataset of `aggregate`
+            with pytest.raises(FigureError, match=f"^{dim}: is missing in the dataset; make it again$"):
+                function(lose(dataset, dim))
+
+
+def test_a_missing_variable_is_named_whatever_xarray_says_of_it(dataset):
+    """In its message the names are between other quotation marks if one of them has an apostrophe."""
+    lacking = dataset.drop_vars("slope").rename(intercept="slop'e\"")
+    with pytest.raises(FigureError, match=r"^slope: is missing in the dataset; make it again$"):
+        of_whole_dataset(lambda dataset: dataset["slope"])(lacking)
+
+
 def test_a_variable_that_no_dataset_has_is_no_fault_of_the_dataset(dataset):
     with pytest.raises(AttributeError, match="unknown"):
         of_whole_dataset(lambda dataset: dataset.unknown)(dataset.drop_vars("slope"))

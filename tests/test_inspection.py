@@ -159,6 +159,9 @@ def test_a_dataset_says_what_made_it(dataset):
     assert f"\nwritten by   {', '.join(told)}\n" in text
     other = results.describe(contents.assign_attrs(source_digest="0" * 64))
     assert "source       000000000000, not that of this installation" in other
+    nameless = {name: value for name, value in contents.attrs.items() if name != "source_digest"}
+    unknown = results.describe(contents.drop_attrs().assign_attrs(nameless))
+    assert "source       unknown, not that of this installation" in unknown
     earlier = results.describe(contents.drop_attrs())
     assert not any(line.startswith(("written by", "source")) for line in earlier)
 

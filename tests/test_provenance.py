@@ -361,6 +361,10 @@ def test_measured_times_of_a_trade_off_are_not_compared(tmp_path, monkeypatch, c
     storage.write_dataset("t.nc", measured.assign(msd_bias=measured.msd_bias + 1e-9))
     status, lines, _ = reproduced(capsys, "t.nc")
     assert status == FAILED and lines[-1].startswith("  msd_bias: 2 of 2 values; first at scene full, setting ")
+    for lacking, what in ((measured.drop_vars("seconds"), "only in"), (measured.isel(scene=0), "of another shape")):
+        storage.write_dataset("t.nc", lacking)
+        status, lines, err = reproduced(capsys, "t.nc")
+        assert (status, err) == (FAILED, []) and any(line.startswith(f"  seconds: {what}") for line in lines)
     Path("t.nc").unlink()
     for path in files:
         path.unlink()

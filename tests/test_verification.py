@@ -12,6 +12,7 @@ import pytest
 import forked
 from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, StorageError
+from brownpipe.storage import read_dataset, write_dataset
 from brownpipe.storage.checksums import read_checksums, write_checksums
 from brownpipe.study import run_count
 from brownpipe.study.expectation import expected_files, read_settled
@@ -314,6 +315,21 @@ def test_what_is_no_file_is_named(study, file, plant):
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize(
+    "name", ["run_status", "runs", "failed_runs", "scene", "particles", "engine", "seed", "window"]
+)
+def test_a_sealed_dataset_that_lacks_a_part_is_named(study, name):
+    path = RESULTS / "aggregate/mine.nc"
+    dataset = read_dataset(path)
+    missing = f"{name}: is missing in the dataset; make it again"
+    write_dataset(path, dataset.drop_vars(name))
+    assert dict(verify_results(RESULTS).problems)["aggregate/mine.nc"] == missing
+    if name in dataset.dims:
+        write_dataset(path, dataset.isel({name: 0}))
+        others = ("is of other runs than those of the study", "has other fit windows than the study")
+        assert dict(verify_results(RESULTS).problems)["aggregate/mine.nc"] in (missing, *others)
 
 
 @pytest.mark.promise("a list of checksums is exchanged", "It is named, also if what replaces it is sealed.")

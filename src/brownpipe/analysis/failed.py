@@ -25,11 +25,15 @@ class FailedRuns(NamedTuple):
 def failed_runs(path: str | Path) -> FailedRuns:
     """Return how many runs of a dataset failed, and their cases and seeds in words.
 
-    Raises StorageError if the file is damaged, WrongFileError if it is no dataset of `brownpipe aggregate`.
+    Raises StorageError if the file is damaged, WrongFileError if it is no dataset of `brownpipe aggregate` with
+    the labels of its runs.
     """
     values = read_values(path, (*EACH, "seed", "run_status"))
     if "run_status" not in values:
         raise WrongFileError(f"{path}: has no runs; must be a dataset of brownpipe aggregate")
+    for name in (*EACH, "seed"):
+        if np.ndim(values.get(name, 0)) != 1:
+            raise WrongFileError(f"{path}: {name}: is missing in the dataset; make it again")
     status = values["run_status"]
     failed = int(np.count_nonzero(status == FAILED))
     return FailedRuns(failed, int(np.count_nonzero(status != MISSING)), "; ".join(_cases(values)))

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Concatenate, ParamSpec, SupportsFloat, TypeVar
 import numpy as np
 
 from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
-from brownpipe.errors import FigureError
+from brownpipe.errors import BrownpipeError, FigureError
 from brownpipe.scene.reading import NAME
+from brownpipe.tradeoff import is_tradeoff
 from brownpipe.tradeoff.variables import COORDINATES, VARIABLES
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ NOTE_PARTICLES = 150  # of the 2020 note
 P = ParamSpec("P")
 R = TypeVar("R")
 OF_DATASETS = {*ALL_VARIABLES, *ALL_COORDINATES, *VARIABLES, *COORDINATES}  # names of variables and coordinates
+OF_DIMENSIONS = ALL_COORDINATES.keys() | COORDINATES.keys()
+MISSING_PART = "{}: is missing in the dataset; make it again"
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
@@ -36,19 +39,46 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
 
 
 def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable[Concatenate[Dataset, P], R]:
-    """Let a function of a dataset raise FigureError, not an error of xarray, if a variable that it needs is missing."""
+    """Let a function of a dataset raise FigureError, not an error of xarray, if a part that it needs is missing.
+
+    That is a variable or a dimension. Each dimension must have its coordinate, in place of which xarray would count.
+    """
 
     @wraps(function)
     def naming(dataset: Dataset, *arguments: P.args, **options: P.kwargs) -> R:
+        for name in sorted({*map(str, dataset.dims)} & OF_DIMENSIONS):
+            if name not in dataset.coords:
+                raise FigureError(MISSING_PART.format(name))
         try:
             return function(dataset, *arguments, **options)
-        except (AttributeError, KeyError) as error:
-            for name in sorted(OF_DATASETS.difference(dataset.variables)):
-                if f"'{name}'" in str(error):
-                    raise FigureError(f"{name}: is missing in the dataset; make it again") from error
+        except BrownpipeError:
             raise
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            name = _missing_variable(dataset, error) or _missing_dimension(dataset)
+            if name is None:
+                raise
+            raise FigureError(MISSING_PART.format(name)) from error
 
     return naming
+
+
+def _missing_variable(dataset: Dataset, error: Exception) -> str | None:
+    """Return the variable whose lack caused an error; None for other errors.
+
+    xarray's KeyError is a text that lists variables; the name alone is in the KeyError that caused it.
+    """
+    names: list[object] = [getattr(error, "name", None), *error.args, *getattr(error.__cause__, "args", ())]
+    missing = OF_DATASETS.difference(dataset.variables)
+    return next((name for name in names if isinstance(name, str) and name in missing), None)
+
+
+def _missing_dimension(dataset: Dataset) -> str | None:
+    """Return the first dimension that is empty, or that a variable lacks, as where one point of it was selected."""
+    table = VARIABLES if is_tradeoff(dataset) else ALL_VARIABLES
+    missing = {str(dim) for dim, size in dataset.sizes.items() if size == 0}
+    for name in table.keys() & dataset.variables.keys():
+        missing.update(set(table[str(name)].dims).difference(map(str, dataset[name].dims)))
+    return min(missing, default=None)
 
 
 def check_names(dataset: Dataset) -> None:

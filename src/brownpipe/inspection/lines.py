@@ -29,6 +29,6 @@ def provenance(attributes: Mapping[str, str], source_now: str) -> list[str]:
     versions = [f"{name.removesuffix('_version')} {attributes[name]}" for name in names]
     if not versions:
         return []
-    digest = attributes["source_digest"]
+    digest = attributes.get("source_digest", "unknown")
     source = f"{digest[:DIGITS]}, {'' if digest == source_now else 'not '}that of this installation"
     return [f"written by   {', '.join(versions)}", f"source       {source}"]

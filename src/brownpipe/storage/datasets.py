@@ -11,7 +11,7 @@ from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.provenance import made_with, versions
 from brownpipe.storage.admission import Contents, opened
 from brownpipe.storage.files import BLANK_SEAL, PREFIX, SEAL, naming, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import SCALE_ATTRIBUTES, Node, some_from_bytes, to_bytes
+from brownpipe.storage.hdf5 import SCALE_ATTRIBUTES, Node, nodes_of, to_bytes
 from brownpipe.storage.origin import installation
 
 if TYPE_CHECKING:
@@ -61,8 +61,9 @@ def read_values(path: str | Path, names: Iterable[str]) -> dict[str, np.ndarray]
 
     Raises StorageError and WrongFileError like `read_dataset`.
     """
-    with naming(path, _remedy):
-        return {name: node.value for name, node in some_from_bytes(read_sealed(path), tuple(names)).items()}
+    with naming(path, _remedy), opened(read_sealed(path)) as contents:
+        present = tuple(name for name in names if not _is_without_coordinates(contents.file, name))
+        return {name: node.value for name, node in nodes_of(contents, contents.some(present)).items()}
 
 
 def _remedy(_: str | Path) -> str:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from brownpipe.analysis.displacement import labels
 from brownpipe.analysis.variables import MISSING
 from brownpipe.engines.request import Request
-from brownpipe.errors import RequestError, StorageError, WrongFileError
-from brownpipe.figures.cases import cases_of
+from brownpipe.errors import FigureError, RequestError, StorageError, WrongFileError
+from brownpipe.figures.cases import cases_of, of_whole_dataset
 from brownpipe.provenance import made_with, modules_of, source_digest
 from brownpipe.quoting import printable, shell_path
 from brownpipe.stages import tracked
@@ -239,11 +239,15 @@ def _dataset(results: Results, file: str) -> str | None:
     step = "tradeoff" if is_tradeoff(dataset) else "aggregate"
     if not file.startswith(f"{step}/"):
         return f"is a dataset of `brownpipe {step}`"
-    wrong = (_other_scenes if step == "tradeoff" else _other_runs)(dataset, results)
+    try:
+        wrong = (_other_scenes if step == "tradeoff" else _other_runs)(dataset, results)
+    except FigureError as error:
+        return str(error)
     is_older = dataset.attrs.get("source_digest") != made_with(step)["source"]
     return wrong or (OLDER if is_older else None)
 
 
+@of_whole_dataset
 def _other_scenes(dataset: "Dataset", results: Results) -> str | None:
     """Return in what a trade-off departs from the study, in words."""
     assert results.study is not None
@@ -255,6 +259,7 @@ def _other_scenes(dataset: "Dataset", results: Results) -> str | None:
     return None if is_same else "compares other scenes than the study"
 
 
+@of_whole_dataset
 def _other_runs(dataset: "Dataset", results: Results) -> str | None:
     """Return in what an analysis departs from the study, in words."""
     assert results.study is not None
