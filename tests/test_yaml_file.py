@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import pytest
+import yaml
 
-from brownpipe.scene.yaml_file import read_yaml
+from brownpipe.scene.yaml_file import read_yaml, yaml_text
+from brownpipe.study.writing import write_yaml
 
 
 @pytest.mark.parametrize(
@@ -41,6 +43,22 @@ def test_scalars_are_those_of_yaml_1_2(tmp_path, text, value):
     found = read_yaml(path, 2**20)["a"]
     assert found == value
     assert type(found) is type(value)
+
+
+OTHERWISE = ["1e3", "1E3", "+1e3", "1e+3", ".5e1", "1.", "08", "007", "0x10", "0o17", "0b1", "1_000", "12", "-3", "0"]
+OTHERWISE += ["yes", "No", "on", "OFF", "y", "true", "FALSE", "null", "Null", "~", "", ".inf", "-.INF", ".nan", "nan"]
+OTHERWISE += ["12:30", "1:30:00", "2020-09-28", "=", "<<", "- a", "a: b", "#", "'", '"', "\\", "é", "😀"]
+
+
+def test_texts_that_could_be_read_as_something_else_survive_being_written(tmp_path):
+    """Such as the names of scenes: both writers put them in quotes where YAML 1.1 or 1.2 has another value."""
+    mapping = {"scenes": OTHERWISE, "one": {text: text for text in OTHERWISE}}
+    write_yaml(tmp_path / "study.yaml", mapping, "planned")
+    (tmp_path / "scene.yaml").write_text(yaml_text(mapping), encoding="utf-8")
+    for name in ("study.yaml", "scene.yaml"):
+        found = read_yaml(tmp_path / name, 2**20)
+        assert found["scenes"] == OTHERWISE and [*found["one"].items()] == [*mapping["one"].items()]
+        assert yaml.safe_load((tmp_path / name).read_text(encoding="utf-8")) == mapping, "as YAML 1.1"
 
 
 def test_byte_order_mark_and_windows_line_ends(tmp_path):

@@ -214,9 +214,14 @@ def _skip(events: Iterator[yaml.Event], event: yaml.Event) -> None:
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
 
 
-def yaml_text(mapping: dict) -> str:
-    """Return the text of a YAML file from which `read_yaml` returns an equal mapping; the keys keep their order."""
-    return yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120)
+def yaml_text(mapping: dict, in_blocks: bool = False) -> str:
+    """Return the text of a YAML file from which `read_yaml` returns an equal mapping; the keys keep their order.
+
+    Innermost lists and mappings are in brackets, and the text is ASCII. If `in_blocks`, each of their items has a line
+    of its own, and other characters are written as they are.
+    """
+    layout: dict[str, Any] = {"default_flow_style": False if in_blocks else None, "allow_unicode": in_blocks}
+    return yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, width=120, **layout)
 
 
 class _Dumper(yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper):  # type: ignore[misc]  # one of the two

@@ -6,7 +6,7 @@ from pathlib import Path
 from brownpipe.engines import Engine
 from brownpipe.errors import RequestError
 from brownpipe.provenance import made_with, versions
-from brownpipe.scene.yaml_file import read_yaml
+from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.storage import write_file
 from brownpipe.study.study import REFERENCE
 from brownpipe.study.study_file import AUTO, MOST_STUDY_BYTES, read_study
@@ -39,9 +39,7 @@ def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs
 
 def write_yaml(path: str | Path, values: dict, comment: str) -> None:
     """Write a mapping as YAML below a line of comment and one that says what wrote it, all or nothing."""
-    import yaml
-
-    text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
+    text = yaml_text(values, in_blocks=True)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     made = made_with("simulate", REFERENCE.name)
     packages = ", ".join(f"{name} {made[name]}" for name in made if name != "source")
