@@ -13,7 +13,7 @@ from snakemake_interface_common.exceptions import WorkflowError
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from brownpipe.progress import NOTES
-from snakemake_logger_plugin_brownpipe import LogHandler
+from snakemake_logger_plugin_brownpipe import LogHandler, configfiles
 
 
 class Screen(io.StringIO):
@@ -276,6 +276,23 @@ def test_a_target_after_a_config_file_is_no_file(monkeypatch, tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text("seeds: 1\n")
     monkeypatch.setattr("sys.argv", ["snakemake", f"--configfile={path}", "tradeoff_figures"])
+    display(monkeypatch)  # refuses nothing
+
+
+def test_config_files_are_those_that_snakemake_takes():
+    """Of an option given twice, the last."""
+    from snakemake.cli import get_argument_parser
+
+    parser = get_argument_parser()
+    for words in ("", "--configfile a b", "--configfile a --configfile b", "--configfiles a -n --configfile=b all"):
+        taken = parser.parse_args(["--cores", "1", *words.split()]).configfile
+        assert configfiles(words.split()) == [str(path) for path in taken]
+
+
+def test_a_config_file_that_a_later_one_replaces_is_not_read(monkeypatch, tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text("seeds: 1\n")
+    monkeypatch.setattr("sys.argv", ["snakemake", "--configfile", "absent.yaml", "--configfile", str(path)])
     display(monkeypatch)  # refuses nothing
 
 

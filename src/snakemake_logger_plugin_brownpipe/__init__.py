@@ -308,9 +308,9 @@ def mistake_in_configfiles(arguments: Sequence[str]) -> str | None:
 
 
 def configfiles(arguments: Sequence[str]) -> list[str]:
-    """Return the values of --configfile, which Snakemake has accepted."""
+    """Return the files of --configfile, which Snakemake has accepted: those of the last one if it was given twice."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--configfile", "--configfiles", nargs="+", action="extend", default=[])
+    parser.add_argument("--configfile", "--configfiles", nargs="+", default=[])
     return parser.parse_known_args(arguments)[0].configfile
 
 
