@@ -220,6 +220,15 @@ def test_averages_are_those_of_plain_loops(boundary, average):
         np.testing.assert_allclose(found[name], np.mean(by_disk, axis=0), rtol=1e-13, atol=1e-12 * 100)
 
 
+@pytest.mark.parametrize("average", observables.AVERAGES)
+def test_the_fourth_power_of_the_displacement_needs_no_velocity(average):
+    scene = make(P, (*BATH, {"name": "same", "count": 4, **TRACER}))
+    run = made_up(scene)
+    still = run._replace(tracer=run.tracer._replace(velocity=None), whole=run.whole._replace(velocity=None))
+    found, expected = (observe(scene, one, QUARTIC, average)["quartic_displacement"] for one in (still, run))
+    assert found.tobytes() == expected.tobytes()
+
+
 def plain_bonds(scene, position):
     """Pairs of disks whose Voronoi cells share an edge inside the box, and the vectors between them, one by one.
 

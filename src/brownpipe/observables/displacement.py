@@ -6,7 +6,7 @@ import numpy as np
 
 from brownpipe.observables.species import tracer_tracks
 from brownpipe.observables.time_origins import lags
-from brownpipe.observables.tracks import Run
+from brownpipe.observables.tracks import Run, Track
 from brownpipe.scene import Scene
 
 
@@ -18,7 +18,11 @@ def square_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.nd
     every sample as time origin (`origins`; Frenkel and Smit, Understanding Molecular Simulation, section 4.4.2), or of
     all disks equal to it (`disks`).
     """
-    squared, growth = averaged(scene, run, average, lambda r, v0, v: ((r**2).sum(axis=-1), dot(r, v)))
+    track = tracer_tracks(scene, run, average)
+    velocity = track.velocity
+    squared, growth = averaged(
+        scene, track, average, lambda r, _, later: ((r**2).sum(axis=-1), dot(r, velocity[later]))
+    )
     return {"square_displacement": squared, "displacement_velocity": growth}
 
 
@@ -27,26 +31,28 @@ def quartic_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.n
 
     Means over runs of both make up the non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1.
     """
-    (quartic,) = averaged(scene, run, average, lambda r, v0, v: ((r**2).sum(axis=-1) ** 2,))
+    track = tracer_tracks(scene, run, average, velocities=False)
+    (quartic,) = averaged(scene, track, average, lambda r, *_: ((r**2).sum(axis=-1) ** 2,))
     return {"quartic_displacement": quartic}
 
 
 def velocity_displacement(scene: Scene, run: Run, average: str) -> np.ndarray:
     """Return v(0).(r(t) - r(0)) (T,) of one run: exactly the integral of v(0).v(s) over s from 0 to t."""
-    return averaged(scene, run, average, lambda r, v0, v: (dot(r, v0),))[0]
+    track = tracer_tracks(scene, run, average)
+    velocity = track.velocity
+    return averaged(scene, track, average, lambda r, earlier, _: (dot(r, velocity[earlier]),))[0]
 
 
-def averaged(scene: Scene, run: Run, average: str, products: Callable) -> np.ndarray:
-    """Return K functions of time (K, T), averaged over disks and, for `origins`, over time origins.
+def averaged(scene: Scene, track: Track, average: str, products: Callable) -> np.ndarray:
+    """Return K functions of time (K, T), averaged over the M disks of a track and, for `origins`, over time origins.
 
-    `products(r, v0, v)` returns K arrays (T', M) from the displacements r (T', M, 2) of M disks between two samples,
-    and their velocities in the earlier sample, v0, and in the later one, v.
+    `products(r, earlier, later)` returns K arrays (T', M) from the displacements r (T', M, 2) between two samples, and
+    the slices of the earlier samples and of the later ones, such as for velocities.
     """
-    track, size = tracer_tracks(scene, run, average), (scene.box.width, scene.box.height)
+    size = (scene.box.width, scene.box.height)
 
     def between(earlier: slice, later: slice) -> tuple[np.ndarray, ...]:
-        moved = displacement(track.position, track.image, size, earlier, later)
-        return products(moved, track.velocity[earlier], track.velocity[later])
+        return products(displacement(track.position, track.image, size, earlier, later), earlier, later)
 
     if average != "origins":
         return np.stack([product.mean(axis=1) for product in between(slice(0, 1), slice(None))])
