@@ -4,6 +4,8 @@ import io
 import json
 import logging
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -239,6 +241,43 @@ def test_the_folder_of_notes_is_there_before_a_study_is_running_and_until_its_en
     assert os.environ[NOTES] == str(folder)
     handler.close()
     assert not folder.exists() and NOTES not in os.environ
+
+
+KILLED = """
+import os, signal, sys
+from types import SimpleNamespace
+from snakemake_logger_plugin_brownpipe import LogHandler
+
+handler = LogHandler(SimpleNamespace(dryrun=False, verbose=False, debug_dag=False, stdout=False), None)
+print(os.environ["BROWNPIPE_PROGRESS"], flush=True)
+sys.stdin.readline()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_the_folders_of_notes_of_killed_studies_are_removed_by_the_next_study(monkeypatch, tmp_path):
+    """Not those of others, of running studies, nor what only has such a name."""
+    monkeypatch.delenv(NOTES)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    study = subprocess.Popen([sys.executable, "-c", KILLED], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    folder = Path(study.stdout.readline().strip())
+    (folder / "123").write_text("[]")
+    (tmp_path / "brownpipe-progress-file").touch()
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "brownpipe-progress-link").symlink_to("theirs")
+    names = ("brownpipe-progress-file", "brownpipe-progress-link", "notes", "theirs")
+    monkeypatch.setattr("brownpipe.progress.TIME_TO_LOCK", -1.0)  # they are new
+    assert folder.parent == tmp_path
+    display(monkeypatch)[0].close()
+    assert (folder / "123").exists(), "its study is running"
+    study.communicate("\n")
+    monkeypatch.setattr("brownpipe.progress.TIME_TO_LOCK", 60.0)
+    display(monkeypatch)[0].close()
+    assert folder.exists(), "it is new and may belong to a study that has not locked it yet"
+    os.utime(folder, (0, 0))
+    display(monkeypatch)[0].close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
 
 
 # -- files and keys that Snakemake refuses before the Snakefile is read ---------------------------------------------

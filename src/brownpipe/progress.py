@@ -6,9 +6,12 @@
 Everything goes to standard error. A bar is drawn on a terminal and in a notebook, by tqdm, and removed at the end.
 """
 
+import fcntl
 import json
 import os
+import shutil
 import sys
+import tempfile
 import threading
 import time
 import warnings
@@ -30,6 +33,8 @@ LINE_INTERVAL = 30.0  # s between two lines in a log, and before the first
 PACE_TIME = 2.0  # s of reports before the time left is estimated
 PERCENT_BELOW = 100  # pieces; with fewer, the percentage says more than their number
 NOTES = "BROWNPIPE_PROGRESS"  # environment variable: folder in which the jobs of a study note their progress
+FOLDER = "brownpipe-progress-"  # the name of this folder begins with this
+TIME_TO_LOCK = 60.0  # s, in which a new folder is locked by its process
 
 
 @contextmanager
@@ -55,6 +60,49 @@ def shown(title: str, silent: bool = False) -> Iterator[None]:
         ticker.join(timeout=2.0)  # longer only if the terminal takes no more text
         if not ticker.is_alive():
             display.close()
+
+
+@contextmanager
+def folder_of_notes() -> Iterator[None]:
+    """Have a temporary folder in this context, named in the environment, in which jobs note their progress.
+
+    It is locked until this process ends, however that is. Folders that a killed process has left are removed first.
+    """
+    _remove_abandoned(Path(tempfile.gettempdir()))
+    with tempfile.TemporaryDirectory(prefix=FOLDER) as folder:
+        handle = _locked(folder)
+        os.environ[NOTES] = folder
+        try:
+            yield
+        finally:
+            os.environ.pop(NOTES, None)
+            if handle is not None:
+                os.close(handle)
+
+
+def _remove_abandoned(place: Path) -> None:
+    """Remove the folders of notes of this user that no process has locked."""
+    for folder in place.glob(f"{FOLDER}*"):
+        with suppress(OSError):
+            is_new = time.time() - folder.lstat().st_mtime < TIME_TO_LOCK
+            handle = None if is_new else _locked(folder)
+            if handle is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+                os.close(handle)
+
+
+def _locked(folder: str | Path) -> int | None:
+    """Lock a folder of this user until the handle that is returned is closed, or the process ends.
+
+    Return None if another process has locked it, or if it cannot be locked. A link is not followed.
+    """
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    with suppress(OSError):
+        if os.fstat(handle).st_uid == os.getuid():
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return handle
+    os.close(handle)
+    return None
 
 
 class Display:

@@ -15,11 +15,10 @@ import re
 import shutil
 import signal
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,7 +26,7 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from brownpipe.errors import FAILED, NO_MEMORY, limits
-from brownpipe.progress import LINE_INTERVAL, NOTES, Pace, line
+from brownpipe.progress import LINE_INTERVAL, NOTES, Pace, folder_of_notes, line
 from brownpipe.quoting import in_lines, printable
 from brownpipe.stages import Stage
 
@@ -111,12 +110,11 @@ class LogHandler(LogHandlerBase):
         self.pace: Pace | None = None  # of the runs; None while kernels are compiled
         self.running: dict[int, RunningJob] = {}  # by Snakemake's number of the job
         self.started = self.last_line = time.monotonic()
-        self.notes: tempfile.TemporaryDirectory | None = None
+        self.notes = ExitStack()  # the folder of notes, if there is one
         if not self.verbatim and NOTES not in os.environ:
             # Here and not in `start`: that is called in a thread of its own, while Snakemake may be starting a program
             # (its scheduler's solver), which fails with "Bad address" if the environment changes at that moment.
-            self.notes = tempfile.TemporaryDirectory(prefix="brownpipe-progress-")
-            os.environ[NOTES] = self.notes.name
+            self.notes.enter_context(folder_of_notes())
         self.remarks: set[str] = set()  # shown before
         self.shown_rules: set[str] = set()  # rules that had a line of progress, if the output is no terminal
         self.ends: dict[str, int] = {}  # exit statuses of commands that failed, as a shell gives them
@@ -274,10 +272,7 @@ class LogHandler(LogHandlerBase):
             for text in [INTERRUPTED] if self.interrupted else briefly([text for _, text in self.failures]):
                 self.write(text)
             self.failures, self.interrupted = [], False
-        if self.notes is not None:
-            os.environ.pop(NOTES, None)
-            self.notes.cleanup()
-            self.notes = None
+        self.notes.close()
         super().close()
 
 
