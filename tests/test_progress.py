@@ -287,8 +287,9 @@ def test_a_job_notes_its_progress_for_the_study(tmp_path, monkeypatch):
     note = tmp_path / str(os.getpid())
     with progress.shown("simulate"):
         stages.report("runs", 7, 100)
-        ends = time.monotonic() + 10
-        while not (note.exists() and note.read_text()) and time.monotonic() < ends:
+        text, ends = "", time.monotonic() + 10
+        while not text and time.monotonic() < ends:
             time.sleep(0.01)
-        assert note.read_text() == '["simulate", null, "runs", 7, 100]'
+            text = note.read_text() if note.exists() else ""  # empty while it is being written
+        assert text == '["simulate", null, "runs", 7, 100]'
     assert list(Path(tmp_path).iterdir()) == []
