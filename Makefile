@@ -7,13 +7,16 @@ PYTHON ?= python3
 STUDY ?= config/harrison2020.yaml
 CORES ?= $(shell nproc)
 REPORT ?= report.html
-export UNLOCK_COMMAND := .venv/bin/snakemake --unlock --configfile $(STUDY)
+# A path as one word of the shell, whatever is in it.
+path = $(shell path='$(subst ','\'',$(1))'; [[ $$path != "~/"* ]] || path="$$HOME/$${path:2}"; printf %q "$$path")
+study_file := $(call path,$(STUDY))
+export UNLOCK_COMMAND := .venv/bin/snakemake --unlock --configfile $(study_file)
 
 study: ready
-	@snakemake --cores $(CORES) --configfile $(STUDY)
+	@snakemake --cores $(CORES) --configfile $(study_file)
 
 report: ready
-	@snakemake --cores $(CORES) --configfile $(STUDY) --report $(REPORT)
+	@snakemake --cores $(CORES) --configfile $(study_file) --report $(call path,$(REPORT))
 
 tradeoff: ready
 	@snakemake tradeoff_figures --cores $(CORES) --configfile config/tradeoff.yaml

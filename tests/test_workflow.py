@@ -177,6 +177,20 @@ def test_make_report_calls_snakemake_and_make_names_the_command_that_removes_a_l
     assert unlock == f".venv/bin/snakemake --unlock --configfile {study}\n"
 
 
+@pytest.mark.parametrize("target", ["study", "report", "unlock"])
+@pytest.mark.parametrize(
+    "path", ["my studies/first  one.yaml", "it's (new) & $HOME;.yaml", "~/mine.yaml", "plain.yaml"]
+)
+def test_make_takes_any_path_of_a_study(path, target):
+    given = ["STUDY=" + path.replace("$", "$$"), "REPORT=a page.html", "--dry-run"]
+    command = ["make", "--eval", "unlock: ; $(UNLOCK_COMMAND)", target, *given]
+    surroundings = environment(HOME="/home/of me")
+    done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True)
+    words = shlex.split(done.stdout.splitlines()[-1])
+    study = path.replace("~", "/home/of me")
+    assert words[words.index("--configfile") + 1 :] == [study, *["--report", "a page.html"] * (target == "report")]
+
+
 def test_same_bytes_interrupted_with_two_cores_in_another_folder_zone_and_language(finished, tmp_path):
     """Every file is made far from where `finished` made its own: some before Ctrl-C, the others after it.
 
