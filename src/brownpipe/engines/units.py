@@ -16,7 +16,9 @@ from brownpipe.scene import Scene
 LARGEST_RATIO = 1e12  # of a mass to the smallest; `thermal_speed` takes heavier disks to have this mass
 SMALLEST_NORMAL = float(np.finfo(float).smallest_normal)  # the smallest floating-point number with all its digits
 SHORTEST_UNIT = 1e-305  # of time: the unit, its inverse and its products with speeds are normal floating-point numbers
-PATH_PER_BLOCK = 1024.0  # contact distances, in the exact engine: round-off of a time in a block is 1e-13 of them
+# The longest path in a block of time of the exact engine, in contact distances, of a disk at thermal speed. Times are
+# counted from the start of the block: at its end, round-off of the time moves such a disk by 1e-13 contact distances.
+PATH_PER_BLOCK = 1024.0
 
 
 class Frame(NamedTuple):

@@ -38,7 +38,7 @@ DISTRIBUTION = "total variation distance of the distribution of displacements at
 
 COORDINATES = {
     "scene": {"long_name": "scene whose exact runs are the reference"},
-    "setting": {"long_name": "engine with its settings; `exact in X`: exact runs of scene X in place of this scene"},
+    "setting": {"long_name": "engine and settings; `exact in X`: the exact engine in scene X, in place of this scene"},
 }
 _TABLE = {
     "digest": Variable(SCENE, "1", "digest of the scene's physics", object, ""),

@@ -108,11 +108,15 @@ class NeighbourLists(NamedTuple):
 
 @by_reference
 class Deferred(NamedTuple):
-    """Deferred insertions: events whose bucket is being prefetched. With them other memory is prefetched, too."""
+    """Events that are not in their bucket yet, as it is being prefetched. Only systems that prefetch have this record.
+
+    There a bucket is not in the cache, and to write to it at once would be to wait for it. All insertions are carried
+    out when the arrays are full, and before the next bucket is opened.
+    """
 
     bucket: np.ndarray  # (n,) int64, number of the bucket, not reduced to the ring
     disk: np.ndarray  # (n,) uint32
-    with_candidates: bool  # whether candidates are prefetched (`prefetch`)
+    with_candidates: bool  # whether the candidates for upcoming collisions are prefetched, too (`prefetch`)
 
 
 @by_reference
