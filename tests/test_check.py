@@ -26,13 +26,13 @@ from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.storage.files import HDF5
 from brownpipe.study import check, read_study
-from brownpipe.study.check import describe
+from brownpipe.study.check import describe_scene_or_study
 
 CONFIG = Path(__file__).parent.parent / "config"
 
 
 def test_scene():
-    lines = describe(CONFIG / "scenes" / "harrison2020.yaml").splitlines()
+    lines = describe_scene_or_study(CONFIG / "scenes" / "harrison2020.yaml").splitlines()
     said = {line.split()[0]: line for line in lines[1:]}
     assert lines[0].endswith("harrison2020.yaml: a valid scene")
     assert said["box"] == "box       6 x 6, reflecting"
@@ -56,7 +56,7 @@ def test_scene():
 def test_an_engine_without_settings_has_none_to_show(monkeypatch):
     flight = DEFINITIONS["exact"]._replace(name="flight", model=lambda scenes, settings: "no collisions")
     monkeypatch.setitem(DEFINITIONS, "flight", flight)
-    lines = describe(CONFIG / "scenes" / "harrison2020.yaml").splitlines()
+    lines = describe_scene_or_study(CONFIG / "scenes" / "harrison2020.yaml").splitlines()
     (line,) = [line for line in lines if line.startswith("flight")]
     assert line.startswith("flight    no collisions; some ")
 
@@ -80,7 +80,7 @@ def test_too_few_disks_for_the_box_are_said():
 
 
 def test_scene_with_another_number_of_disks():
-    assert "disks     50: 1 tracer" in describe(CONFIG / "scenes" / "harrison2020.yaml", 50)
+    assert "disks     50: 1 tracer" in describe_scene_or_study(CONFIG / "scenes" / "harrison2020.yaml", 50)
 
 
 @pytest.mark.parametrize(("disks", "side", "ends"), [(3000, 57, "lists"), (30000, 180, "lists, events prefetched")])
@@ -90,14 +90,16 @@ def test_how_a_crowded_box_is_modelled(tmp_path, disks, side, ends):
         f"disks: {{species: [{{name: a, count: {disks}, radius: 0.5, mass: 1}}], placement: lattice}}\n"
         "velocities: {temperature: 1}\nduration: 1\n"
     )
-    (engine,) = [line for line in describe(tmp_path / "crowd.yaml").splitlines() if line.startswith("engine ")]
+    (engine,) = [
+        line for line in describe_scene_or_study(tmp_path / "crowd.yaml").splitlines() if line.startswith("engine ")
+    ]
     assert engine.endswith(f"cells, neighbour {ends}")
 
 
 def test_explicit_disks(tmp_path):
     disks = "disks: [{position: [0.5, 0.5], velocity: [1, 0], radius: 0.1, mass: 1}]"
     (tmp_path / "one.yaml").write_text(f"box: {{x: [0, 1], y: [0, 1], boundary: periodic}}\n{disks}\nduration: 1\n")
-    text = describe(tmp_path / "one.yaml")
+    text = describe_scene_or_study(tmp_path / "one.yaml")
     assert "disks     1, listed one by one" in text
     assert "start     as listed" in text
     assert "periodic images, equal disks" in text
@@ -106,7 +108,7 @@ def test_explicit_disks(tmp_path):
 
 
 def test_study():
-    lines = describe(CONFIG / "harrison2020.yaml").splitlines()
+    lines = describe_scene_or_study(CONFIG / "harrison2020.yaml").splitlines()
     assert lines[0].endswith("harrison2020.yaml: a valid study")
     assert sum(line.startswith("harrison2020 ") for line in lines) == 4
     assert "19,200 runs in 8 jobs of up to 2,400 seeds" in lines[-2]
@@ -119,7 +121,7 @@ def test_study_of_several_engines(tmp_path):
     engines = "[exact, {name: timestep, time_step: 1e-3}, {name: langevin, friction: enskog}]"
     text = f"scenes: {scene}\nparticles: [50, 150]\nseeds: 60\nengines: {engines}\n"
     (tmp_path / "study.yaml").write_text(text)
-    lines = describe(str(tmp_path / "study.yaml")).splitlines()
+    lines = describe_scene_or_study(str(tmp_path / "study.yaml")).splitlines()
     assert [line.split(":")[0].split()[-1] for line in lines if line.startswith("engine ")] == [
         "exact", "timestep-0.001", "langevin-enskog"
     ]  # fmt: skip
@@ -130,7 +132,7 @@ def test_study_of_several_engines(tmp_path):
 
 def test_particles_are_not_for_studies():
     with pytest.raises(RequestError, match="--particles is for scenes"):
-        describe(CONFIG / "small.yaml", 50)
+        describe_scene_or_study(CONFIG / "small.yaml", 50)
 
 
 SIZES = {"x": [0.0, 6.0], "y": [0.0, 6.0]}
@@ -248,7 +250,7 @@ def test_a_key_of_a_study_does_not_make_a_scene_one(tmp_path):
     text = (CONFIG / "scenes" / "harrison2020.yaml").read_text()
     (tmp_path / "one.yaml").write_text(f"{text}seeds: 3\n")
     with pytest.raises(RequestError, match="unknown key 'seeds'"):
-        describe(str(tmp_path / "one.yaml"))
+        describe_scene_or_study(str(tmp_path / "one.yaml"))
     with pytest.raises(RequestError, match="is a study, not a scene; run it with brownpipe run"):
         read_scene(CONFIG / "small.yaml")
 
@@ -342,7 +344,7 @@ def test_a_lattice_a_list_and_a_lone_disk_always_find_a_place():
 
 def report(folder, mapping, name="scene"):
     (folder / f"{name}.yaml").write_text(json.dumps(mapping))
-    return describe(folder / f"{name}.yaml").splitlines()
+    return describe_scene_or_study(folder / f"{name}.yaml").splitlines()
 
 
 def cautions(lines):
@@ -489,7 +491,7 @@ def test_kernels_that_are_not_compiled_are_said(tmp_path, monkeypatch):
     calls = exact.kernel_calls(read_scene(tmp_path / "scene.yaml"))
     compile_all(calls)
     assert seconds_to_compile(calls) == {}
-    code = "from brownpipe.study.check import describe; print(describe('scene.yaml'))"
+    code = "from brownpipe.study.check import describe_scene_or_study; print(describe_scene_or_study('scene.yaml'))"
     began = time.monotonic()
     apart = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     words = [sys.executable, "-c", code]
@@ -508,4 +510,4 @@ def test_a_file_that_is_no_scene_is_named_with_what_is_expected(tmp_path):
         (tmp_path / "a", "No such file"),
     ):
         with pytest.raises(RequestError, match=rf"^{re.escape(str(path))}: .*{what}"):
-            describe(path)
+            describe_scene_or_study(path)

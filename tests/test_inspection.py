@@ -157,12 +157,12 @@ def test_a_dataset_says_what_made_it(dataset):
     told = [f"{name} {version(name)}" for name in ("brownpipe", *packages(*STEPS["aggregate"]))]
     assert {"numpy", "scipy", "xarray", "h5py", "pandas"} <= {name.split()[0] for name in told}
     assert f"\nwritten by   {', '.join(told)}\n" in text
-    other = results.describe(contents.assign_attrs(source_digest="0" * 64))
+    other = results.describe_dataset(contents.assign_attrs(source_digest="0" * 64))
     assert "source       000000000000, not that of this installation" in other
     nameless = {name: value for name, value in contents.attrs.items() if name != "source_digest"}
-    unknown = results.describe(contents.drop_attrs().assign_attrs(nameless))
+    unknown = results.describe_dataset(contents.drop_attrs().assign_attrs(nameless))
     assert "source       unknown, not that of this installation" in unknown
-    earlier = results.describe(contents.drop_attrs())
+    earlier = results.describe_dataset(contents.drop_attrs())
     assert not any(line.startswith(("written by", "source")) for line in earlier)
 
 

@@ -28,9 +28,9 @@ def report(path: str | Path) -> str:
     contents = read_contents(path)
     table: list[str] = []
     if isinstance(contents, Trajectories):
-        lines = runs.describe(path, contents)
+        lines = runs.describe_trajectories(path, contents)
     else:
-        lines, table = results.describe(contents), ["", *results.table(contents)]
+        lines, table = results.describe_dataset(contents), ["", *results.table(contents)]
     size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
     return in_lines([f"{path}  {size}", *lines, "intact       yes: every byte as it was written", *table])
 

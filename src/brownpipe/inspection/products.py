@@ -83,7 +83,7 @@ def is_product(path: str | Path) -> bool:
     return Path(path).suffix.lower() in SUFFIXES
 
 
-def describe(path: str | Path) -> str:
+def describe_product(path: str | Path) -> str:
     """Return what a product of `brownpipe figures` was made from, as lines of text. Errors as of `read_product`."""
     product = read_product(path)
     assert product.record is not None

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SHOWN_HEALTH = {"energy_drift": "worst energy drift", "worst_overlap": "worst overlap"}  # columns of the table
 
 
-def describe(dataset: Dataset) -> list[str]:
+def describe_dataset(dataset: Dataset) -> list[str]:
     """Return the lines of the report on a dataset: its sizes, and what made it."""
     return [
         f"title        {dataset.attrs.get('title', '-')}",

@@ -26,7 +26,7 @@ HEALTH = {  # observable: name of its largest absolute value in the report
 }
 
 
-def describe(path: str | Path, contents: Trajectories) -> list[str]:
+def describe_trajectories(path: str | Path, contents: Trajectories) -> list[str]:
     """Return the lines of the report on a trajectory file."""
     ensemble, header = contents.ensemble, read_header(path)
     runs = len(ensemble.seeds)

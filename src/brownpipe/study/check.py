@@ -28,7 +28,7 @@ RUNS = 100  # of a scene, for which its placement should succeed
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 
 
-def describe(path: str, particles: int | None = None) -> str:
+def describe_scene_or_study(path: str, particles: int | None = None) -> str:
     """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
     mapping = read_yaml(path, MOST_BYTES)
     if isinstance(mapping, dict) and is_study(mapping):

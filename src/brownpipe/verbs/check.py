@@ -17,7 +17,7 @@ def add_arguments(add: Callable) -> None:
 
 def check(arguments: Namespace) -> int:
     """Say whether a scene or study is valid, what will be simulated, and what it will cost."""
-    from brownpipe.study.check import describe
+    from brownpipe.study.check import describe_scene_or_study
 
-    show(*describe(arguments.file, arguments.particles).split("\n"))
+    show(*describe_scene_or_study(arguments.file, arguments.particles).split("\n"))
     return DONE

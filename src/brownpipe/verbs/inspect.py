@@ -44,7 +44,7 @@ def inspect(arguments: Namespace) -> int:
     elif arguments.seed is not None:
         show(*inspection.report_run(arguments.file, arguments.seed).split("\n"))
     elif products.is_product(arguments.file):
-        show(*products.describe(arguments.file).split("\n"))
+        show(*products.describe_product(arguments.file).split("\n"))
     else:
         show(*inspection.report(arguments.file).split("\n"))
     return DONE
