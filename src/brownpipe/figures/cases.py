@@ -92,7 +92,7 @@ def check_names(dataset: Dataset) -> None:
 
 def has(case: Dataset, *names: str) -> bool:
     """Return whether the case has a finite value of every one of these variables."""
-    return all(name in case and bool(np.isfinite(case[name]).any()) for name in names)
+    return all(name in case and bool(np.isfinite(case[name].values).any()) for name in names)
 
 
 def check_count(cases: list[Dataset], particles: int | None) -> None:

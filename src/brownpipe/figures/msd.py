@@ -159,6 +159,7 @@ def table(cases: list[Dataset]) -> Table:
         for diffusion, _ in _diffusing(case):
             diffusing = _diffusion(case, columns[0], diffusion)
         lines = [_fitted(case.isel(window=k), columns[0]) for k in range(case.sizes["window"])]
-        rows += [(*label_of(case), *values) for values in zip(*columns, ballistic, diffusing, *lines, strict=True)]
+        label = label_of(case)
+        rows += [(*label, *values) for values in zip(*columns, ballistic, diffusing, *lines, strict=True)]
     fits = (f"fit over {window}" for window in cases[0].window.values)
     return Table((*EACH, *names, "ballistic", "diffusion", *fits), rows)

@@ -59,11 +59,12 @@ def _diffusion(axes: Axes, cases: list[Dataset]) -> None:
     """Draw D of every fit window; the windows of a count stand side by side, centred on it."""
     axes.axhline(0, color=GREY, linewidth=0.8)
     counts = sorted({case.particles.item() for case in cases})
+    all_fits = [fit for case in cases for fit in fits_of(case)]
     windows = list(cases[0].window.values)
     nearest = min(np.diff(counts), default=1)
     step = min(SIDE * (counts[-1] - counts[0]), 0.6 * nearest / len(windows))
     for k, (window, (colour, _, marker)) in enumerate(zip(windows, cycle(SERIES), strict=False)):
-        fits = [fit for case in cases for fit in fits_of(case) if fit.window == window]
+        fits = [fit for fit in all_fits if fit.window == window]
         counted = [fit.particles.item() for fit in fits]
         n = [count + (k - (len(windows) - 1) / 2) * step for count in counted]
         d = [float(fit.diffusion_coefficient) for fit in fits]

@@ -212,7 +212,7 @@ def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **lin
 
 def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
     """Return how far the 95 % intervals of `name` reach down and up, (2, cases), as `axes.errorbar` takes it."""
-    return np.abs([[float(case[f"{name}_{end}"] - case[name]) for case in cases] for end in ("low", "high")])
+    return np.abs([[float(case[f"{name}_{end}"]) - float(case[name]) for case in cases] for end in ("low", "high")])
 
 
 def error_bars(axes: Axes, x: Sequence, y: ArrayLike, reach: np.ndarray, at: Sequence, **looks: Any) -> None:
