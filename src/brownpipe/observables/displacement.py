@@ -82,4 +82,5 @@ def dot(moved: np.ndarray, velocity: np.ndarray) -> np.ndarray:
 
 def square_from_start(position: np.ndarray, image: np.ndarray | None, size: tuple[float, float]) -> np.ndarray:
     """Return squared distances (T, M) from the first sample; arguments as of `displacement`."""
-    return (displacement(position, image, size) ** 2).sum(axis=-1)
+    squares = displacement(position, image, size) ** 2
+    return squares[..., 0] + squares[..., 1]  # .sum(axis=-1) takes 20 times as long along an axis of two
