@@ -35,7 +35,7 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
     """Return every case that has runs, ordered by scene, particle count and engine."""
     labels = [(s, n, e) for s in dataset.scene.values for n in dataset.particles.values for e in dataset.engine.values]
     cases = [dataset.sel(scene=s, particles=n, engine=e) for s, n, e in labels]
-    return [case for case in cases if case.runs + case.failed_runs > 0]
+    return [case for case in cases if int(case.runs) + int(case.failed_runs) > 0]
 
 
 def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable[Concatenate[Dataset, P], R]:

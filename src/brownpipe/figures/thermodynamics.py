@@ -52,7 +52,7 @@ def draw(cases: list[Dataset]) -> Figure:
         phi = _values(measured, "packing_fraction")
         ends = _horizontal(phi)
         places = apart(phi, min(MARKER, 0.5 / len(phi)) * (ends[1] - ends[0]), *ends)
-        series = by_series([case.assign(place=place) for case, place in zip(measured, places, strict=True)])
+        series = by_series([case.assign_attrs(place=place) for case, place in zip(measured, places, strict=True)])
         _points(main, series, name)
         compared = [case for case in measured if np.isfinite(_expected(case, name))]
         for panel in low:
@@ -90,7 +90,7 @@ def _values(cases: list[Dataset], name: str) -> list[float]:
 
 def _markers(axes: Axes, cases: list[Dataset], y: ArrayLike, reach: np.ndarray, **looks: Any) -> None:
     """Draw values of cases with error bars at the places of their markers."""
-    places = _values(cases, "place")
+    places = [case.attrs["place"] for case in cases]
     error_bars(axes, _values(cases, "packing_fraction"), y, reach, places, **HOLLOW, **looks)
 
 
