@@ -140,7 +140,8 @@ def over_time(case: Dataset, name: str = "msd") -> Dataset:
 def defined(case: Dataset, name: str, dim: str) -> Dataset:
     """Return the case restricted along `dim` to the points where `name` has a value."""
     values: DataArray = np.isfinite(case[name])  # type: ignore[assignment]  # an array in NumPy's stubs
-    return case.isel({dim: values.any([other for other in values.dims if other != dim]).values})
+    kept = values.any([other for other in values.dims if other != dim]).values
+    return case if kept.all() else case.isel({dim: kept})
 
 
 def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
