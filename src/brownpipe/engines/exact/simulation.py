@@ -59,8 +59,9 @@ def simulate(
             if start is None or start.equilibrating:
                 drawn = draw(scene, int(ensemble.seeds[column]))
                 start = beginning(prepared, equilibrate(equilibrator, drawn, stored, saving))
-            run_at_end = to_end(prepared, start, scene.times, batch.needed_record, saving)
-            ended[column] = run_at_end if together == 1 else run_at_end.kept()
+            ended[column] = to_end(prepared, start, scene.times, batch.needed_record, saving)
+            if together > 1:
+                ended[column] = ended[column].kept()
         stored = None
         if len(ended) >= together or not ensemble.observables:  # files keep the order of the first report
             _report(prepared, ended, batch)
