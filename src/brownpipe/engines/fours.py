@@ -5,6 +5,8 @@ may be a four or one number. Each of the four results is rounded like that of a 
 not depend on the processor: one without such instructions computes the four one after the other. Outside of compiled
 kernels a four is a NumPy array (4,), and the functions are those of this file.
 
+Integers serve as addresses, for which the processor needs them one by one: compiled, a four of them is no vector.
+
 The arrays that are read or written are one-dimensional; `float64` or `uint32` as stated. No index is checked.
 """
 
@@ -78,22 +80,23 @@ LONG, WORD, DOUBLE = ir.IntType(64), ir.IntType(32), ir.DoubleType()
 
 
 class Four(types.Type):
-    """The Numba type of a four of `number`."""
+    """The Numba type of a four of `number`, in LLVM of type `four`."""
 
-    def __init__(self, number: types.Type, bits: ir.Type) -> None:
-        self.number, self.vector = number, ir.VectorType(bits, SIZE)
+    def __init__(self, number: types.Type, four: ir.Type) -> None:
+        self.number, self.four = number, four
         super().__init__(f"Four.{number}")
 
 
-FLOATS, INTEGERS = Four(types.float64, DOUBLE), Four(types.int64, LONG)
-TRUTHS = Four(types.boolean, ir.IntType(1))
+FLOATS = Four(types.float64, ir.VectorType(DOUBLE, SIZE))
+TRUTHS = Four(types.boolean, ir.VectorType(ir.IntType(1), SIZE))
+INTEGERS = Four(types.int64, ir.ArrayType(LONG, SIZE))
 NUMBERS, WORDS = types.Array(types.float64, 1, "C"), types.Array(types.uint32, 1, "C")
 
 
 @register_model(Four)
 class _FourModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Four) -> None:
-        super().__init__(manager, kind, kind.vector)
+        super().__init__(manager, kind, kind.four)
 
 
 def _instructions(function: Callable, *signatures: Any) -> Callable:
@@ -128,8 +131,45 @@ def _operation(function: Callable, kind: Four, result: Four, instruction: Callab
         fours = [value if isinstance(value.type, ir.VectorType) else _spread(builder, value) for value in operands]
         return instruction(builder, *fours)
 
-    pairs = ((kind, kind), (kind, kind.number), (kind.number, kind))
-    _instructions(function, *(signature(result, *pair) for pair in pairs))(code)
+    _instructions(function, *_pairs(kind, result))(code)
+
+
+def _integer_operation(function: Callable, instruction: Callable) -> None:
+    """Let Numba compile a function of two fours of integers, or of such a four and a number, to four instructions."""
+
+    def code(builder: ir.IRBuilder, *operands: ir.Value) -> ir.Value:
+        lanes = zip(*(_each(builder, value) for value in operands), strict=True)
+        return _integers(builder, [instruction(builder, *pair) for pair in lanes])
+
+    _instructions(function, *_pairs(INTEGERS, INTEGERS))(code)
+
+
+def _pairs(kind: Four, result: Four) -> list[Any]:
+    """Return the signatures of an operation on two fours, or a four and a number."""
+    return [signature(result, *pair) for pair in ((kind, kind), (kind, kind.number), (kind.number, kind))]
+
+
+def _each(builder: ir.IRBuilder, value: ir.Value) -> list[ir.Value]:
+    """Return the integers of a four, or a number four times."""
+    if isinstance(value.type, ir.ArrayType):
+        return [builder.extract_value(value, lane) for lane in range(SIZE)]
+    return [value] * SIZE
+
+
+def _integers(builder: ir.IRBuilder, each: Sequence[ir.Value]) -> ir.Value:
+    """Return four integers as one value."""
+    made = ir.Constant(INTEGERS.four, ir.Undefined)
+    for lane, integer in enumerate(each):
+        made = builder.insert_value(made, integer, lane)
+    return made
+
+
+def _as_vector(builder: ir.IRBuilder, integers: ir.Value) -> ir.Value:
+    """Return the integers of a four, or a number four times, as a vector."""
+    vector = ir.Constant(ir.VectorType(LONG, SIZE), ir.Undefined)
+    for lane, integer in enumerate(_each(builder, integers)):
+        vector = builder.insert_element(vector, integer, WORD(lane))
+    return vector
 
 
 def _spread(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
@@ -165,12 +205,16 @@ _operation(np.maximum, FLOATS, FLOATS, _larger)
 _operation(operator.lt, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered("<", one, other))
 _operation(operator.le, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered("<=", one, other))
 _operation(operator.gt, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered(">", one, other))
-_operation(operator.mul, INTEGERS, INTEGERS, ir.IRBuilder.mul)
-_operation(operator.add, INTEGERS, INTEGERS, ir.IRBuilder.add)
-_operation(operator.and_, INTEGERS, INTEGERS, ir.IRBuilder.and_)
-_operation(operator.rshift, INTEGERS, INTEGERS, ir.IRBuilder.lshr)
-_operation(operator.ne, INTEGERS, TRUTHS, lambda builder, one, other: builder.icmp_signed("!=", one, other))
 _operation(operator.and_, TRUTHS, TRUTHS, ir.IRBuilder.and_)
+_integer_operation(operator.mul, ir.IRBuilder.mul)
+_integer_operation(operator.add, ir.IRBuilder.add)
+_integer_operation(operator.and_, ir.IRBuilder.and_)
+_integer_operation(operator.rshift, ir.IRBuilder.lshr)
+
+
+@_instructions(operator.ne, *_pairs(INTEGERS, TRUTHS))
+def _differ(builder: ir.IRBuilder, one: ir.Value, other: ir.Value) -> ir.Value:
+    return builder.icmp_signed("!=", _as_vector(builder, one), _as_vector(builder, other))
 
 
 @_instructions(np.sqrt, signature(FLOATS, FLOATS))
@@ -185,21 +229,27 @@ _instructions(where, signature(FLOATS, TRUTHS, FLOATS, FLOATS))(ir.IRBuilder.sel
 
 @_instructions(four_from, signature(FLOATS, types.float64))
 def _four_from(builder: ir.IRBuilder, first: ir.Value) -> ir.Value:
-    return builder.fadd(_spread(builder, first), ir.Constant(FLOATS.vector, [float(lane) for lane in range(SIZE)]))
+    return builder.fadd(_spread(builder, first), ir.Constant(FLOATS.four, [float(lane) for lane in range(SIZE)]))
 
 
 @_instructions(four_entries, signature(INTEGERS, WORDS, types.int64, types.int64, types.int64))
 def _four_entries(builder: ir.IRBuilder, array: ir.Value, first: ir.Value, end: ir.Value, beyond: ir.Value) -> ir.Value:
-    entries = builder.zext(builder.load(_vector_at(builder, array, first), align=4), INTEGERS.vector)
-    index = builder.add(_spread(builder, first), ir.Constant(INTEGERS.vector, list(range(SIZE))))
-    return builder.select(builder.icmp_signed("<", index, _spread(builder, end)), entries, _spread(builder, beyond))
+    """Load the four one by one, which "unordered" tells LLVM: where `copy_four` has just written they are at hand.
+
+    A load of all four would wait until several overlapping stores are in the cache, after all earlier instructions.
+    """
+    each = []
+    for lane in range(SIZE):
+        index = builder.add(first, LONG(lane))
+        entry = builder.zext(builder.load_atomic(builder.gep(array, [index]), "unordered", align=4), LONG)
+        each.append(builder.select(builder.icmp_signed("<", index, end), entry, beyond))
+    return _integers(builder, each)
 
 
 @_instructions(four_columns, signature(types.UniTuple(FLOATS, SIZE), NUMBERS, INTEGERS))
 def _four_columns(builder: ir.IRBuilder, array: ir.Value, index: ir.Value) -> list[ir.Value]:
     """Load four rows, and transpose them."""
-    first = [builder.extract_element(index, WORD(lane)) for lane in range(SIZE)]
-    a, b, c, d = (builder.load(_vector_at(builder, array, at), align=8) for at in first)
+    a, b, c, d = (builder.load(_vector_at(builder, array, at), align=8) for at in _each(builder, index))
     even_ab, odd_ab = (_shuffled(builder, a, b, lanes) for lanes in ([0, 4, 2, 6], [1, 5, 3, 7]))
     even_cd, odd_cd = (_shuffled(builder, c, d, lanes) for lanes in ([0, 4, 2, 6], [1, 5, 3, 7]))
     return [
