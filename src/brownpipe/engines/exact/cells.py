@@ -17,7 +17,7 @@ import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.disks import position
-from brownpipe.engines.fours import copy_four
+from brownpipe.engines.fours import copy_four, replace_in_four
 from brownpipe.engines.kernels import kernel, prefetch
 
 # -- which cell -----------------------------------------------------------------------------------------------------
@@ -99,13 +99,15 @@ def add(w: ws.Workspace, cell: int, candidate: int) -> None:
 
 @kernel
 def remove(w: ws.Workspace, cell: int, candidate: int) -> None:
-    """Remove a candidate from a cell; the cell's last candidate takes its place."""
+    """Remove a candidate from a cell; the cell's last candidate takes its place.
+
+    The first four entries include the number of candidates, which is written last.
+    """
     first = cell * w.grid.slots
     n = w.cell[first]
     last = w.cell[first + n]
-    for j in range(first + 1, first + n):
-        if w.cell[j] == candidate:
-            w.cell[j] = last
+    for j in range(first, first + n, 4):
+        replace_in_four(w.cell, j, candidate, last)
     w.cell[first] = n - 1
 
 
@@ -206,14 +208,13 @@ def steps(w: ws.Workspace, event: int) -> tuple[int, int]:
 def gather_three(w: ws.Workspace, middle: int, step: int, m: int) -> int:
     """Append the disks of three cells to the m candidates; return their new number.
 
-    Of each cell the first four entries are copied at once, valid or not. Few cells have more disks.
+    Four entries are copied at once, valid or not. Few cells have more disks.
     """
-    for cell in three_cells(middle, step):
-        first = cell * w.grid.slots + 1
-        n = w.cell[first - 1]
-        copy_four(w.candidate, m, w.cell, first)
-        for j in range(4, n):
-            w.candidate[m + j] = w.cell[first + j]
+    for first in three_cells(w.grid.slots * middle, w.grid.slots * step):
+        n = w.cell[first]
+        copy_four(w.candidate, m, w.cell, first + 1)
+        for j in range(4, n, 4):
+            copy_four(w.candidate, m + j, w.cell, first + 1 + j)
         m += n
     return m
 

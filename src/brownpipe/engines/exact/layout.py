@@ -49,7 +49,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     disk, link, cell, bucket, current_time, current_disk, centre, neighbour = zeros_together(
         (ws.ROW * n, np.float64),
         (ws.ROW * n, np.uint32),
-        ((grid.columns + 2) * (grid.rows + 2) * grid.slots, np.uint32),
+        ((grid.columns + 2) * (grid.rows + 2) * grid.slots + fours.SIZE, np.uint32),
         (BUCKET_WORDS * (calendar.ring + 1), np.uint32),
         (current, np.float64),
         (current, np.uint32),

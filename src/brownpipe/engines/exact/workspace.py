@@ -129,7 +129,7 @@ class Workspace(NamedTuple):
     link: np.ndarray  # (8 N,) uint32
     event_time: np.ndarray  # (4 N,) float64, a view of `link`
     mass: np.ndarray | None  # (N,) float64; None: all disks have mass 1 and the same radius
-    cell: np.ndarray  # (cells * slots,) uint32
+    cell: np.ndarray  # (cells * slots + 4,) uint32
     image: np.ndarray | None  # (2 N,) int32, how often each disk has left a periodic box to the right and upwards
     shift: np.ndarray | None  # (36,) float64, displacement (x, y, 0, 0) of each periodic image; None: walls
     big: BigDisks | None
