@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from brownpipe.engines.fours import (
+    all_bits,
     any_of,
     copy_four,
     four,
@@ -43,6 +44,7 @@ def results(numbers, words, copied, first, end, lane):
         number(where((a > b) & (index != 5), a, d), lane),
         least(b),
         1.0 * any_of(a < b) + 2.0 * any_of(a < a),
+        1.0 * all_bits(index),
     )
 
 

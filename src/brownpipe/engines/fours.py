@@ -69,6 +69,11 @@ def any_of(condition: np.ndarray) -> bool:
     return bool(condition.any())
 
 
+def all_bits(integers: np.ndarray) -> int:
+    """Return the bits that are set in any of four integers."""
+    return int(np.bitwise_or.reduce(integers))
+
+
 def least(values: np.ndarray) -> float:
     """Return the least of four floats."""
     return float(values.min())
@@ -277,6 +282,12 @@ def _replace_in_four(builder: ir.IRBuilder, array: ir.Value, first: ir.Value, ol
 def _any_of(builder: ir.IRBuilder, condition: ir.Value) -> ir.Value:
     bits = ir.IntType(SIZE)
     return builder.icmp_unsigned("!=", builder.bitcast(condition, bits), bits(0))
+
+
+@_instructions(all_bits, signature(types.int64, INTEGERS))
+def _all_bits(builder: ir.IRBuilder, integers: ir.Value) -> ir.Value:
+    a, b, c, d = _each(builder, integers)
+    return builder.or_(builder.or_(a, b), builder.or_(c, d))
 
 
 @_instructions(least, signature(types.float64, FLOATS))

@@ -7,7 +7,7 @@ import numpy as np
 
 from brownpipe.engines.collisions import shares
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.fours import four, four_columns
+from brownpipe.engines.fours import all_bits, four, four_columns
 from brownpipe.engines.kernels import kernel
 
 
@@ -113,8 +113,10 @@ def four_contact_distances(mass: np.ndarray | None, w: ws.Workspace, i: int, rad
 def four_shifted(
     shift: np.ndarray | None, candidate: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions of four candidates, as of `shifted`."""
+    """Return the positions of four candidates, as of `shifted`; seldom is one of them an image."""
     if shift is None:
+        return x, y
+    if all_bits(candidate) <= ws.DISK_MASK:
         return x, y
     across, up, _, _ = four_columns(shift, (candidate >> ws.DISK_BITS) * ws.SHIFT_ROW)
     return x + across, y + up
