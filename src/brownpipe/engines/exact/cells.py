@@ -65,6 +65,8 @@ def boxes_away(shift: np.ndarray | None, w: ws.Workspace, column: int, row: int)
     """Return how many boxes to the right and above a place is."""
     if shift is None:
         return 0, 0
+    if 0 <= column < w.grid.columns and 0 <= row < w.grid.rows:
+        return 0, 0  # without two divisions
     return column // w.grid.columns, row // w.grid.rows
 
 

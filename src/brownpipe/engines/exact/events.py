@@ -75,14 +75,6 @@ def earliest(w: ws.Workspace, i: int, now: float, candidates: np.ndarray, first:
 
 
 @kernel
-def within_walls(shift: np.ndarray | None, edge: float, low: float, side: float, radius: float) -> float:
-    """Return the coordinate at which a disk moving towards an edge leaves its cell or touches a wall, eq. (4)."""
-    if shift is not None:
-        return edge
-    return min(max(edge, low + radius), low + side - radius)
-
-
-@kernel
 def leave_time(
     shift: np.ndarray | None,
     position: float,
@@ -98,7 +90,9 @@ def leave_time(
     Consider only the wall the disk moves towards: if round-off has left it slightly beyond the opposite wall, that
     contact also lies ahead and must be ignored. If it overlaps the wall ahead by round-off, the time is before `since`.
     """
-    end = within_walls(shift, edge, low, side, radius)
+    if shift is not None:
+        return since + wall_time(edge - position, velocity), False
+    end = min(max(edge, low + radius), low + side - radius)
     return since + wall_time(end - position, velocity), (edge - end) * velocity > 0.0
 
 
