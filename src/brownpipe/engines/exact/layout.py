@@ -15,8 +15,8 @@ EVENTS_PER_BUCKET = 8.0  # on average
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
-FITS_CACHE = 10_000  # disks; from this number on, prefetching upcoming events and a shorter ring of buckets are faster
-CANDIDATES_FIT_CACHE = 20_000  # disks; from this number on, it is faster to prefetch the candidates of these, too
+FITS_CACHE = 10_000  # disks; from this number on, prefetching upcoming events is faster
+CANDIDATES_FIT_CACHE = 20_000  # disks; from this number on, prefetching their candidates, too, and a shorter ring are
 MOST_DEFERRED = 64  # deferred insertions at most: more than the events of a bucket schedule
 LEAST_SLOTS, MOST_SLOTS = 8, 64  # of a cell, at the first try; four disks are copied at once
 CACHE_LINE, HUGE_PAGE = 64, 2 << 20  # bytes
@@ -168,7 +168,7 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
     crossing = speed * (1 / grid.cell_width + 1 / grid.cell_height) if half == 0.0 else 0.5 * speed / half
     block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, PATH_PER_BLOCK * sigma / speed))
     width = power_of_two(min(EVENTS_PER_BUCKET / (n * (rate + crossing)), block))
-    ring = max(16, 2 ** math.ceil(math.log2((0.75 if n < FITS_CACHE else 0.5) * n)))
+    ring = max(16, 2 ** math.ceil(math.log2((1.25 if n < CANDIDATES_FIT_CACHE else 0.5) * n)))
     return ws.Calendar(block, width, 1 / width, ring - 1)
 
 
