@@ -98,12 +98,15 @@ def centre(lists: ws.NeighbourLists, w: ws.Workspace, i: int, now: float) -> Non
 def meet(lists: ws.NeighbourLists, w: ws.Workspace, i: int, least: int) -> None:
     """Find the neighbours of disk i numbered `least` or more in the cell list, and add each to the other's list."""
     column, row = cells.place_of(w, i)
+    n = 0
     for j in range(cells.gather_around(w, column, row)):
         candidate = w.candidate[j]
         k = candidate & ws.DISK_MASK
-        if k >= least and k != i and can_touch(lists, w, i, candidate):
-            add(lists, w, i, candidate)
-            add(lists, w, k, reversed_image(candidate, i))
+        w.candidate[n] = candidate
+        n += (k >= least) & (k != i) & can_touch(lists, w, i, candidate)  # a branch would be mispredicted often
+    for candidate in w.candidate[:n]:
+        add(lists, w, i, candidate)
+        add(lists, w, candidate & ws.DISK_MASK, reversed_image(candidate, i))
 
 
 @kernel
