@@ -135,13 +135,16 @@ def open_next_bucket(w: ws.Workspace) -> None:
     """Make the next bucket the current one."""
     store_deferred(w.deferred, w)
     w.progress[ws.CURRENT_BUCKET] += 1
-    number = bucket_after(w, 0)
-    stored = entries(w, number)
-    w.bucket[BUCKET_WORDS * number] = 0
-    for j in stored:
+    number, n = bucket_after(w, 0), 0
+    first = BUCKET_WORDS * number + 1
+    for j in entries(w, number):
+        i = w.bucket[j]
+        w.bucket[first + n] = i
+        n += is_valid(w, np.int64(i), number)  # a branch would be mispredicted often
+    w.bucket[first - 1] = 0
+    for j in range(first, first + n):
         i = np.int64(w.bucket[j])
-        if is_valid(w, i, number):
-            push(w, i, w.event_time[ws.EVENT_ROW * i])
+        push(w, i, w.event_time[ws.EVENT_ROW * i])
 
 
 @kernel
