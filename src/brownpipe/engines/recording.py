@@ -60,7 +60,7 @@ def each_conservation(
     mass: np.ndarray, first: np.ndarray, last: np.ndarray, wall_impulses: np.ndarray
 ) -> list[Conservation]:
     """Return `conservation` of each of K runs, from velocities (K, N, 2) and wall impulses (K, 4)."""
-    square, square_after = (v[..., 0] * v[..., 0] + v[..., 1] * v[..., 1] for v in (first, last))
+    square, square_after = (v[:, :, 0] * v[:, :, 0] + v[:, :, 1] * v[:, :, 1] for v in (first, last))
     before, after = (mass * square).sum(axis=1), (mass * square_after).sum(axis=1)
     left, right, bottom, top = wall_impulses.T
     missing = (mass[:, None] * (last - first)).sum(axis=1) - np.stack([left - right, bottom - top], axis=1)

@@ -89,7 +89,7 @@ def each_report(
     first, motion, count, tally = (
         _together([getattr(ending, name) for ending in endings]) for name in ("first", "motion", "count", "tally")
     )
-    mass, last = np.ones(motion.shape[1]) if mass is None else mass, motion[..., 2:]
+    mass, last = np.ones(motion.shape[1]) if mass is None else mass, motion[:, :, 2:]
     moving = np.isfinite(mass)
     pinned = not moving.all()
     if pinned:
