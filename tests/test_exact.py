@@ -431,6 +431,22 @@ def test_seeds_differ():
     assert len(np.unique(last, axis=0)) == 20
 
 
+@pytest.mark.parametrize("pinned", [False, True])
+@pytest.mark.parametrize("boundary", [W, P])
+def test_runs_reported_together_have_the_reports_of_each(boundary, pinned):
+    scene = make(box(9, 9, boundary), [(40, 0.4, 1.0)], 2.0, tracer={"radius": 0.8, "mass": 30.0})
+    prepared, alone, ended = exact_run.prepare_scene(scene, pinned), [], []
+    for seed in range(5):
+        state = draw(scene, seed)
+        state.velocity[0] *= not pinned
+        start = exact_run.beginning(prepared, state)
+        alone.append(exact_run.evolve(prepared, start, scene.times, {"tracer"}))
+        ended.append(exact_run.to_end(prepared, start, scene.times, {"tracer"}).kept())
+    together = exact_run.results_of(prepared, ended)
+    assert [run.observables for run in together] == [run.observables for run in alone]
+    assert len({run.observables["kinetic_energy"] for run in together}) == 5
+
+
 def test_a_workspace_that_had_to_grow_changes_nothing():
     scene = swarm(0.5)
     run = simulate(scene, [1, 2], {"tracer", "all"})

@@ -377,6 +377,11 @@ def test_small_products_of_large_and_small_units_are_exact():
         assert represented(-value, 0.5, mass) == -0.5 * (value * mass)
 
 
+def report_of(scene, frame, w, first):
+    """The report of a run by the exact engine from positions and velocities `first` to the state of the workspace."""
+    return recording.each_report(scene, frame, w.mass, [recording.ending_of(w, first[:, 2:])])[0]
+
+
 def with_broken(engine, index, value):
     """`failed` of a run whose first disk ended with such a number, all else sound."""
     scene = FEW["periodic"]
@@ -385,7 +390,7 @@ def with_broken(engine, index, value):
         w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
         begin(w, first)
         w.disk[index] = value
-        return recording.report_of(scene, one.frame, w, first[:, 2:])["failed"]
+        return report_of(scene, one.frame, w, first)["failed"]
     one = timestep.prepared(scene, largest_step(scene) / 64)
     w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
     timestep.begin(w, first)
@@ -410,7 +415,7 @@ def test_a_run_that_starts_nowhere_fails(engine, value):
         one = prepare_scene(scene)
         first = motion_of(state, one.frame)
         begin(one.workspace, first)
-        found = recording.report_of(scene, one.frame, one.workspace, first[:, 2:])
+        found = report_of(scene, one.frame, one.workspace, first)
     else:
         one = timestep.prepared(scene, largest_step(scene) / 64)
         first = motion_of(state, one.frame)
@@ -431,7 +436,7 @@ def test_images_that_no_int32_can_count_fail_the_run():
         begin(one.workspace, first)
         one.workspace.count[CROSSINGS] = 2**32
         one.workspace.progress[BLOCK] = int(share * longest / one.workspace.calendar.block)
-        assert recording.report_of(scene, one.frame, one.workspace, first[:, 2:])["failed"] == failed
+        assert report_of(scene, one.frame, one.workspace, first)["failed"] == failed
         timestep.begin(step.workspace, first)
         step.workspace.counters[STEP] = int(share * longest / step.workspace.step)
         assert timestep.report_of(scene, step.frame, step.workspace, first[:, 2:])["failed"] == failed

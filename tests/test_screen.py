@@ -266,7 +266,11 @@ def test_the_folders_of_notes_of_killed_studies_are_removed_by_the_next_study(mo
     (tmp_path / "brownpipe-progress-file").touch()
     (tmp_path / "theirs").mkdir()
     (tmp_path / "brownpipe-progress-link").symlink_to("theirs")
-    names = ("brownpipe-progress-file", "brownpipe-progress-link", "notes", "theirs")
+    other = tmp_path / "brownpipe-progress-of-my-thesis"
+    other.mkdir()
+    (other / "chapter").touch()
+    os.utime(other, (0, 0))
+    names = ("brownpipe-progress-file", "brownpipe-progress-link", other.name, "notes", "theirs")
     monkeypatch.setattr("brownpipe.progress.TIME_TO_LOCK", -1.0)  # they are new
     assert folder.parent == tmp_path
     display(monkeypatch)[0].close()

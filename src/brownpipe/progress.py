@@ -81,13 +81,14 @@ def folder_of_notes() -> Iterator[None]:
 
 
 def _remove_abandoned(place: Path) -> None:
-    """Remove the folders of notes of this user that no process has locked."""
+    """Remove the folders of this user with notes alone, named by processes, that no process has locked."""
     for folder in place.glob(f"{FOLDER}*"):
         with suppress(OSError):
             is_new = time.time() - folder.lstat().st_mtime < TIME_TO_LOCK
             handle = None if is_new else _locked(folder)
             if handle is not None:
-                shutil.rmtree(folder, ignore_errors=True)
+                if all(name.isdecimal() for name in os.listdir(folder)):
+                    shutil.rmtree(folder, ignore_errors=True)
                 os.close(handle)
 
 
@@ -96,7 +97,10 @@ def _locked(folder: str | Path) -> int | None:
 
     Return None if another process has locked it, or if it cannot be locked. A link is not followed.
     """
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return None
     with suppress(OSError):
         if os.fstat(handle).st_uid == os.getuid():
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -89,10 +89,7 @@ class Velocities:
 
 @dataclass(frozen=True)
 class Scene:
-    """The physics of one run. Disk 0 is the tracer.
-
-    The arrays are made once, as every run reads them, and are read-only.
-    """
+    """The physics of one run. Disk 0 is the tracer."""
 
     name: str
     box: Box
@@ -116,27 +113,28 @@ class Scene:
         """The number of disks, N."""
         return len(self.disks) + sum(species.count for species in self.species)
 
-    @cached_property
+    @property
     def radius(self) -> np.ndarray:
-        """Radii (N,) [length]."""
-        return self._of_each_disk("radius")
+        """Radii (N,) [length], read-only."""
+        return _of_each_disk(self.disks or self.species, "radius")
 
-    @cached_property
+    @property
     def mass(self) -> np.ndarray:
-        """Masses (N,)."""
-        return self._of_each_disk("mass")
+        """Masses (N,), read-only."""
+        return _of_each_disk(self.disks or self.species, "mass")
 
     @property
     def packing_fraction(self) -> float:
         """Packing fraction, phi = sum(pi R^2)/A."""
         return float(math.pi * np.sum((self.radius / self.box.width) * (self.radius / self.box.height)))
 
-    @cached_property
+    @property
     def times(self) -> np.ndarray:
-        """Sample times (T,) [time] from 0 to the duration, both exactly: multiples of the interval, or logarithmic."""
-        if self.samples is not None:
-            return _read_only(sample_times.logarithmic_times(self.samples, self.duration))
-        return _read_only(sample_times.linear_times(self.sample_interval, self.duration))
+        """Sample times (T,) [time] from 0 to the duration, both exactly, read-only.
+
+        Multiples of the interval, or logarithmic.
+        """
+        return _times(self.samples, self.sample_interval, self.duration)
 
     @property
     def text(self) -> str:
@@ -148,11 +146,21 @@ class Scene:
         """SHA-256 of the text: equal for equal physics, whatever the scene's name."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
-    def _of_each_disk(self, field: str) -> np.ndarray:
-        """Return a field of the listed disks or of the species, repeated for each of their disks, (N,)."""
-        records = self.disks or self.species
-        counts = np.array([getattr(record, "count", 1) for record in records], dtype=int)
-        return _read_only(np.repeat(np.array([getattr(record, field) for record in records], dtype=float), counts))
+
+# Arrays of the last scene are kept, as each of its runs reads them.
+@lru_cache(maxsize=2)
+def _of_each_disk(records: tuple[Disk, ...] | tuple[Species, ...], field: str) -> np.ndarray:
+    """Return a field of the listed disks or of the species, repeated for each of their disks, (N,)."""
+    counts = np.array([getattr(record, "count", 1) for record in records], dtype=int)
+    return _read_only(np.repeat(np.array([getattr(record, field) for record in records], dtype=float), counts))
+
+
+@lru_cache(maxsize=1)
+def _times(samples: Samples | None, interval: float, duration: float) -> np.ndarray:
+    """Return the sample times of a scene."""
+    if samples is not None:
+        return _read_only(sample_times.logarithmic_times(samples, duration))
+    return _read_only(sample_times.linear_times(interval, duration))
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:

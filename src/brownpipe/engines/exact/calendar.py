@@ -132,7 +132,10 @@ def is_valid(w: ws.Workspace, i: int, number: int) -> bool:
 
 @kernel
 def open_next_bucket(w: ws.Workspace) -> None:
-    """Make the next bucket the current one."""
+    """Make the next bucket the current one.
+
+    A disk that was entered twice is pushed twice: `run_until` finds the second entry outdated.
+    """
     store_deferred(w.deferred, w)
     w.progress[ws.CURRENT_BUCKET] += 1
     number, n = bucket_after(w, 0), 0

@@ -87,8 +87,9 @@ def leave_time(
 ) -> tuple[float, bool]:
     """Return when a disk, moving so at the time `since`, reaches the edge or wall ahead in x or y, and whether a wall.
 
-    Consider only the wall the disk moves towards: if round-off has left it slightly beyond the opposite wall, that
-    contact also lies ahead and must be ignored. If it overlaps the wall ahead by round-off, the time is before `since`.
+    Consider only the wall the disk moves towards, eq. (4): if round-off has left it slightly beyond the opposite wall,
+    that contact also lies ahead and must be ignored. If it overlaps the wall ahead by round-off, the time is before
+    `since`.
     """
     if shift is not None:
         return since + wall_time(edge - position, velocity), False

@@ -72,11 +72,6 @@ def ending_of(w: ws.Workspace, first: np.ndarray) -> Ending:
     return Ending(first, w.disk.reshape(-1, ws.ROW)[:, ws.MOTION], elapsed, w.count, w.tally)
 
 
-def report_of(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray) -> dict[str, float | int]:
-    """Return the report of a run that began with velocities `first` (N, 2), in the engine's units and order."""
-    return each_report(scene, frame, w.mass, [ending_of(w, first)])[0]
-
-
 @np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
 def each_report(
     scene: Scene, frame: Frame, mass: np.ndarray | None, endings: Sequence[Ending]
@@ -93,7 +88,7 @@ def each_report(
     moving = np.isfinite(mass)
     pinned = not moving.all()
     if pinned:
-        mass, first, last = mass[moving], first[:, moving], last[:, moving]
+        mass, first, last = mass[moving], first.compress(moving, axis=1), last.compress(moving, axis=1)
     finite = np.isfinite(motion).all(axis=(1, 2)) & np.isfinite(tally[:, ws.VIRIAL :]).all(axis=1)
     reports = []
     for k, conserved in enumerate(each_conservation(mass, first, last, tally[:, ws.WALL_IMPULSE :])):
