@@ -183,7 +183,7 @@ def test_make_report_calls_snakemake_and_make_names_the_command_that_removes_a_l
 )
 def test_make_takes_any_path_of_a_study(path, target):
     given = ["STUDY=" + path.replace("$", "$$"), "REPORT=a page.html", "--dry-run"]
-    command = ["make", "--eval", "unlock: ; $(UNLOCK_COMMAND)", target, *given]
+    command = ["make", "--no-print-directory", "--eval", "unlock: ; $(UNLOCK_COMMAND)", target, *given]
     surroundings = environment(HOME="/home/of me")
     done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=True)
     words = shlex.split(done.stdout.splitlines()[-1])
