@@ -88,7 +88,7 @@ def entry_point(function: Callable) -> Callable:
     return dispatcher
 
 
-def prefetch(array: np.ndarray, index: int) -> None:
+def prefetch(array: np.ndarray, index: int | np.integer) -> None:
     """Load the cache line of array[index] into the processor's cache without waiting; changes only the speed."""
 
 

@@ -8,7 +8,7 @@ current bucket are in an array sorted by (time, disk), whose last element is the
 
 An event beyond the end of the ring is stored in an earlier bucket, and so is an event whose bucket is full. When that
 bucket is opened, events that are not yet due are pushed again. With many disks an insertion is deferred until
-the bucket has been prefetched, at the latest until the next bucket is opened.
+the bucket has been prefetched: until the next bucket but one is opened.
 
 `push` enters an event into the queue, `store` into a future bucket, `insert` into the current one.
 """
@@ -19,6 +19,7 @@ from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.kernels import kernel, prefetch
 
 BUCKET_WORDS, CAPACITY = 16, 15  # of a bucket: uint32, a cache line; disks
+MOST_DEFERRED = 64  # insertions deferred during one bucket at most: more than its events schedule
 IN_CURRENT, BEYOND_BLOCK = 0xFFFFFFFE, 0xFFFFFFFF  # in place of a bucket's number in the BUCKET field
 
 
@@ -41,29 +42,45 @@ def push(w: ws.Workspace, i: int, time: float) -> None:
 
 @kernel
 def store_or_defer(deferred: ws.Deferred | None, w: ws.Workspace, i: int, bucket: int) -> None:
-    """Store disk i in a future bucket; with many disks, prefetch the bucket and defer the insertion."""
-    if deferred is None:
+    """Store disk i in a future bucket; with many disks, prefetch the bucket and defer the insertion.
+
+    The bucket that is opened next has been prefetched, and is opened before the insertion would be carried out.
+    """
+    current = w.progress[ws.CURRENT_BUCKET]
+    if deferred is None or bucket == current + 1:
         store(w, i, bucket)
         return
-    number, n = bucket & w.calendar.ring, w.progress[ws.DEFERRED]
+    number, parity = bucket & w.calendar.ring, current & 1
     prefetch(w.bucket, BUCKET_WORDS * number)
     w.link[ws.ROW * i + ws.BUCKET] = number
-    deferred.bucket[n], deferred.disk[n] = bucket, i
-    w.progress[ws.DEFERRED] = n + 1
-    if n + 1 == len(deferred.disk):
-        store_deferred(deferred, w)
+    n = deferred.number[parity]
+    deferred.bucket[MOST_DEFERRED * parity + n], deferred.disk[MOST_DEFERRED * parity + n] = bucket, i
+    deferred.number[parity] = n + 1
+    if n + 1 == MOST_DEFERRED:
+        store_deferred(deferred, w, parity)
 
 
 @kernel
-def store_deferred(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
-    """Carry out the deferred insertions, except those of disks whose event has been predicted anew since."""
+def store_deferred(deferred: ws.Deferred | None, w: ws.Workspace, parity: int) -> None:
+    """Carry out the insertions deferred during the bucket before the current one, or during it, by the number's parity.
+
+    Those of disks whose event has been predicted anew since are left out.
+    """
     if deferred is None:
         return
-    for j in range(w.progress[ws.DEFERRED]):
+    first = MOST_DEFERRED * parity
+    for j in range(first, first + deferred.number[parity]):
         bucket, i = deferred.bucket[j], np.int64(deferred.disk[j])
         if is_valid(w, i, bucket & w.calendar.ring):
             store(w, i, bucket)
-    w.progress[ws.DEFERRED] = 0
+    deferred.number[parity] = 0
+
+
+@kernel
+def forget_deferred(deferred: ws.Deferred | None) -> None:
+    """Carry out none of the deferred insertions."""
+    if deferred is not None:
+        deferred.number[:] = 0
 
 
 @kernel
@@ -118,6 +135,18 @@ def bucket_after(w: ws.Workspace, n: int) -> int:
 
 
 @kernel
+def entry_after(w: ws.Workspace, n: int, e: int) -> np.int64:
+    """Return entry e, from 0, of the bucket n after the current one: a disk."""
+    return np.int64(w.bucket[BUCKET_WORDS * bucket_after(w, n) + 1 + e])
+
+
+@kernel
+def entries_after(w: ws.Workspace, n: int) -> np.int64:
+    """Return how many entries, valid or outdated, the bucket n after the current one has."""
+    return np.int64(w.bucket[BUCKET_WORDS * bucket_after(w, n)])
+
+
+@kernel
 def entries(w: ws.Workspace, number: int) -> range:
     """Return the range of indices in `w.bucket` at which a bucket's disks are, valid or outdated."""
     first = BUCKET_WORDS * number
@@ -131,21 +160,30 @@ def is_valid(w: ws.Workspace, i: int, number: int) -> bool:
 
 
 @kernel
+def keep_valid(w: ws.Workspace, number: int) -> None:
+    """Remove the outdated entries of a bucket."""
+    first, n = BUCKET_WORDS * number + 1, 0
+    for j in entries(w, number):
+        i = w.bucket[j]
+        w.bucket[first + n] = i
+        n += is_valid(w, np.int64(i), number)  # a branch would be mispredicted often
+    w.bucket[first - 1] = n
+
+
+@kernel
 def open_next_bucket(w: ws.Workspace) -> None:
     """Make the next bucket the current one.
 
     A disk that was entered twice is pushed twice: `run_until` finds the second entry outdated.
     """
-    store_deferred(w.deferred, w)
-    w.progress[ws.CURRENT_BUCKET] += 1
-    number, n = bucket_after(w, 0), 0
-    first = BUCKET_WORDS * number + 1
-    for j in entries(w, number):
-        i = w.bucket[j]
-        w.bucket[first + n] = i
-        n += is_valid(w, np.int64(i), number)  # a branch would be mispredicted often
-    w.bucket[first - 1] = 0
-    for j in range(first, first + n):
+    number = w.progress[ws.CURRENT_BUCKET] + 1
+    store_deferred(w.deferred, w, number & 1)
+    w.progress[ws.CURRENT_BUCKET] = number
+    opened = number & w.calendar.ring
+    keep_valid(w, opened)
+    valid = entries(w, opened)
+    w.bucket[BUCKET_WORDS * opened] = 0
+    for j in valid:
         i = np.int64(w.bucket[j])
         push(w, i, w.event_time[ws.EVENT_ROW * i])
 
@@ -167,4 +205,4 @@ def clear(w: ws.Workspace) -> None:
     w.bucket[::BUCKET_WORDS] = 0
     w.progress[ws.CURRENT_BUCKET] = 0
     w.progress[ws.CURRENT_EVENTS] = 0
-    w.progress[ws.DEFERRED] = 0
+    forget_deferred(w.deferred)

@@ -231,9 +231,8 @@ def prefetch_three_cells(w: ws.Workspace, middle: int, step: int) -> None:
 @kernel
 def prefetch_disks_of_three(w: ws.Workspace, middle: int, step: int) -> None:
     """Prefetch the first two disks of each cell that `gather_three` reads; few cells hold more."""
-    cells = len(w.cell) // w.grid.slots
-    for cell in three_cells(middle, step):
-        first = w.grid.slots * min(max(cell, 0), cells - 1)
+    cells, slots = len(w.cell) // w.grid.slots, w.grid.slots
+    for first in three_cells(slots * min(max(middle, step), cells - 1 - step), slots * step):
         prefetch(w.disk, ws.ROW * (w.cell[first + 1] & ws.DISK_MASK))
         prefetch(w.disk, ws.ROW * (w.cell[first + 2] & ws.DISK_MASK))
 

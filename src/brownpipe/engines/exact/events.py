@@ -29,7 +29,7 @@ from brownpipe.engines.exact.disks import (
     radius_of,
     relative_motion,
 )
-from brownpipe.engines.exact.prefetch import prefetch_upcoming
+from brownpipe.engines.exact.prefetch import prefetch_entry, prefetch_upcoming
 from brownpipe.engines.exact.sampling import take_sample
 from brownpipe.engines.fours import any_of, four, four_entries, four_from, least, where
 from brownpipe.engines.kernels import entry_point, kernel
@@ -299,6 +299,7 @@ def run_until(w: ws.Workspace, r: ws.Recorder, until: float, most: int) -> tuple
         if len(r.log_time) > 0 and progress[ws.LOGGED] == len(r.log_time):
             return ws.LOG_FULL, left
         progress[ws.CURRENT_EVENTS] = last
+        prefetch_entry(w.deferred, w, last)
         if w.event_time[ws.EVENT_ROW * i] == now:
             happen(w, r, i, now)
             w.tally[ws.NOW] = now

@@ -7,7 +7,7 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.engines import fours
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.calendar import BUCKET_WORDS
+from brownpipe.engines.exact.calendar import BUCKET_WORDS, MOST_DEFERRED
 from brownpipe.engines.units import PATH_PER_BLOCK, Frame, common_radius, power_of_two, thermal_speed
 from brownpipe.scene import Scene
 
@@ -17,7 +17,6 @@ LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than 
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
 FITS_CACHE = 10_000  # disks; from this number on, prefetching upcoming events is faster
 CANDIDATES_FIT_CACHE = 20_000  # disks; from this number on, prefetching their candidates, too, and a shorter ring are
-MOST_DEFERRED = 64  # deferred insertions at most: more than the events of a bucket schedule
 LEAST_SLOTS, MOST_SLOTS = 8, 64  # of a cell, at the first try; four disks are copied at once
 CACHE_LINE, HUGE_PAGE = 64, 2 << 20  # bytes
 
@@ -95,9 +94,9 @@ def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
 
 
 def _deferred(n: int) -> ws.Deferred:
-    """Return an empty list of deferred insertions for n disks."""
-    bucket, disk = np.zeros(MOST_DEFERRED, np.int64), np.zeros(MOST_DEFERRED, np.uint32)
-    return ws.Deferred(bucket, disk, n >= CANDIDATES_FIT_CACHE)
+    """Return empty lists of deferred insertions for n disks."""
+    bucket, disk = np.zeros(2 * MOST_DEFERRED, np.int64), np.zeros(2 * MOST_DEFERRED, np.uint32)
+    return ws.Deferred(np.zeros(2, np.int64), bucket, disk, n >= CANDIDATES_FIT_CACHE)
 
 
 def begin(w: ws.Workspace, motion: np.ndarray) -> None:

@@ -2,19 +2,21 @@
 
 Without this an event would wait for memory several times, as each access depends on the one before: a bucket contains
 its disks, a disk refers to its partner and its cell or list, and these contain the candidates for the next collision.
-Whenever a bucket is opened, each of these accesses is therefore prefetched for a later bucket:
+Each of these accesses is therefore prefetched while an earlier bucket is the current one:
 
-    bucket + 5    the bucket
-    bucket + 3    its disks
-    bucket + 2    their partners, and their cells or lists
-    bucket + 1    the candidates in these; the cells or lists of the partners
-    current       the candidates of the partners
+    bucket + 6    the bucket
+    bucket + 4    the rows of `link` of its disks, which tell the outdated ones
+    bucket + 3    the other disks, and their partners
+    bucket + 2    the cells or lists of both
+    bucket + 1    the candidates in these
 
-Each stage reads only what an earlier one prefetched. With fewer than `layout.CANDIDATES_FIT_CACHE` disks the last two
-are left out: they are many instructions, and candidates do not wait for each other.
+Each stage reads only what an earlier one prefetched. A processor that already waits for some twenty cache lines drops
+further prefetches. So the first two stages are for a whole bucket, but the others for one entry with each event:
+when e events of the current bucket are left, entry e of the later buckets is prefetched.
 
-Nothing is computed here, and no result depends on it. Cells and lists are prefetched by functions next to the code that
-reads them (`cells`, `neighbour_lists`).
+With fewer than `layout.CANDIDATES_FIT_CACHE` disks the last stage is left out: it is many instructions, and candidates
+do not wait for each other. Nothing is computed here, and no result depends on it. Cells and lists are prefetched by
+functions next to the code that reads them (`cells`, `neighbour_lists`).
 """
 
 import numpy as np
@@ -26,31 +28,40 @@ from brownpipe.engines.kernels import kernel, prefetch
 
 @kernel
 def prefetch_upcoming(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
-    """Prefetch for the current bucket and those after it; with few disks (`deferred` is None) do nothing."""
+    """Prefetch when a bucket has been opened; with few disks (`deferred` is None) do nothing.
+
+    Entries of later buckets for which the current one has no event are prefetched now.
+    """
     if deferred is None:
         return
-    prefetch(w.bucket, calendar.BUCKET_WORDS * calendar.bucket_after(w, 5))
-    for j in calendar.entries(w, calendar.bucket_after(w, 3)):
-        prefetch_disk(w.mass, w, np.int64(w.bucket[j]))
-    bucket = calendar.bucket_after(w, 2)
-    for j in calendar.entries(w, bucket):
-        i = np.int64(w.bucket[j])
-        if calendar.is_valid(w, i, bucket):
-            prefetch_disk(w.mass, w, partner_of(w, i))
-            prefetch_cells_or_list(w.lists, w, i, event_of(w, i))
-    if not deferred.with_candidates:
+    prefetch(w.bucket, calendar.BUCKET_WORDS * calendar.bucket_after(w, 6))
+    for j in calendar.entries(w, calendar.bucket_after(w, 4)):
+        prefetch(w.link, ws.ROW * np.int64(w.bucket[j]))
+    calendar.keep_valid(w, calendar.bucket_after(w, 3))
+    most = max(calendar.entries_after(w, 1), calendar.entries_after(w, 2), calendar.entries_after(w, 3))
+    for e in range(w.progress[ws.CURRENT_EVENTS], most):
+        prefetch_entry(w.deferred, w, e)
+
+
+@kernel
+def prefetch_entry(deferred: ws.Deferred | None, w: ws.Workspace, e: int) -> None:
+    """Prefetch for entry e of the next three buckets, if they have as many; with few disks do nothing."""
+    if deferred is None:
         return
-    bucket = calendar.bucket_after(w, 1)
-    for j in calendar.entries(w, bucket):
-        i = np.int64(w.bucket[j])
-        if calendar.is_valid(w, i, bucket):
-            event = event_of(w, i)
-            prefetch_candidates(w.lists, w, i, event)
-            if event == ws.PAIR:
-                prefetch_cells_or_list(w.lists, w, partner_of(w, i), ws.PAIR)
-    for i in w.current_disk[: w.progress[ws.CURRENT_EVENTS]]:
+    if deferred.with_candidates and e < calendar.entries_after(w, 1):
+        i = calendar.entry_after(w, 1, e)
+        prefetch_candidates(w.lists, w, i, event_of(w, i))
         if event_of(w, i) == ws.PAIR:
             prefetch_candidates(w.lists, w, partner_of(w, i), ws.PAIR)
+    if e < calendar.entries_after(w, 2):
+        i = calendar.entry_after(w, 2, e)
+        prefetch_cells_or_list(w.lists, w, i, event_of(w, i))
+        if event_of(w, i) == ws.PAIR:
+            prefetch_cells_or_list(w.lists, w, partner_of(w, i), ws.PAIR)
+    if e < calendar.entries_after(w, 3):
+        i = calendar.entry_after(w, 3, e)
+        prefetch_disk(w.mass, w, i)
+        prefetch_disk(w.mass, w, partner_of(w, i))
 
 
 @kernel

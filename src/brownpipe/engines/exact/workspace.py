@@ -52,9 +52,9 @@ TALLY = WALL_IMPULSE + 4
 PAIRS, WALLS, TRACER_PAIRS, STALE, CROSSINGS = range(5)
 COUNTS = 5
 # `progress`: current bucket and the number of its events; current block, next sample, collisions in the log; whether a
-# cell or list overflowed, whether the block has begun, whether to stop at its end; number of deferred insertions.
-CURRENT_BUCKET, CURRENT_EVENTS, BLOCK, SAMPLE, LOGGED, OVERFLOW, BLOCK_BEGUN, STOP, DEFERRED = range(9)
-PROGRESS = 9
+# cell or list overflowed, whether the block has begun, whether to stop at its end.
+CURRENT_BUCKET, CURRENT_EVENTS, BLOCK, SAMPLE, LOGGED, OVERFLOW, BLOCK_BEGUN, STOP = range(8)
+PROGRESS = 8
 # How a call of `events.advance` ends.
 DONE, PAUSED, LOG_FULL, CELL_FULL, BLOCK_OVER = range(5)
 
@@ -110,12 +110,14 @@ class NeighbourLists(NamedTuple):
 class Deferred(NamedTuple):
     """Events that are not in their bucket yet, as it is being prefetched. Only systems that prefetch have this record.
 
-    There a bucket is not in the cache, and to write to it at once would be to wait for it. All insertions are carried
-    out when the arrays are full, and before the next bucket is opened.
+    There a bucket is not in the cache, and to write to it at once would be to wait for it. There are two lists: of the
+    insertions deferred while a bucket of an even number is the current one, and of an odd number. A list is carried out
+    before the next bucket but one is opened, or when it is full.
     """
 
-    bucket: np.ndarray  # (n,) int64, number of the bucket, not reduced to the ring
-    disk: np.ndarray  # (n,) uint32
+    number: np.ndarray  # (2,) int64, of the deferred insertions in each list
+    bucket: np.ndarray  # (2 n,) int64, number of the bucket, not reduced to the ring; the lists one after the other
+    disk: np.ndarray  # (2 n,) uint32
     with_candidates: bool  # whether the candidates for upcoming collisions are prefetched, too (`prefetch`)
 
 
