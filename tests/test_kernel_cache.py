@@ -295,6 +295,19 @@ def test_if_machine_code_cannot_be_written_the_run_goes_on(kept, told, monkeypat
     assert kept.function(*kept.arguments) == 0.0
 
 
+def test_a_signal_while_machine_code_is_written_leaves_no_file(tmp_path, monkeypatch):
+    opened = os.open
+
+    def interrupted(path, flags, *arguments, **options):
+        os.close(opened(path, flags, *arguments, **options))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "open", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        kernel_cache.write(tmp_path / "code" / "one.nbc", b"code")
+    assert list((tmp_path / "code").iterdir()) == []
+
+
 # -- which folders are removed --------------------------------------------------------------------------------------
 
 

@@ -130,14 +130,19 @@ def read(file: Path) -> bytes | None:
 def write(file: Path, contents: bytes) -> None:
     """Write a file of machine code such that other processes see all of it or nothing. Raises OSError."""
     file.parent.mkdir(mode=0o700, exist_ok=True)  # it may have been removed meanwhile
-    handle, part = tempfile.mkstemp(dir=file.parent, suffix=".part")  # for this user alone
-    try:
-        with open(handle, "wb") as opened:
+    part = file.parent / f"{os.urandom(8).hex()}.part"
+    try:  # the name is known before the file is there: a signal may come as soon as it is
+        with open(part, "xb", opener=_opened_private) as opened:
             opened.write(_seal(file, contents) + contents)
         os.replace(part, file)
     except BaseException:
-        os.unlink(part)
+        part.unlink(missing_ok=True)
         raise
+
+
+def _opened_private(path: str, flags: int) -> int:
+    """Return a handle of a new file that this user alone may read and write; the `opener` of `open`."""
+    return os.open(path, flags, 0o600)
 
 
 def _seal(file: Path, contents: bytes) -> bytes:
