@@ -332,6 +332,13 @@ def test_config_files_are_those_that_snakemake_takes():
         assert configfiles(words.split()) == [str(path) for path in taken]
 
 
+@pytest.mark.parametrize("option", ["--configf", "--configfi", "--configfil"])
+def test_an_abbreviated_option_for_config_files_is_understood(option):
+    """Snakemake refuses it as ambiguous where Python is old; a newer Python knows that both options are the same."""
+    assert configfiles([option, "a", "b", "-n"]) == ["a", "b"]
+    assert configfiles(["--configfile", "a", f"{option}=b", "--config", "seeds=1"]) == ["b"]
+
+
 def test_a_config_file_that_a_later_one_replaces_is_not_read(monkeypatch, tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text("seeds: 1\n")

@@ -303,10 +303,14 @@ def mistake_in_configfiles(arguments: Sequence[str]) -> str | None:
 
 
 def configfiles(arguments: Sequence[str]) -> list[str]:
-    """Return the files of --configfile, which Snakemake has accepted: those of the last one if it was given twice."""
+    """Return the files of --configfile, which Snakemake has accepted: those of the last one if it was given twice.
+
+    It may be abbreviated to --configf. (This parser does not know --config, and would take it for an abbreviation.)
+    """
+    names = ("--configf", "--configfi", "--configfil", "--configfile", "--configfiles")
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--configfile", "--configfiles", nargs="+", default=[])
-    return parser.parse_known_args(arguments)[0].configfile
+    parser.add_argument(*names, nargs="+", default=[], dest="files")
+    return parser.parse_known_args(arguments)[0].files
 
 
 def job_of(record: Message) -> RunningJob:
