@@ -302,6 +302,19 @@ def test_a_variable_that_no_dataset_has_is_no_fault_of_the_dataset(dataset):
         of_whole_dataset(lambda dataset: dataset.unknown)(dataset.drop_vars("slope"))
 
 
+def test_an_empty_dimension_is_named_before_anything_is_calculated(dataset):
+    calls = []
+    for dim in ("seed", "window", "r"):
+        with pytest.raises(FigureError, match=f"^{dim}: is missing in the dataset; make it again$"):
+            of_whole_dataset(calls.append)(emptied(dataset, dim))
+    assert calls == []
+
+
+def test_an_error_is_not_put_down_to_a_dimension_that_no_dataset_of_brownpipe_has(dataset):
+    with pytest.raises(ValueError, match="invalid literal"):
+        of_whole_dataset(lambda _: int("ten"))(dataset.assign(notes=("page", [])))
+
+
 def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatch, no_pictures):
     def full(path, _):
         if path.suffix == ".svg":

@@ -28,6 +28,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 OF_DATASETS = {*ALL_VARIABLES, *ALL_COORDINATES, *VARIABLES, *COORDINATES}  # names of variables and coordinates
 OF_DIMENSIONS = ALL_COORDINATES.keys() | COORDINATES.keys()
+DIMENSIONS = {dim for variable in (*ALL_VARIABLES.values(), *VARIABLES.values()) for dim in variable.dims}
 MISSING_PART = "{}: is missing in the dataset; make it again"
 
 
@@ -41,13 +42,14 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
 def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable[Concatenate[Dataset, P], R]:
     """Let a function of a dataset raise FigureError, not an error of xarray, if a part that it needs is missing.
 
-    That is a variable or a dimension. Each dimension must have its coordinate, in place of which xarray would count.
+    That is a variable or a dimension. No dimension may be empty, and each must have its coordinate, in place of which
+    xarray would count: this is checked first. What else a function needs is seen by the error that it ends with.
     """
 
     @wraps(function)
     def naming(dataset: Dataset, *arguments: P.args, **options: P.kwargs) -> R:
-        for name in sorted({*map(str, dataset.dims)} & OF_DIMENSIONS):
-            if name not in dataset.coords:
+        for name in sorted(DIMENSIONS.intersection(dataset.dims)):
+            if dataset.sizes[name] == 0 or (name in OF_DIMENSIONS and name not in dataset.coords):
                 raise FigureError(MISSING_PART.format(name))
         try:
             return function(dataset, *arguments, **options)
@@ -73,9 +75,9 @@ def _missing_variable(dataset: Dataset, error: Exception) -> str | None:
 
 
 def _missing_dimension(dataset: Dataset) -> str | None:
-    """Return the first dimension that is empty, or that a variable lacks, as where one point of it was selected."""
+    """Return the first dimension that a variable lacks, as where one point of it was selected."""
     table = VARIABLES if is_tradeoff(dataset) else ALL_VARIABLES
-    missing = {str(dim) for dim, size in dataset.sizes.items() if size == 0}
+    missing = set[str]()
     for name in table.keys() & dataset.variables.keys():
         missing.update(set(table[str(name)].dims).difference(map(str, dataset[name].dims)))
     return min(missing, default=None)
