@@ -436,12 +436,13 @@ def test_seeds_differ():
 def test_runs_reported_together_have_the_reports_of_each(boundary, pinned):
     scene = make(box(9, 9, boundary), [(40, 0.4, 1.0)], 2.0, tracer={"radius": 0.8, "mass": 30.0})
     prepared, alone, ended = exact_run.prepare_scene(scene, pinned), [], []
+    recorder = exact_run.recorder_of(prepared, scene.times, {"tracer"})
     for seed in range(5):
         state = draw(scene, seed)
         state.velocity[0] *= not pinned
         start = exact_run.beginning(prepared, state)
         alone.append(exact_run.evolve(prepared, start, scene.times, {"tracer"}))
-        ended.append(exact_run.to_end(prepared, start, scene.times, {"tracer"}).kept())
+        ended.append(exact_run.to_end(prepared, start, recorder).kept())
     together = exact_run.results_of(prepared, ended)
     assert [run.observables for run in together] == [run.observables for run in alone]
     assert len({run.observables["kinetic_energy"] for run in together}) == 5

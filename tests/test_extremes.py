@@ -21,7 +21,7 @@ from brownpipe.engines.exact.run import prepare_scene
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.exact.workspace import BLOCK, CROSSINGS
 from brownpipe.engines.initial_state import draw, without_total_momentum
-from brownpipe.engines.recording import each_represented, represented
+from brownpipe.engines.recording import represented
 from brownpipe.engines.state import State
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.timestep.settings import largest_step
@@ -366,11 +366,11 @@ def test_small_products_of_large_and_small_units_are_exact():
         exact = sum(units) - 10
         found = represented(2.0**-10, *(2.0**power for power in units))
         assert found == math.ldexp(1.0, exact) if -1022 <= exact <= 1023 else math.isnan(found)
-        both = each_represented(np.array([2.0**-10, 0.0]), *(2.0**power for power in units))
+        both = represented(np.array([2.0**-10, 0.0]), *(2.0**power for power in units))
         assert np.array_equal(both, [found, 0.0], equal_nan=True)
     for value in (0.0, math.inf, math.nan):
         assert math.isnan(represented(value, 2.0**1000, 2.0**1000)) == (value != 0.0)
-        assert np.isnan(each_represented(np.array([value]), 2.0)[0]) == (value != 0.0)
+        assert np.isnan(represented(np.array([value]), 2.0)[0]) == (value != 0.0)
     rng = np.random.default_rng(1)
     for value, mass in np.exp(rng.normal(scale=20.0, size=(1000, 2))):
         assert represented(value, mass, 0.25, 4.0, 2.0) == value * mass * 2.0
@@ -379,7 +379,7 @@ def test_small_products_of_large_and_small_units_are_exact():
 
 def report_of(scene, frame, w, first):
     """The report of a run by the exact engine from positions and velocities `first` to the state of the workspace."""
-    return recording.each_report(scene, frame, w.mass, [recording.ending_of(w, first[:, 2:])])[0]
+    return recording.each_report(scene, frame, w.mass, [recording.ending_of(w, first[:, 2:])])
 
 
 def with_broken(engine, index, value):

@@ -20,6 +20,7 @@ from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact_simulation
 from brownpipe.engines.exact.checkpoint import Checkpoints
 from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.initial_state import draw as draw_state
 from brownpipe.engines.request import Request
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.figures.cases import cases_of
@@ -132,6 +133,21 @@ def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, e
 
 
 @PROMISE
+@pytest.mark.parametrize("most", [1, 3, 64])
+def test_runs_drawn_together_are_those_drawn_one_by_one(crowd, whole, most, monkeypatch):
+    """Each seed is drawn once, up to the next one that finds no place."""
+    drawn = []
+    monkeypatch.setattr(exact_simulation, "draw", lambda scene, seed: drawn.append(seed) or draw_state(scene, seed))
+    monkeypatch.setattr(exact_simulation, "MOST_TOGETHER", most)
+    batch = simulate(crowd, SEEDS)
+    assert drawn == [*SEEDS]
+    assert batch.stopped == whole.stopped and 0 < len(batch.stopped) < len(SEEDS)
+    for one, other in zip(batch.tracer, whole.tracer, strict=True):
+        assert one is other is None or one.tobytes() == other.tobytes()
+    assert batch.observables["failed"].tobytes() == whole.observables["failed"].tobytes()
+
+
+@PROMISE
 def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(monkeypatch):
     """In the middle of a run, by a bound on the path of a disk that some runs do not reach."""
     scene = parse_scene(yaml.safe_load(CROWD) | {"particles": 30}, "crowd.yaml")
@@ -174,6 +190,11 @@ def test_a_scene_without_places_in_any_run_is_refused_at_the_first(monkeypatch):
     full = parse_scene(yaml.safe_load(CROWD) | {"particles": 46}, "crowd.yaml")
     with pytest.raises(RequestError, match=r"^crowd, N = 46, seed 0: disks: only \d+ of 46 disks found a place"):
         simulate(full, range(1000))
+    drawn = []
+    monkeypatch.setattr(exact_simulation, "draw", lambda scene, seed: drawn.append(seed) or draw_state(scene, seed))
+    with pytest.raises(RequestError):
+        simulate(full, range(1000))
+    assert drawn == [0]
 
 
 def test_a_friction_is_not_measured_in_runs_that_failed(monkeypatch, crowd):

@@ -36,9 +36,10 @@ def measured(
     top. depth: deepest overlap.
     """
     with np.errstate(all="ignore"):
-        kept = conservation(start.state.mass, start.state.velocity, velocity, impulse)
+        kept = conservation(start.state.mass, start.state.velocity[None], velocity[None], impulse[None])
     state = start.state._replace(position=position, velocity=velocity)
-    return Outcome(state, int(counts[0]), int(counts[1]), depth, kept.energy_drift, kept.momentum_residual)
+    drift, residual = float(kept.energy_drift[0]), float(kept.momentum_residual[0])
+    return Outcome(state, int(counts[0]), int(counts[1]), depth, drift, residual)
 
 
 def brownpipe(start: Start, duration: float) -> Outcome:

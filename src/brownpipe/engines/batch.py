@@ -1,16 +1,16 @@
 """A batch of runs: the ensemble that an engine fills run by run; what of each run is recorded and measured."""
 
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe import observables, stages
 from brownpipe.engines import kernel_cache
 from brownpipe.engines.saturation import share_failing
-from brownpipe.engines.state import Ensemble, Events, Track, blank
+from brownpipe.engines.state import Ensemble, Events, Track, blank, together
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import PlacementError, RequestError, RunError
 from brownpipe.scene import Scene
@@ -26,7 +26,7 @@ class RunResult(NamedTuple):
     tracer: Track  # M = 1
     whole: Track | None  # M = N, if recorded
     events: Events | None  # if recorded
-    observables: Mapping[str, float | np.uint8]  # reported by the engine itself, like counts of collisions
+    observables: Mapping[str, float | np.integer]  # reported by the engine itself, like counts of collisions
 
 
 class Batch(NamedTuple):
@@ -66,20 +66,26 @@ def new_batch(
 
 def add_run(batch: Batch, column: int, result: RunResult) -> None:
     """Measure a finished run, and copy what is recorded of it into its column of the ensemble."""
+    add_runs(batch, [column], [result])
+
+
+def add_runs(batch: Batch, columns: list[int], results: Sequence[RunResult]) -> None:
+    """Measure finished runs, and copy what is recorded of each into its column of the ensemble."""
     ensemble = batch.ensemble
-    seed, tracer = int(ensemble.seeds[column]), ensemble.tracer
-    if tracer is not None:
-        tracer.position[:, column] = result.tracer.position[:, 0]
-        if tracer.image is not None:
-            tracer.image[:, column] = result.tracer.image[:, 0]
-    for name, value in _measured(batch, result).items():
+    for name, values in _measured(batch, results).items():
         if name not in ensemble.observables:
-            ensemble.observables[name] = blank((len(ensemble.seeds), *np.shape(value)), np.asarray(value).dtype)
-        ensemble.observables[name][column] = value
-    if result.whole is not None and "all" in batch.record:
-        ensemble.whole[seed] = result.whole
-    if result.events is not None:
-        ensemble.events[seed] = result.events
+            ensemble.observables[name] = blank((len(ensemble.seeds), *values.shape[1:]), values.dtype)
+        ensemble.observables[name][columns] = values
+    for column, result in zip(columns, results, strict=True):
+        seed, tracer = int(ensemble.seeds[column]), ensemble.tracer
+        if tracer is not None:
+            tracer.position[:, column] = result.tracer.position[:, 0]
+            if tracer.image is not None:
+                tracer.image[:, column] = result.tracer.image[:, 0]
+        if result.whole is not None and "all" in batch.record:
+            ensemble.whole[seed] = result.whole
+        if result.events is not None:
+            ensemble.events[seed] = result.events
 
 
 @contextmanager
@@ -111,28 +117,42 @@ def _add_stopped(batch: Batch, column: int, reason: str) -> None:
             values[:, column] = blank((), values.dtype)
 
 
-def _measured(batch: Batch, result: RunResult) -> dict[str, np.ndarray | float | np.uint8]:
-    """Return the engine's report on a run and the observables measured from its trajectories."""
-    values: dict[str, np.ndarray | float | np.uint8] = dict(result.observables)
-    if batch.scene.particles and result.tracer.velocity is not None:
-        x, y = result.tracer.velocity[0, 0].tolist()  # as Python's floats, whose squares overflow without a warning
-        square = x * x + y * y
-        values["initial_square_speed"] = square if square >= SMALLEST_NORMAL or x == y == 0.0 else math.nan
-    values |= observables.observe(batch.scene, result, batch.observables, batch.ensemble.average)
-    if not _is_finite(result):
-        values["failed"] = np.uint8(1)
-    return {name: _without_infinity(value) for name, value in values.items()}
+def _measured(batch: Batch, results: Sequence[RunResult]) -> dict[str, np.ndarray]:
+    """Return the engine's reports on K runs and the observables measured from their trajectories, name -> (K, ...)."""
+    scene, average = batch.scene, batch.ensemble.average
+    values = _columns([result.observables for result in results])
+    if scene.particles and results[0].tracer.velocity is not None:
+        values["initial_square_speed"] = _square_of(together([result.tracer.velocity[0, 0] for result in results]))
+    values |= _columns([observables.observe(scene, result, batch.observables, average) for result in results])
+    values["failed"] = values["failed"] | ~_are_finite(results)
+    return {name: _without_infinity(of_runs) for name, of_runs in values.items()}
 
 
-def _without_infinity(value: np.ndarray | float | np.uint8) -> np.ndarray | float | np.uint8:
+def _columns(rows: Sequence[Mapping[str, ArrayLike]]) -> dict[str, np.ndarray]:
+    """Return values of K runs by name as arrays (K, ...)."""
+    return {name: together([row[name] for row in rows]) for name in rows[0]}
+
+
+@np.errstate(over="ignore")
+def _square_of(velocity: np.ndarray) -> np.ndarray:
+    """Return the squares (K,) of velocities (K, 2), NaN where they underflow."""
+    x, y = velocity.T
+    square = x * x + y * y
+    return np.where((square >= SMALLEST_NORMAL) | ((x == 0.0) & (y == 0.0)), square, np.nan)
+
+
+def _without_infinity(values: np.ndarray) -> np.ndarray:
     """Return an observable with NaN where it overflows in the scene's units."""
-    if isinstance(value, float | int):
-        return math.nan if math.isinf(value) else value
-    return np.where(np.isinf(value), np.nan, value)[()] if np.isinf(value).any() else value
+    infinite = np.isinf(values)
+    return np.where(infinite, np.nan, values) if infinite.any() else values
 
 
-def _is_finite(result: RunResult) -> bool:
-    """Whether all recorded positions and velocities of a run are finite numbers."""
-    tracks = [track for track in (result.tracer, result.whole) if track is not None]
-    arrays = [array for track in tracks for array in (track.position, track.velocity) if array is not None]
-    return all(bool(np.isfinite(array).all()) for array in arrays)
+def _are_finite(results: Sequence[RunResult]) -> np.ndarray:
+    """Return of each run (K,) whether all recorded positions and velocities are finite numbers."""
+    finite = np.ones(len(results), bool)
+    for tracks in ([result.tracer for result in results], [result.whole for result in results]):
+        for name in ("position", "velocity"):
+            arrays = [getattr(track, name, None) for track in tracks]
+            if arrays[0] is not None:
+                finite &= np.isfinite(together(arrays)).all(axis=(1, 2, 3))
+    return finite

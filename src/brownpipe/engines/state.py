@@ -3,7 +3,7 @@
 All are in the scene's units and in the scene's order of the disks; the tracer is disk 0.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -54,3 +54,8 @@ class Ensemble(NamedTuple):
 def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
     """Return an array for values that are not there: NaN, or 0 where the type has no NaN."""
     return np.full(shape, np.nan if np.dtype(dtype).kind == "f" else 0, dtype)
+
+
+def together(arrays: Sequence[np.typing.ArrayLike]) -> np.ndarray:
+    """Return arrays of one shape as one array with a first dimension for them; of a single array, a view."""
+    return np.asarray(arrays[0])[None] if len(arrays) == 1 else np.array(arrays)

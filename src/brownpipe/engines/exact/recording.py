@@ -1,14 +1,13 @@
 """What a run of the exact engine returns: samples, the log of collisions and its report."""
 
-import math
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.recording import each_conservation, each_represented, images_fit, report, sample_arrays
-from brownpipe.engines.state import HEALTH_BOUND, Events
+from brownpipe.engines.recording import conservation, images_fit, report, represented, sample_arrays
+from brownpipe.engines.state import HEALTH_BOUND, Events, together
 from brownpipe.engines.units import Frame
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
@@ -57,7 +56,7 @@ def logged(recorder: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
     time = (recorder.log_block[:n] * w.calendar.block + recorder.log_time[:n]) * frame.time
     pair = recorder.log_pair[:n]
     disks = np.where(pair >= 0, frame.order[np.maximum(pair, 0)], pair).astype(np.int32)  # < 0: a wall
-    impulse = each_represented(recorder.log_impulse[:n], frame.mass, frame.length / frame.time)
+    impulse = represented(recorder.log_impulse[:n], frame.mass, frame.length / frame.time)
     return Events(time, disks[:, 0], disks[:, 1], impulse)
 
 
@@ -75,43 +74,35 @@ def ending_of(w: ws.Workspace, first: np.ndarray) -> Ending:
 @np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
 def each_report(
     scene: Scene, frame: Frame, mass: np.ndarray | None, endings: Sequence[Ending]
-) -> list[dict[str, float | int]]:
-    """Return the reports of runs that have ended; `mass` (N,) is the workspace's, None if all masses are 1.
+) -> dict[str, np.ndarray]:
+    """Return the reports of K runs that have ended, name -> (K,); `mass` (N,) is the workspace's, None if all are 1.
 
     A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers
     that are not finite. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
-    first, motion, count, tally = (
-        _together([getattr(ending, name) for ending in endings]) for name in ("first", "motion", "count", "tally")
-    )
+    first, motion, elapsed, count, tally = (together(values) for values in zip(*endings, strict=True))
     mass, last = np.ones(motion.shape[1]) if mass is None else mass, motion[:, :, 2:]
     moving = np.isfinite(mass)
     pinned = not moving.all()
     if pinned:
         mass, first, last = mass[moving], first.compress(moving, axis=1), last.compress(moving, axis=1)
-    finite = np.isfinite(motion).all(axis=(1, 2)) & np.isfinite(tally[:, ws.VIRIAL :]).all(axis=1)
-    reports = []
-    for k, conserved in enumerate(each_conservation(mass, first, last, tally[:, ws.WALL_IMPULSE :])):
-        overlap = _worst_overlap(tally[k])
-        residual = 0.0 if pinned else conserved.momentum_residual
-        sound = all(size <= HEALTH_BOUND for size in (abs(conserved.energy_drift), overlap, residual))
-        sound &= bool(finite[k]) and math.isfinite(conserved.twice_energy)
-        sound &= images_fit(scene, frame, int(count[k, ws.CROSSINGS]), conserved.fastest * endings[k].elapsed)
-        collisions = count[k, [ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
-        reports.append(report(scene, frame, conserved, collisions, tally[k, ws.VIRIAL :], overlap, sound))
-    return reports
+    conserved = conservation(mass, first, last, tally[:, ws.WALL_IMPULSE :])
+    overlap = _worst_overlap(tally)
+    sound = (np.abs(conserved.energy_drift) <= HEALTH_BOUND) & (overlap <= HEALTH_BOUND)
+    sound &= (conserved.momentum_residual <= HEALTH_BOUND) | pinned
+    sound &= np.isfinite(motion).all(axis=(1, 2)) & np.isfinite(tally[:, ws.VIRIAL :]).all(axis=1)
+    sound &= np.isfinite(conserved.twice_energy)
+    sound &= images_fit(scene, frame, count[:, ws.CROSSINGS], conserved.fastest * elapsed)
+    collisions = count[:, [ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
+    return report(scene, frame, conserved, collisions, tally[:, ws.VIRIAL :], overlap, sound)
 
 
-def _together(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    """Return arrays of one shape as one array with a first dimension for them; of a single array, a view."""
-    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
-
-
-def _worst_overlap(tally: np.ndarray) -> float:
-    """Return the deepest overlap of a pair [contact distances]; >= 0.
+def _worst_overlap(tally: np.ndarray) -> np.ndarray:
+    """Return the deepest overlap of a pair [contact distances] in each of K runs, (K,) >= 0.
 
     A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen: its distance from the
     cell then counts as an overlap.
     """
-    overlap = 1.0 - math.sqrt(max(0.0, 1.0 + min(tally[ws.NEAREST], 0.0)))
-    return max(overlap, float(tally[ws.STRAY])) if tally[ws.STRAY] > HEALTH_BOUND else overlap
+    nearest, stray = tally[:, ws.NEAREST], tally[:, ws.STRAY]
+    overlap = 1.0 - np.sqrt(np.fmax(0.0, 1.0 + np.minimum(nearest, 0.0)))
+    return np.where(stray > HEALTH_BOUND, np.maximum(overlap, stray), overlap)

@@ -19,7 +19,7 @@ from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare
 from brownpipe.engines.exact.recording import Ending, each_report, ending_of, joined, logged, new_recorder
 from brownpipe.engines.insertion import warm_up_call
-from brownpipe.engines.recording import SAMPLES, tracks
+from brownpipe.engines.recording import SAMPLES, reports_of, tracer_samples, tracer_tracks, whole_track
 from brownpipe.engines.state import Events, State, Track
 from brownpipe.engines.units import Frame, frame_of, motion_of
 from brownpipe.errors import RunError, StorageError
@@ -60,15 +60,16 @@ class RunState(NamedTuple):
 class EndedRun(NamedTuple):
     """A run at its end, before its report is made."""
 
-    tracer: Track  # like the next two as of a RunResult
-    whole: Track | None
+    tracer: Track  # its samples as they are in the recorder
+    whole: Track | None  # like the next as of a RunResult
     events: Events | None
     ending: Ending
 
     def kept(self) -> "EndedRun":
-        """Return the run with an ending of its own, which the next run does not overwrite."""
-        own = {name: getattr(self.ending, name).copy() for name in ("motion", "count", "tally")}
-        return self._replace(ending=self.ending._replace(**own))
+        """Return the run with arrays of its own, which the next run does not overwrite."""
+        first, motion, elapsed, count, tally = self.ending
+        ending = Ending(first, motion.copy(), elapsed, count.copy(), tally.copy())
+        return EndedRun(Track(*(values.copy() for values in self.tracer)), self.whole, self.events, ending)
 
 
 class Saving(NamedTuple):
@@ -122,23 +123,26 @@ def evolve(
 
     Raises RunError if the run makes no progress.
     """
-    return results_of(prepared, [to_end(prepared, start, times, record, saving)])[0]
+    recorder = recorder_of(prepared, times, record)
+    return results_of(prepared, [to_end(prepared, start, recorder, saving)])[0]
 
 
 def results_of(prepared: PreparedScene, ended: Sequence[EndedRun]) -> list[RunResult]:
     """Return the results of runs, with their reports: quicker for many short runs at once."""
-    reports = each_report(prepared.scene, prepared.frame, prepared.workspace.mass, [run.ending for run in ended])
-    return [RunResult(run.tracer, run.whole, run.events, report) for run, report in zip(ended, reports, strict=True)]
+    scene, frame, w, _ = prepared
+    reports = reports_of(each_report(scene, frame, w.mass, [run.ending for run in ended]))
+    tracers = tracer_tracks(scene, frame, [run.tracer for run in ended])
+    each = zip(tracers, ended, reports, strict=True)
+    return [RunResult(tracer, run.whole, run.events, report) for tracer, run, report in each]
 
 
-def to_end(
-    prepared: PreparedScene,
-    start: RunState,
-    times: np.ndarray,
-    record: Collection[str],
-    saving: Saving = NOT_SAVED,
-) -> EndedRun:
-    """Continue a run to its end, as `evolve`; the next run overwrites arrays of its ending.
+def recorder_of(prepared: PreparedScene, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
+    """Return a recorder for runs one after the other, sampled at the given times (T,) [time]."""
+    return new_recorder(prepared.frame, prepared.workspace, times, record)
+
+
+def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Saving = NOT_SAVED) -> EndedRun:
+    """Continue a run to its end, as `evolve`; the next run overwrites arrays of its ending and of the recorder.
 
     A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next run starts with the
     default capacity, as it must not depend on earlier runs.
@@ -147,12 +151,12 @@ def to_end(
     while True:
         if start.slots != w.grid.slots:
             w = prepare(scene, frame, pinned, start.slots)
-        recorder = new_recorder(frame, w, times, record)
         logs = _restore(start, w, recorder)
         if _to_last_sample(prepared, w, recorder, start, logs, saving):
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
-    return EndedRun(*tracks(scene, frame, recorder), joined(logs), ending_of(w, start.first[:, 2:]))
+    whole, ending = whole_track(scene, frame, recorder), ending_of(w, start.first[:, 2:])
+    return EndedRun(tracer_samples(recorder), whole, joined(logs), ending)
 
 
 def _to_last_sample(

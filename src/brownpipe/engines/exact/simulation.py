@@ -4,20 +4,32 @@ Each run is drawn from its seed (`initial_state`), equilibrated (`equilibration`
 (`run`) and measured (`batch`).
 """
 
-from collections.abc import Collection, Sequence
+from collections import deque
+from collections.abc import Collection, Iterator, Sequence
 
-from brownpipe.engines.batch import Batch, add_run, making_run, new_batch
+from brownpipe.engines.batch import Batch, add_runs, making_run, new_batch
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.exact import equilibration, run
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, pack, resume, saving_of
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
-from brownpipe.engines.exact.run import EndedRun, PreparedScene, beginning, prepare_scene, results_of, to_end
+from brownpipe.engines.exact.run import (
+    EndedRun,
+    PreparedScene,
+    RunState,
+    Saving,
+    beginning,
+    prepare_scene,
+    recorder_of,
+    results_of,
+    to_end,
+)
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.state import Ensemble
+from brownpipe.errors import RequestError, RunError
 from brownpipe.scene import Scene
 
-MOST_TOGETHER = 32  # runs that are reported at once
-ROWS_TOGETHER = 8192  # disks and samples of these runs, which are kept in memory until then
+MOST_TOGETHER = 64  # runs that are drawn at once and, when they have ended, reported at once
+ROWS_TOGETHER = 16_384  # disks and samples of these runs, which are kept in memory until then
 
 
 def kernel_calls(scene: Scene) -> list[KernelCall]:
@@ -50,16 +62,22 @@ def simulate(
     prepared = prepare_scene(scene)
     ensemble, runs = batch.ensemble, len(batch.ensemble.seeds)
     finished, stored = resume(checkpoints.stored, batch)
-    together = 1 if checkpoints is not NO_CHECKPOINTS else _reported_together(batch)
+    together = 1 if checkpoints is not NO_CHECKPOINTS else _together(batch)
+    ahead = together if equilibrator is None else 1
+    begun: deque[RunState | RunError | RequestError] = deque()  # the next runs
     ended: dict[int, EndedRun] = {}  # by column
+    recorder = None
     for column in range(finished, runs):
         saving = saving_of(checkpoints, ensemble, column)
         with making_run(batch, column):
-            start = stored
-            if start is None or start.equilibrating:
-                drawn = draw(scene, int(ensemble.seeds[column]))
-                start = beginning(prepared, equilibrate(equilibrator, drawn, stored, saving))
-            ended[column] = to_end(prepared, start, scene.times, batch.needed_record, saving)
+            if not begun:
+                next_seeds = ensemble.seeds[column : column + ahead].tolist()
+                begun.extend(_begun(prepared, equilibrator, next_seeds, stored, saving))
+            start = begun.popleft()
+            if isinstance(start, Exception):
+                raise start
+            recorder = recorder or recorder_of(prepared, scene.times, batch.needed_record)
+            ended[column] = to_end(prepared, start, recorder, saving)
             if together > 1:
                 ended[column] = ended[column].kept()
         stored = None
@@ -71,16 +89,39 @@ def simulate(
     return ensemble
 
 
+def _begun(
+    prepared: PreparedScene,
+    equilibrator: PreparedScene | None,
+    seeds: Sequence[int],
+    stored: RunState | None,
+    saving: Saving,
+) -> Iterator[RunState | RunError | RequestError]:
+    """Yield the stored run, if it has been equilibrated; else begin a run for each seed, up to the first that cannot.
+
+    The error of this one is the last item, to be raised at its turn.
+    """
+    if stored is not None and not stored.equilibrating:
+        yield stored
+        return
+    try:
+        for seed in seeds:
+            yield beginning(prepared, equilibrate(equilibrator, draw(prepared.scene, seed), stored, saving))
+    except (RunError, RequestError) as error:
+        yield error
+
+
 def _report(prepared: PreparedScene, ended: dict[int, EndedRun], batch: Batch) -> None:
     """Move runs that have ended, by column, to the batch, with their reports."""
     if ended:
-        for column, result in zip(ended, results_of(prepared, list(ended.values())), strict=True):
-            add_run(batch, column, result)
+        add_runs(batch, list(ended), results_of(prepared, list(ended.values())))
         ended.clear()
 
 
-def _reported_together(batch: Batch) -> int:
-    """Return how many runs are reported at once: several of few disks, whose reports take as long as the runs."""
+def _together(batch: Batch) -> int:
+    """Return how many runs are drawn and reported at once: several, if these steps take about as long as a run itself.
+
+    From the second one on the code for a step is in the processor's cache; a run in between displaces it.
+    """
     if not batch.needed_record <= {"tracer"}:
         return 1
     return max(1, min(MOST_TOGETHER, ROWS_TOGETHER // (batch.scene.particles + len(batch.scene.times))))

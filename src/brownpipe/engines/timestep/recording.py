@@ -5,7 +5,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from brownpipe.engines.recording import all_finite, conservation, images_fit, report, sample_arrays
+from brownpipe.engines.recording import Report, all_finite, conservation, images_fit, report, reports_of, sample_arrays
 from brownpipe.engines.state import HEALTH_BOUND
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.workspace import Recorder, Workspace
@@ -31,19 +31,20 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
-def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> dict[str, float | int]:
+def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> Report:
     """Return the report of a run that began with velocities `first` (N, 2), in the engine's units and order."""
     last = np.empty((len(w.disk), 2))
     last[w.disk, 0], last[w.disk, 1] = w.vx, w.vy
-    conserved = conservation(w.mass, first, last, w.tally[ws.WALL_IMPULSE :])
-    sound = abs(conserved.energy_drift) <= ENERGY_BOUND[w.x.dtype.type] and _inside(w)
+    conserved = conservation(w.mass, first[None], last[None], w.tally[None, ws.WALL_IMPULSE :])
+    sound = (np.abs(conserved.energy_drift) <= ENERGY_BOUND[w.x.dtype.type]) & _inside(w)
     sound &= all_finite(conserved.twice_energy, last, conserved.momentum_residual, w.tally[ws.VIRIAL :])
     steps = w.counters[ws.STEP]
-    sound &= images_fit(scene, frame, int(steps), conserved.fastest * steps * w.step)
-    collisions = w.count[[ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
-    overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
-    missed = {"missed_collisions": int(w.count[ws.MISSED])} if w.late else {}
-    return report(scene, frame, conserved, collisions, w.tally[ws.VIRIAL :], overlap, sound, missed)
+    sound &= images_fit(scene, frame, steps, conserved.fastest * steps * w.step)
+    collisions = w.count[None, [ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
+    overlap = np.array([1.0 - math.sqrt(w.tally[ws.NEAREST])])
+    missed = {"missed_collisions": w.count[[ws.MISSED]]} if w.late else {}
+    impulses = w.tally[None, ws.VIRIAL :]
+    return reports_of(report(scene, frame, conserved, collisions, impulses, overlap, sound, missed))[0]
 
 
 def _inside(w: Workspace) -> bool:
