@@ -24,7 +24,10 @@ class Insertion(NamedTuple):
     back: np.ndarray  # (N,) int64, place in the order of insertion of each of the scene's disks
     low: np.ndarray  # (2,) lower left corner of the box [length]
     size: np.ndarray  # (2,) of the box [length]
-    cells: tuple[int, ...]  # columns and rows of the cell list
+    placed: int  # disks that the scene itself places: 1 or 0
+    position: np.ndarray  # (N, 2) relative to `low`, and the next two with these disks, as `insert` takes them
+    grid: np.ndarray  # (columns, rows) int64
+    following: np.ndarray  # (N,) int64
 
 
 def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
@@ -40,33 +43,31 @@ def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     fixed = scene.species[0].position if scene.species else None
     if scene.placement == "lattice":
         return _on_lattice(scene, scene.radius, fixed, stream)
-    return _insert(scene, fixed, stream) if scene.particles else np.zeros((0, 2))
+    return _insert(scene, stream) if scene.particles else np.zeros((0, 2))
 
 
 @lru_cache(maxsize=1)
 def _insertion(scene: Scene) -> Insertion:
     """Return what insertion needs of a scene; kept for its next run."""
-    sequence = np.argsort(-scene.radius, kind="stable")
-    if scene.species[0].position is not None:
+    sequence, fixed = np.argsort(-scene.radius, kind="stable"), scene.species[0].position
+    if fixed is not None:
         sequence = np.concatenate([[0], sequence[sequence > 0]])
     radius = scene.radius[sequence]
-    common, (low, size) = common_radius(radius), scene.box.accessible(0.0)
-    cells = np.clip((size / (2 * common)).astype(np.int64), 1, 1 + math.isqrt(4 * len(radius)))
-    big, back = np.flatnonzero(radius > common), np.argsort(sequence)
-    return Insertion(radius, common, big, back, low, size, tuple(cells.tolist()))
-
-
-def _insert(scene: Scene, fixed: tuple[float, float] | None, stream: np.random.Generator) -> np.ndarray:
-    """Return centres (N, 2) by random sequential insertion; disk 0 is at `fixed` if this is not None."""
-    radius, common, big, back, low, size, cells = _insertion(scene)
-    n = len(radius)
-    position, grid = np.zeros((n, 2)), np.full(cells, -1, dtype=np.int64)
-    following = np.full(n, -1, dtype=np.int64)
-    progress = np.zeros(2, dtype=np.int64)  # disks placed, failed tries for the next one
+    n, common, (low, size) = len(radius), common_radius(radius), scene.box.accessible(0.0)
+    cells = np.clip((size / (2 * common)).astype(np.int64), 1, 1 + math.isqrt(4 * n))
+    position, grid, following = np.zeros((n, 2)), np.full(cells, -1, np.int64), np.full(n, -1, np.int64)
     if fixed is not None:
         position[0] = np.array(fixed) - low
         register(grid, following, position, size, 0)
-        progress[0] = 1
+    big, back, placed = np.flatnonzero(radius > common), np.argsort(sequence), int(fixed is not None)
+    return Insertion(radius, common, big, back, low, size, placed, position, grid, following)
+
+
+def _insert(scene: Scene, stream: np.random.Generator) -> np.ndarray:
+    """Return centres (N, 2) by random sequential insertion."""
+    radius, common, big, back, low, size, placed, *unfilled = _insertion(scene)
+    position, grid, following = (array.copy() for array in unfilled)
+    n, progress = len(radius), np.array([placed, 0])  # disks placed, failed tries for the next one
     outcome = OUT_OF_NUMBERS
     while outcome == OUT_OF_NUMBERS:
         numbers = stream.random((2 * n + 64, 2))
