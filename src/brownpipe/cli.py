@@ -35,7 +35,7 @@ from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
 
 JOINED = "several values of an option are joined by commas"
-GARBAGE = 50_000  # objects after which Python searches for garbage; with its own 700 every start takes 0.1 s more
+GARBAGE = 500_000  # new objects after which Python searches for garbage: more than most verbs make. Its own: 700
 
 
 def main(argv: list[str] | None = None) -> int:
