@@ -16,7 +16,7 @@ COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
 FITS_CACHE = 10_000  # disks; from this number on, prefetching upcoming events is faster
-CANDIDATES_FIT_CACHE = 20_000  # disks; from this number on, prefetching their candidates, too, and a shorter ring are
+CANDIDATES_FIT_CACHE = 20_000  # disks; from this number on, prefetching candidates in cells and a shorter ring are, too
 LEAST_SLOTS, MOST_SLOTS = 8, 64  # of a cell, at the first try; four disks are copied at once
 CACHE_LINE, HUGE_PAGE = 64, 2 << 20  # bytes
 
@@ -71,7 +71,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         bucket=bucket,
         current_time=current_time,
         current_disk=current_disk,
-        deferred=_deferred(n) if n >= FITS_CACHE else None,
+        deferred=_deferred(n, half) if n >= FITS_CACHE else None,
         candidate=np.zeros(candidates, np.uint32),
         progress=np.zeros(ws.PROGRESS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
@@ -93,10 +93,10 @@ def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
     return [memory[start:].view(dtype)[:size] for start, (size, dtype) in zip(starts[:-1], sizes, strict=True)]
 
 
-def _deferred(n: int) -> ws.Deferred:
-    """Return empty lists of deferred insertions for n disks."""
+def _deferred(n: int, half: float) -> ws.Deferred:
+    """Return empty lists of deferred insertions for n disks; `half` as of neighbour lists, 0 without."""
     bucket, disk = np.zeros(2 * MOST_DEFERRED, np.int64), np.zeros(2 * MOST_DEFERRED, np.uint32)
-    return ws.Deferred(np.zeros(2, np.int64), bucket, disk, n >= CANDIDATES_FIT_CACHE)
+    return ws.Deferred(np.zeros(2, np.int64), bucket, disk, half > 0.0 or n >= CANDIDATES_FIT_CACHE)
 
 
 def begin(w: ws.Workspace, motion: np.ndarray) -> None:

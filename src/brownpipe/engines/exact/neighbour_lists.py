@@ -145,10 +145,17 @@ def prefetch_list(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int)
 
 @kernel
 def prefetch_neighbours(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int) -> None:
-    """Prefetch the disks on the list of disk i; if the event makes a new one, also their lists for `clear`."""
-    for j in entries(lists, i):
-        k = lists.neighbour[j] & ws.DISK_MASK
-        prefetch(w.disk, ws.ROW * k)
-        if cells.is_crossing(event):
+    """Prefetch the disks on the list of disk i; if the event makes a new one, also their lists and squares.
+
+    Four words of the list at a time, of which the first one is the number of neighbours and the last may be outdated:
+    nobody can predict when a loop over the neighbours alone ends.
+    """
+    first = words(lists.wide) * i
+    for four in range(first, first + 1 + lists.neighbour[first], 4):
+        for j in range(four, four + 4):
+            prefetch(w.disk, ws.ROW * (lists.neighbour[j] & ws.DISK_MASK))
+    if cells.is_crossing(event):
+        for j in entries(lists, i):
+            k = lists.neighbour[j] & ws.DISK_MASK
             prefetch(lists.neighbour, words(lists.wide) * k)
             prefetch(lists.centre, 2 * k)

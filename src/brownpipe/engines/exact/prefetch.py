@@ -14,9 +14,9 @@ Each stage reads only what an earlier one prefetched. A processor that already w
 further prefetches. So the first two stages are for a whole bucket, but the others for one entry with each event:
 when e events of the current bucket are left, entry e of the later buckets is prefetched.
 
-With fewer than `layout.CANDIDATES_FIT_CACHE` disks the last stage is left out: it is many instructions, and candidates
-do not wait for each other. Nothing is computed here, and no result depends on it. Cells and lists are prefetched by
-functions next to the code that reads them (`cells`, `neighbour_lists`).
+With cells and fewer than `layout.CANDIDATES_FIT_CACHE` disks the last stage is left out: it is many instructions, and
+candidates do not wait for each other. Nothing is computed here, and no result depends on it. Cells and lists are
+prefetched by functions next to the code that reads them (`cells`, `neighbour_lists`).
 """
 
 import numpy as np
