@@ -4,6 +4,8 @@
 #     snakemake -j2 --config seeds=100                           the default study with another value of a key
 #     snakemake tradeoff_figures -j2 --configfile config/tradeoff.yaml     cost and accuracy of its engines
 #     snakemake --report report.html                             Snakemake's own report: results, commands, times
+import atexit
+import gc
 import json
 import sys
 from os.path import relpath
@@ -15,6 +17,8 @@ from brownpipe.study import from_command_line, read_study
 from brownpipe.study.replay import replay_files
 from brownpipe.study.resources import requests
 
+gc.set_threshold(500_000)  # as the command line does: Python searches its memory for garbage less often,
+atexit.register(gc.freeze)  # and not at all when it ends
 try:
     study_file = relpath([f"{workflow.basedir}/config/harrison2020.yaml", *workflow.configfiles][-1])
     overrides = workflow.config_settings.config
@@ -81,6 +85,8 @@ onstart:
     from brownpipe.study.run_record import RunRecord, write_run_record
     from brownpipe.study.workload import describe_workload
 
+    if workflow.local_exec:  # no queue has to be spared, and Python would wait for the last timer of the limiter
+        workflow.scheduler.job_rate_limiter = None
     write_run_record(results, RunRecord(study_file, overrides))
     to_do = [job for job in workflow.dag.needrun_jobs() if job.rule.name == "simulate"]
     for job in to_do:

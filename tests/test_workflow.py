@@ -115,6 +115,22 @@ def study(finished, tmp_path):
     return Path(shutil.copytree(finished[0], tmp_path / "elsewhere"))
 
 
+def test_snakemake_ends_at_once(study):
+    """No timer of its scheduler is left, for which Python would wait, and its memory is not searched for garbage."""
+    program = (
+        "import gc, sys, threading\n"
+        "from snakemake.cli import main\n"
+        "try:\n"
+        "    main()\n"
+        "finally:\n"
+        "    print('left:', *(one for one in threading.enumerate() if isinstance(one, threading.Timer)))\n"
+        "    print('threshold:', gc.get_threshold()[0])\n"
+    )
+    words = [sys.executable, "-c", program, *command(study, "--cores", "1")[len(PROGRAM) :]]
+    done = subprocess.run(words, cwd=study.parent, env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.endswith("left:\nthreshold: 500000\n"), done
+
+
 # -- the same bytes -------------------------------------------------------------------------------------------------
 
 
