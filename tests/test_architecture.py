@@ -28,6 +28,7 @@ ROOMS = (  # each may import those before it
     "opening",
     "provenance",
     "stages",
+    "parallel",
     "elementary",
     "theory",
     "scene",

@@ -2,11 +2,15 @@
 
 import html
 import json
+import os
 import re
 import shutil
+import signal
 import subprocess
+import sys
 from html.parser import HTMLParser
 from itertools import pairwise
+from time import sleep
 
 import numpy as np
 import pytest
@@ -21,7 +25,7 @@ from brownpipe.figures.drawing import Drawing, drawing_of
 from brownpipe.figures.style import drawing, grid
 from brownpipe.figures.summary import answer
 from brownpipe.figures.tables import Table
-from brownpipe.report import page, parts, points
+from brownpipe.report import page, parts, points, products
 from brownpipe.report import study as study_page
 from brownpipe.storage import read_dataset, write_dataset
 from brownpipe.storage.checksums import digest_of, read_checksums
@@ -40,7 +44,7 @@ def made(tmp_path_factory):
     folder, drawings = tmp_path_factory.mktemp("results"), {}
     write_dataset(folder / "s.nc", aggregate(study(folder, runs=20, failed=(7, 13))))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study_page, "figure", lambda one, *_: drawings.update({one.name: one}) or parts.figure(one, *_))
+        patch.setattr(products, "figure", lambda one, *_: drawings.update({one.name: one}) or parts.figure(one, *_))
         words = ["figures", str(folder / "s.nc"), "--output", str(folder / "figures"), "--figures", *SHOWN]
         assert main([*words, "--page", str(folder / "report.html")]) == DONE
     return folder, drawings
@@ -159,7 +163,7 @@ def test_a_figure_has_its_caption_and_its_numbers(written):
 
 def test_a_replay_stands_after_the_answer(results):
     dataset = read_dataset(results / "s.nc")
-    made = study_page.page(dataset, [], RECORD, "x.html", "<p>replayed</p>").decode()
+    made = study_page.page(dataset, {}, RECORD, "x.html", "<p>replayed</p>").decode()
     assert made.index('id="answer"') < made.index("<p>replayed</p>") < made.index('id="runs"')
 
 
@@ -174,7 +178,8 @@ def test_names_of_others_are_escaped(results):
     origins = [{"command": hostile, "seeds": hostile}]
     record = {"made_by": {"x_version": hostile}, "dataset": {"sha256": hostile, "made_from": origins}}
     name = f"{hostile}.html"
-    text = origin.stamped(study_page.page(dataset, [shown], record, name), name, record).decode()
+    figures = {shown.name: parts.figure(shown, shown.name)}
+    text = origin.stamped(study_page.page(dataset, figures, record, name), name, record).decode()
     elements = check(text)
     assert len(elements.named("img")) == 1 and "onerror" not in elements.named("img")[0][0]
     assert not re.search("[\x00-\x09\x0b-\x1f\u202e]", text)
@@ -210,6 +215,63 @@ def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     shown = next(json.loads(text) for attributes, text in elements.named("script") if attributes.keys() == {"type"})
     assert {series["name"] for series in shown["panels"][0]["series"]} == {"exact", "langevin-enskog"}
     assert main(["inspect", "figures/report.html", "--reproduce"]) == DONE
+
+
+# -- on several cores -----------------------------------------------------------------------------------------------
+
+DRAWS_LONG = """\
+import os, sys, time
+from brownpipe.cli import main
+from brownpipe.figures import health
+def draw(cases):
+    open(f"drawing.{os.getpid()}", "w").close()
+    time.sleep(60)
+health.draw = draw
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def words(results, folder, *further):
+    """The arguments of `made`, with another folder beside that one."""
+    figures = ["figures", str(results / "s.nc"), "--output", str(results / folder), "--figures", *SHOWN]
+    return [*figures, "--page", str(results / folder / "report.html"), *further]
+
+
+@pytest.mark.slow
+def test_figures_drawn_at_the_same_time_are_the_same(results):
+    folders = [results / f"{cores}_cores" for cores in (1, 2)]
+    for cores, folder in enumerate(folders, 1):
+        assert main(words(results, folder.name, "--cores", str(cores))) == DONE
+    one, two = ({file.name: file.read_bytes() for file in folder.iterdir()} for folder in folders)
+    assert one == two and {"msd.svg", "health.png", "report.html", "SHA256SUMS"} <= one.keys()
+    assert one["msd.svg"] == (results / "figures" / "msd.svg").read_bytes()
+
+
+@pytest.mark.slow
+def test_an_error_in_a_figure_is_said_as_on_one_core(results, capsys):
+    dataset = read_dataset(results / "s.nc")
+    write_dataset(results / "lacking.nc", dataset.drop_vars("worst_overlap"))
+    said = []
+    for cores in ("1", "2"):
+        arguments = words(results, f"lacking_{cores}", "--cores", cores)
+        arguments[1] = str(results / "lacking.nc")
+        said.append((main(arguments), capsys.readouterr().err))
+        assert not (results / f"lacking_{cores}" / "msd.svg").exists()
+    assert said[0] == said[1] == (WRONG_REQUEST, "brownpipe: worst_overlap: is missing in the dataset; make it again\n")
+
+
+@pytest.mark.slow
+def test_a_signal_ends_drawing_on_several_cores_without_a_trace(results, tmp_path):
+    command = [sys.executable, "-c", DRAWS_LONG, *words(results, "ended", "--cores", "2")]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    while not (found := [*tmp_path.iterdir()]):
+        assert process.poll() is None
+        sleep(0.02)
+    process.terminate()
+    assert process.communicate(timeout=20)[1] == "brownpipe: terminated\n"
+    assert process.returncode == 128 + signal.SIGTERM and not [*(results / "ended").iterdir()]
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(found[0].suffix[1:]), 0)
 
 
 # -- values under the pointer ---------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ rule figures:
         f"{results}/logs/figures/{study.name}.log",
     benchmark:
         f"{results}/benchmarks/figures/{study.name}.tsv"
+    threads: 2
     resources:
         **request["figures"],
     params:
@@ -25,4 +26,4 @@ rule figures:
         made_with=made_with("figures"),
     shell:
         'brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
-        " {params.replay:q} --figures {params.names:q} 2> {log:q}"
+        " {params.replay:q} --figures {params.names:q} --cores {threads} 2> {log:q}"

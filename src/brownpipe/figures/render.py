@@ -10,7 +10,6 @@ from brownpipe.figures.cases import cases_of, check_count, check_names, has, of_
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.drawing import Drawing, drawing_of
 from brownpipe.figures.style import drawing
-from brownpipe.stages import tracked
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,27 +19,16 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
-def drawn(dataset: Dataset, names: Sequence[str] | None = None, particles: int | None = None) -> list[Drawing]:
-    """Draw figures of a dataset.
-
-    `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
-    particle count of each scene: `particles`, or by default the 2020 note's 150 if the scene has it, or else its
-    largest.
-
-    Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
-    """
-    shown = cases_shown(dataset, particles, names)
-    drawings = []
+def drawn(name: str, cases: list[Dataset]) -> Drawing:
+    """Draw the figure of this name, with the cases that it shows (`cases_shown`)."""
+    module = module_of(name)
     with drawing():
-        for name in tracked([*shown], "figures"):
-            module, cases = module_of(name), shown[name]
-            drawings.append(drawing_of(name, module.draw(cases), module.table(cases)))
-    return drawings
+        return drawing_of(name, module.draw(cases), module.table(cases))
 
 
 @of_whole_dataset
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
-    """Return one figure of a dataset, as `drawn` draws it; the same errors."""
+    """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
     shown = cases_shown(dataset, particles, [name])
     with drawing():
         return module_of(name).draw(shown[name])
@@ -56,7 +44,11 @@ def cases_shown(
 ) -> dict[str, list[Dataset]]:
     """Return the cases that each figure shows: those with data for it, of one particle count or of all.
 
-    Arguments and errors as of `drawn`.
+    `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
+    particle count of each scene: `particles`, or by default the 2020 note's 150 if the scene has it, or else its
+    largest.
+
+    Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
     """
     check_names(dataset)
     cases = cases_of(dataset)

@@ -90,6 +90,13 @@ def drawing() -> AbstractContextManager:
     return matplotlib.rc_context(defaults | _STYLE)
 
 
+def import_matplotlib() -> None:
+    """Import all of matplotlib that figures need, which takes 0.2 s."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.backends.backend_svg
+    import matplotlib.figure  # noqa: F401
+
+
 def image_bytes(figure: Figure, suffix: str) -> bytes:
     """Return the bytes of a PNG or SVG file, without date or version. The first call computes the layout.
 

@@ -10,14 +10,13 @@ from brownpipe.figures.summary import QUESTION, TESTS, answer
 from brownpipe.figures.tables import label_of
 from brownpipe.report.page import HINT, Section
 from brownpipe.report.page import page as whole_page
-from brownpipe.report.parts import figure, paragraphs, table
+from brownpipe.report.parts import paragraphs, table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from xarray import Dataset
 
-    from brownpipe.figures.drawing import Drawing
     from brownpipe.figures.origin import Record
     from brownpipe.figures.summary import Answer
 
@@ -25,16 +24,16 @@ TITLE = "Brownian motion of hard disks"
 SEE_ANSWER = '<p>Runs failed or are missing: see <a href="#answer">the answer</a>.</p>\n'
 
 
-def page(dataset: Dataset, drawings: Sequence[Drawing], record: Record, name: str, replay: str | None = None) -> bytes:
-    """Return the page of a dataset and its drawings; `name` is that of its file.
+def page(dataset: Dataset, figures: Mapping[str, str], record: Record, name: str, replay: str | None = None) -> bytes:
+    """Return the page of a dataset and its figures; `name` is that of its file.
 
-    replay: HTML that shows one run.
+    figures: their sections of the page by name (`parts.figure`). replay: HTML that shows one run.
     """
     found, cases = answer(dataset), cases_of(dataset)
     sections = [Section("answer", "Answer", _answer(found))]
     if replay is not None:
         sections.append(Section("replay", "One run", replay))
-    shown = {drawing.name: figure(drawing, drawing.name) for drawing in drawings}
+    shown = dict(figures)
     of_runs = shown.pop("health", "")  # stands in a section of its own
     if shown:
         sections.append(Section("figures", "Figures", paragraphs([HINT], "hint") + "".join(shown.values())))

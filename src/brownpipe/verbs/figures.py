@@ -2,6 +2,7 @@
 
 from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import DONE, RequestError
@@ -24,6 +25,8 @@ def add_arguments(add: Callable) -> None:
     names = f"some of {', '.join(FIGURES)} (default: all)"
     add("--figures", nargs="+", choices=FIGURES, metavar="NAME", help=names)
     add("--particles", type=integer, metavar="N", help="show the runs with this many disks (default: 150)")
+    cores = "draw so many figures at the same time (default: 1); the files are the same"
+    add("--cores", type=partial(integer, least=1), metavar="N", default=1, help=cores)
 
 
 def figures(arguments: Namespace) -> int:
@@ -47,7 +50,7 @@ def figures(arguments: Namespace) -> int:
         raise RequestError(f"--replay: {arguments.dataset} is a trade-off, whose page replays no run")
     replay = _replay(arguments.replay, record) if arguments.replay else None
     with progress.shown("figures"):
-        files = write(dataset, output, record, page=page, replay=replay)
+        files = write(dataset, output, record, page=page, replay=replay, cores=arguments.cores)
     write_checksums(output, [*files, arguments.dataset])
     return DONE
 
