@@ -15,7 +15,7 @@ from brownpipe.provenance import PACKAGE, made_with
 from brownpipe.quoting import shell_path
 from brownpipe.study import from_command_line, read_study
 from brownpipe.study.replay import replay_files
-from brownpipe.study.resources import requests
+from brownpipe.study.resources import cores_of_aggregate, requests
 
 gc.set_threshold(500_000)  # as the command line does: Python searches its memory for garbage less often,
 atexit.register(gc.freeze)  # and not at all when it ends

@@ -3,6 +3,8 @@
 Tolerances are in standard errors: 4.5 is a false alarm in 1 of 150,000 comparisons.
 """
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -259,6 +261,23 @@ def test_order_and_batches_do_not_matter(dataset, files, tmp_path):
     write_dataset(tmp_path / "one.nc", dataset)
     write_dataset(tmp_path / "two.nc", aggregate(whole, **RINGS))
     assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "two.nc").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cores", [1, 2])
+def test_cases_analysed_at_the_same_time_give_the_same_bytes_and_errors(dataset, files, tmp_path, monkeypatch, cores):
+    """A file is replaced after all outlines were read, so that a worker finds it."""
+    write_dataset(tmp_path / "usual.nc", dataset)
+    write_dataset(tmp_path / "again.nc", aggregate(files, **RINGS, cores=cores))
+    assert (tmp_path / "usual.nc").read_bytes() == (tmp_path / "again.nc").read_bytes()
+    copies = [shutil.copy(file, tmp_path) for file in files]
+
+    def replace_last(*_):
+        shutil.copy(copies[0], copies[-1])
+
+    monkeypatch.setattr("brownpipe.analysis.dataset._refuse_unsampled", replace_last)
+    with pytest.raises(AnalysisError, match=f"^{copies[-1]}: was replaced while it was read; start again$"):
+        aggregate(copies, **RINGS, cores=cores)
 
 
 def test_dataset_survives_the_disk(dataset, tmp_path):

@@ -8,7 +8,9 @@ from brownpipe.engines import forecast
 from brownpipe.study import read_study
 from brownpipe.study.resources import (
     COPIES_READ,
+    MOST_IN_A_SECOND_CASE,
     Need,
+    cores_of_aggregate,
     describe_used,
     need_of_runs,
     needs_of_others,
@@ -58,6 +60,17 @@ def test_the_need_of_the_analysis_grows_with_runs_quantities_and_the_size_of_fil
     assert in_larger_files.seconds < many.seconds
     few = needs_of_others(study)["aggregate"]
     assert needs_of_others(study)["replay"].memory < few.memory < needs_of_others(study)["figures"].memory
+
+
+def test_two_cases_are_analysed_at_the_same_time_unless_they_are_large():
+    def cores(**more):
+        return cores_of_aggregate(read_study(CONFIG / "small.yaml", {"particles": 50} | more))
+
+    assert cores() == cores(seeds=10**6, batch=10**3) == 2
+    assert cores(seeds=10**6, batch=10**5) == 1  # of which each file has some 100 MB
+    study = read_study(CONFIG / "small.yaml")
+    second = MOST_IN_A_SECOND_CASE / 1e6
+    assert needs_of_others(study)["aggregate"].megabytes() > needs_of_others(study)["aggregate"].memory / 1e6 + second
 
 
 def test_what_jobs_took_is_compared_with_what_they_ask_for(study, tmp_path, monkeypatch):

@@ -38,8 +38,9 @@ def calculated(work: Work[Item, Result], items: Sequence[Item], sizes: Sequence[
     results: dict[int, Result] = {}
 
     def report(number: int, pieces: int) -> None:
-        done[number] = pieces
-        stages.report(unit, sum(done), sum(sizes))
+        if pieces != done[number]:
+            done[number] = pieces
+            stages.report(unit, sum(done), sum(sizes))
 
     workers = min(cores, len(items))
     if workers > 1 and sys.platform == "linux":

@@ -7,6 +7,7 @@ rule aggregate:
         f"{results}/logs/aggregate/{study.name}.log",
     benchmark:
         f"{results}/benchmarks/aggregate/{study.name}.tsv"
+    threads: cores_of_aggregate(study)
     resources:
         **request["aggregate"],
     params:
@@ -17,4 +18,4 @@ rule aggregate:
         made_with=made_with("aggregate"),
     shell:
         "brownpipe aggregate --study {params.study} {params.config:q} --output {output:q} --fit-windows {params.windows:q}"
-        " {params.options} 2> {log:q}"
+        " {params.options} --cores {threads} 2> {log:q}"

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe import stages
 from brownpipe.analysis import (
     conditions,
     displacement,
     distribution,
+    goodness,
     non_gaussian,
     orientation,
     pairs,
@@ -27,6 +27,7 @@ from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_o
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
 from brownpipe.engines.failures import HEALTH
 from brownpipe.errors import AnalysisError
+from brownpipe.parallel import Report, calculated
 from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.storage import made_by, origin_attributes
 
@@ -59,6 +60,7 @@ def aggregate(
     dr: float | None = None,
     rings: int | None = None,
     displacement_times: Sequence[float] = (),
+    cores: int = 1,
 ) -> "xarray.Dataset":
     """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
@@ -71,6 +73,7 @@ def aggregate(
         run to its end.
     dr, rings: width [length] and number of the rings of the displacement distribution, by default from the data.
     displacement_times: its times [time], by default the end of each run.
+    cores: on which as many cases are analysed at the same time; each takes memory of its own.
 
     Raises AnalysisError for files that do not belong together, for windows and times that coincide or that no run
     reaches, for rings far wider than any box, and what `storage.read_trajectories` raises for broken files.
@@ -86,11 +89,9 @@ def aggregate(
     cases = [Case(one.scene, one.engine.label, one.times, options, one.average) for one in outlines]
     _refuse_out_of_reach(cases, windows or (), dr or 0.0)
     _refuse_unsampled(cases, options.displacement_times)
-    ends = np.cumsum([len(group.seeds) for group in groups]).tolist()
-    parts = [
-        _results(case, group, before, ends[-1])
-        for case, group, before in zip(cases, groups, [0, *ends[:-1]], strict=True)
-    ]
+    if cores > 1:
+        goodness.import_scipy()  # here and not in every process
+    parts = calculated(_results, [*zip(cases, groups, strict=True)], [len(one.seeds) for one in groups], "runs", cores)
     seeds = np.unique(np.concatenate([group.seeds for group in groups]))
     for part, group in zip(parts, groups, strict=True):
         part.values["missing_seeds"] = len(seeds) - len(group.seeds)
@@ -126,8 +127,9 @@ def _refuse_unsampled(cases: Sequence[Case], times: Sequence[float]) -> None:
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
 
-def _results(case: Case, group: Group, before: int, total: int) -> Part:
-    """Return the values of all variables for one group; report how many runs are analysed, `before` it and of all."""
+def _results(item: tuple[Case, Group], report: Report) -> Part:
+    """Return the values of all variables for a case, from its group; report how many of the runs are analysed."""
+    case, group = item
     averages, health, masks, stopped = NO_RUNS, [], [], dict[int, str]()
 
     def good_runs() -> Iterator[RunBlock]:
@@ -139,7 +141,7 @@ def _results(case: Case, group: Group, before: int, total: int) -> Part:
             health.append(np.stack([runs.observables.get(name, np.full(len(bad), np.nan)) for name in HEALTH]))
             if not bad.all():
                 yield select(runs, ~bad) if bad.any() else runs
-            stages.report("runs", before + sum(map(len, masks)), total)
+            report(sum(map(len, masks)))
 
     blocks = good_runs()
     first = _enough_for_rings(blocks)

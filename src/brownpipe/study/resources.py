@@ -26,6 +26,7 @@ ANALYSIS_START = 1.5  # CPU seconds, to import what the analysis needs
 PER_CASE = 0.3  # further CPU seconds to analyse a case
 BYTES_PER_NUMBER = 130e3  # of memory for the replicates of a quantity that is averaged over the runs of a case
 COPIES_READ = 5  # of the largest file in memory: two files are kept, a third is read, decoded and verified
+MOST_IN_A_SECOND_CASE = 300e6  # bytes, which the margin of a request covers
 BYTES_PER_RUN = 300  # of memory for what a dataset has of each run
 SECONDS_PER_NUMBER = 6.5e-7  # CPU, to read and average a number of a run
 SECONDS_PER_FILE = 0.03  # CPU, to open and verify a file
@@ -109,17 +110,26 @@ def need_of_replay(study: Study) -> Need:
 
 
 def need_of_aggregate(study: Study) -> Need:
-    """Return the need of the analysis: replicates of one case, some of its files, and some numbers of each run."""
+    """Return the need of the analysis on one core: one case, and some numbers of each run."""
     parts = case_workloads(study)
     runs = sum(len(part.seeds) for part in parts)
     numbers = [_numbers_in(study, part) for part in parts]
-    of_case = max(
-        BYTES_PER_NUMBER * count + COPIES_READ * part.most_seeds * part.cost.kept
-        for count, part in zip(numbers, parts, strict=True)
-    )
     seconds = ANALYSIS_START + PER_CASE * len(parts) + SECONDS_PER_FILE * sum(len(part.batches) for part in parts)
     seconds += SECONDS_PER_NUMBER * sum(count * len(part.seeds) for count, part in zip(numbers, parts, strict=True))
-    return Need(ANALYSIS + of_case + BYTES_PER_RUN * runs, seconds)
+    return Need(ANALYSIS + _memory_of_a_case(study) + BYTES_PER_RUN * runs, seconds)
+
+
+def cores_of_aggregate(study: Study) -> int:
+    """Return on how many cores cases are analysed on one machine: one if two cases might take too much memory."""
+    return 2 if _memory_of_a_case(study) < MOST_IN_A_SECOND_CASE else 1
+
+
+def _memory_of_a_case(study: Study) -> float:
+    """Return the bytes that the analysis of the largest case needs: its replicates, and some of its files."""
+    return max(
+        BYTES_PER_NUMBER * _numbers_in(study, part) + COPIES_READ * part.most_seeds * part.cost.kept
+        for part in case_workloads(study)
+    )
 
 
 def _numbers_in(study: Study, part: CaseWorkload) -> int:

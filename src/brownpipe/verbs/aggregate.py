@@ -25,6 +25,8 @@ def add_arguments(add: Callable) -> None:
     add("--displacement-times", nargs="+", type=positive, metavar="T", help=times)
     count = "of the displacement distribution, with --ring-width"
     add("--rings", type=partial(integer, least=1, most=100_000), metavar="COUNT", help=count)
+    cores = "analyse so many scenes, particle counts and engines at the same time (default: 1); the dataset is the same"
+    add("--cores", type=partial(integer, least=1), metavar="N", default=1, help=cores)
 
 
 def aggregate(arguments: Namespace) -> int:
@@ -48,7 +50,7 @@ def aggregate(arguments: Namespace) -> int:
     inputs = [getattr(file, "path", file) for file in files]
     output = writable(arguments.output, *inputs, suffixes=NETCDF)
     with progress.shown("aggregate"):
-        dataset = analysis.aggregate(files, windows, width, count, times or ())
+        dataset = analysis.aggregate(files, windows, width, count, times or (), arguments.cores)
     write_dataset(output, dataset)
     return DONE
 
