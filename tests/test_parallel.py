@@ -122,3 +122,20 @@ def is_running(process):
     with suppress(OSError):
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     return False
+
+
+@pytest.mark.parametrize("output", ["figures --output missing", "aggregate --output missing.nc"])
+def test_each_of_several_processes_has_one_thread(output, tmp_path):
+    """Snakemake's environment asks for as many threads as a job has cores; NumPy starts them when it is imported."""
+    program = (
+        "import os, sys, threading\n"
+        "from brownpipe.cli import main\n"
+        "main([*sys.argv[1:], 'absent.nc', '--cores', '2'])\n"
+        "for thread in threading.enumerate()[1:]:\n"
+        "    thread.join(20)\n"
+        "print('numpy' in sys.modules, len(os.listdir('/proc/self/task')))\n"
+    )
+    words = [sys.executable, "-c", program, *output.split()]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "2"}
+    done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.stdout == "True 1\n" and "absent.nc" in done.stderr

@@ -28,6 +28,15 @@ Work = Callable[[Item, Report], Result]
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGXCPU)  # which the command line handles
 
 
+def limit_threads(cores: int) -> None:
+    """Give each of several processes one thread for linear algebra; to be called before NumPy is imported.
+
+    Snakemake gives every process as many threads as its job has cores.
+    """
+    if cores > 1:
+        os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+
 def calculated(work: Work[Item, Result], items: Sequence[Item], sizes: Sequence[int], unit: str, cores: int) -> list:
     """Return `work(item, report)` of each item, calculated on up to so many cores.
 

@@ -35,6 +35,9 @@ def aggregate(arguments: Namespace) -> int:
     With `--study` instead of files, those in `results` of this folder are analysed as the study says. A file that holds
     other seeds, another scene or engine, or other records than the study asks for is refused by name.
     """
+    from brownpipe.parallel import limit_threads
+
+    limit_threads(arguments.cores)
     from brownpipe import analysis, progress
     from brownpipe.storage import write_dataset
 

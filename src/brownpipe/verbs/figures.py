@@ -35,6 +35,9 @@ def figures(arguments: Namespace) -> int:
     provenance.json in the folder says what they were made from, and so do the pictures in their metadata. `SHA256SUMS`,
     written last, has the checksums of all files and of the dataset: `sha256sum --check SHA256SUMS`.
     """
+    from brownpipe.parallel import limit_threads
+
+    limit_threads(arguments.cores)
     from brownpipe import progress
     from brownpipe.report.products import read, write
     from brownpipe.storage.checksums import write_checksums
