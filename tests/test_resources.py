@@ -66,11 +66,10 @@ def test_two_cases_are_analysed_at_the_same_time_unless_they_are_large():
     def cores(**more):
         return cores_of_aggregate(read_study(CONFIG / "small.yaml", {"particles": 50} | more))
 
-    assert cores() == cores(seeds=10**6, batch=10**3) == 2
+    assert cores() == cores(seeds=10**5, batch=10**3) == 2
     assert cores(seeds=10**6, batch=10**5) == 1  # of which each file has some 100 MB
-    study = read_study(CONFIG / "small.yaml")
-    second = MOST_IN_A_SECOND_CASE / 1e6
-    assert needs_of_others(study)["aggregate"].megabytes() > needs_of_others(study)["aggregate"].memory / 1e6 + second
+    need = needs_of_others(read_study(CONFIG / "small.yaml"))["aggregate"]
+    assert 1e6 * need.megabytes() > need.memory + MOST_IN_A_SECOND_CASE
 
 
 def test_what_jobs_took_is_compared_with_what_they_ask_for(study, tmp_path, monkeypatch):

@@ -110,26 +110,25 @@ def need_of_replay(study: Study) -> Need:
 
 
 def need_of_aggregate(study: Study) -> Need:
-    """Return the need of the analysis on one core: one case, and some numbers of each run."""
+    """Return the need of the analysis on one core.
+
+    Its memory is for the replicates of one case, for some of its files, and for some numbers of each run.
+    """
     parts = case_workloads(study)
     runs = sum(len(part.seeds) for part in parts)
     numbers = [_numbers_in(study, part) for part in parts]
+    of_case = max(
+        BYTES_PER_NUMBER * count + COPIES_READ * part.most_seeds * part.cost.kept
+        for count, part in zip(numbers, parts, strict=True)
+    )
     seconds = ANALYSIS_START + PER_CASE * len(parts) + SECONDS_PER_FILE * sum(len(part.batches) for part in parts)
     seconds += SECONDS_PER_NUMBER * sum(count * len(part.seeds) for count, part in zip(numbers, parts, strict=True))
-    return Need(ANALYSIS + _memory_of_a_case(study) + BYTES_PER_RUN * runs, seconds)
+    return Need(ANALYSIS + of_case + BYTES_PER_RUN * runs, seconds)
 
 
 def cores_of_aggregate(study: Study) -> int:
-    """Return on how many cores cases are analysed on one machine: one if two cases might take too much memory."""
-    return 2 if _memory_of_a_case(study) < MOST_IN_A_SECOND_CASE else 1
-
-
-def _memory_of_a_case(study: Study) -> float:
-    """Return the bytes that the analysis of the largest case needs: its replicates, and some of its files."""
-    return max(
-        BYTES_PER_NUMBER * _numbers_in(study, part) + COPIES_READ * part.most_seeds * part.cost.kept
-        for part in case_workloads(study)
-    )
+    """Return on how many cores of one machine cases are analysed: one if a second case might take much memory."""
+    return 2 if need_of_aggregate(study).memory < ANALYSIS + MOST_IN_A_SECOND_CASE else 1
 
 
 def _numbers_in(study: Study, part: CaseWorkload) -> int:
