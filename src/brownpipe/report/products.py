@@ -10,7 +10,7 @@ from brownpipe.figures import render, tradeoff
 from brownpipe.figures.cases import of_whole_dataset
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.origin import Record, closing_lines, record_of, stamped, write_record
-from brownpipe.figures.style import import_matplotlib
+from brownpipe.figures.style import import_libraries
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.figures.tables import to_csv
 from brownpipe.parallel import calculated
@@ -110,7 +110,8 @@ def _figures(cases: Mapping[str, list[Dataset]], record: Record, on_page: bool, 
         drawing = render.drawn(name, cases[name])
         return _made_of(drawing, record, figure(drawing, name) if on_page else "")
 
-    import_matplotlib()
+    if cores > 1:
+        import_libraries()  # here and not in every process
     return calculated(drawn, [*cases], [1] * len(cases), "figures", cores)
 
 
