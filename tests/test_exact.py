@@ -12,9 +12,10 @@ import pytest
 
 import naive
 from brownpipe.engines import units
-from brownpipe.engines.exact import layout
+from brownpipe.engines.exact import calendar, layout
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.state import State
@@ -474,6 +475,28 @@ def test_prefetching_changes_no_bit(phi, candidates_fit_cache, monkeypatch):
     assert plain.observables["pair_collisions"][0] > 5000
     assert np.array_equal(plain.whole[1].position, prefetched.whole[1].position)
     assert plain.observables == prefetched.observables
+
+
+def test_insertions_are_deferred_until_the_next_bucket_but_one(monkeypatch):
+    """An event in the next bucket is stored at once, the others wait while one more bucket is opened."""
+    monkeypatch.setattr(layout, "FITS_CACHE", 0)
+    monkeypatch.setattr(calendar, "prefetch", lambda *_: None)  # compiled alone
+    scene = swarm(0.5)
+    w = layout.prepare(scene, units.frame_of(scene))
+    stored = lambda: [int(calendar.entries_after(w, n)) for n in (1, 2, 3)]  # noqa: E731
+    w.progress[ws.CURRENT_BUCKET] = 4
+    for i, bucket in enumerate((5, 6, 7)):
+        w.event_time[ws.EVENT_ROW * i] = time = (bucket + 0.5) * w.calendar.width
+        calendar.push(w, i, time)
+    assert (stored(), w.deferred.number.tolist()) == ([1, 0, 0], [2, 0])
+    calendar.open_next_bucket(w)
+    assert (stored(), w.deferred.number.tolist()) == ([0, 0, 0], [2, 0])
+    calendar.open_next_bucket(w)
+    assert (stored(), w.deferred.number.tolist()) == ([1, 0, 0], [0, 0])
+    assert w.current_disk[: w.progress[ws.CURRENT_EVENTS]].tolist() == [1, 0]
+    calendar.push(w, 3, 9.5 * w.calendar.width)
+    calendar.clear(w)
+    assert not w.deferred.number.any()
 
 
 def in_plain_python(code):

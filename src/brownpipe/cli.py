@@ -35,7 +35,7 @@ from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
 
 JOINED = "several values of an option are joined by commas"
-GARBAGE = 500_000  # new objects after which Python searches for garbage: more than most verbs make. Its own: 700
+GARBAGE = 500_000  # new objects after which Python searches for garbage: more than most verbs make
 
 
 def main(argv: list[str] | None = None) -> int:

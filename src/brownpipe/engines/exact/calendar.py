@@ -44,7 +44,8 @@ def push(w: ws.Workspace, i: int, time: float) -> None:
 def store_or_defer(deferred: ws.Deferred | None, w: ws.Workspace, i: int, bucket: int) -> None:
     """Store disk i in a future bucket; with many disks, prefetch the bucket and defer the insertion.
 
-    The bucket that is opened next has been prefetched, and is opened before the insertion would be carried out.
+    An event in the next bucket is stored at once: that bucket has been prefetched, and a deferred insertion would come
+    too late.
     """
     current = w.progress[ws.CURRENT_BUCKET]
     if deferred is None or bucket == current + 1:
@@ -62,7 +63,7 @@ def store_or_defer(deferred: ws.Deferred | None, w: ws.Workspace, i: int, bucket
 
 @kernel
 def store_deferred(deferred: ws.Deferred | None, w: ws.Workspace, parity: int) -> None:
-    """Carry out the insertions deferred during the bucket before the current one, or during it, by the number's parity.
+    """Carry out the insertions that were deferred while a bucket of this parity (even: 0, odd: 1) was the current one.
 
     Those of disks whose event has been predicted anew since are left out.
     """
@@ -78,7 +79,7 @@ def store_deferred(deferred: ws.Deferred | None, w: ws.Workspace, parity: int) -
 
 @kernel
 def forget_deferred(deferred: ws.Deferred | None) -> None:
-    """Carry out none of the deferred insertions."""
+    """Discard the deferred insertions."""
     if deferred is not None:
         deferred.number[:] = 0
 

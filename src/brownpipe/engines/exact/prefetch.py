@@ -10,9 +10,9 @@ Each of these accesses is therefore prefetched while an earlier bucket is the cu
     bucket + 2    the cells or lists of both
     bucket + 1    the candidates in these
 
-Each stage reads only what an earlier one prefetched. A processor that already waits for some twenty cache lines drops
-further prefetches. So the first two stages are for a whole bucket, but the others for one entry with each event:
-when e events of the current bucket are left, entry e of the later buckets is prefetched.
+Each stage reads only what an earlier one prefetched. Processors (AMD's Zen 4, for one) drop prefetches while they wait
+for some twenty cache lines. So the first two stages are for a whole bucket, but the others for one entry with each
+event: when e events of the current bucket are left, entry e of the later buckets is prefetched.
 
 With cells and fewer than `layout.CANDIDATES_FIT_CACHE` disks the last stage is left out: it is many instructions, and
 candidates do not wait for each other. Nothing is computed here, and no result depends on it. Cells and lists are

@@ -137,7 +137,10 @@ def results_of(prepared: PreparedScene, ended: Sequence[EndedRun]) -> list[RunRe
 
 
 def recorder_of(prepared: PreparedScene, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
-    """Return a recorder for runs one after the other, sampled at the given times (T,) [time]."""
+    """Return a recorder for runs one after the other, sampled at the given times (T,) [time].
+
+    It also serves a run that restarts with larger cells: the duration of a block is that of the scene.
+    """
     return new_recorder(prepared.frame, prepared.workspace, times, record)
 
 

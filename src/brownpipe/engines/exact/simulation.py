@@ -118,7 +118,7 @@ def _report(prepared: PreparedScene, ended: dict[int, EndedRun], batch: Batch) -
 
 
 def _together(batch: Batch) -> int:
-    """Return how many runs are drawn and reported at once: several, if these steps take about as long as a run itself.
+    """Return how many runs are drawn and reported at once: several, if they have few disks and samples.
 
     From the second one on the code for a step is in the processor's cache; a run in between displaces it.
     """

@@ -110,14 +110,14 @@ class NeighbourLists(NamedTuple):
 class Deferred(NamedTuple):
     """Events that are not in their bucket yet, as it is being prefetched. Only systems that prefetch have this record.
 
-    There a bucket is not in the cache, and to write to it at once would be to wait for it. There are two lists: of the
-    insertions deferred while a bucket of an even number is the current one, and of an odd number. A list is carried out
-    before the next bucket but one is opened, or when it is full.
+    There a bucket is not in the cache, and to write to it at once would be to wait for it. There are two lists, one of
+    the insertions deferred during buckets of even number and one of those during buckets of odd number. A list is
+    carried out before the next bucket but one is opened, or when it is full.
     """
 
     number: np.ndarray  # (2,) int64, of the deferred insertions in each list
-    bucket: np.ndarray  # (2 n,) int64, number of the bucket, not reduced to the ring; the lists one after the other
-    disk: np.ndarray  # (2 n,) uint32
+    bucket: np.ndarray  # (2 MOST_DEFERRED,) int64, number of the bucket, not reduced to the ring; one list, the other
+    disk: np.ndarray  # (2 MOST_DEFERRED,) uint32
     with_candidates: bool  # whether the candidates for upcoming collisions are prefetched, too (`prefetch`)
 
 
