@@ -483,7 +483,10 @@ def test_insertions_are_deferred_until_the_next_bucket_but_one(monkeypatch):
     monkeypatch.setattr(calendar, "prefetch", lambda *_: None)  # compiled alone
     scene = swarm(0.5)
     w = layout.prepare(scene, units.frame_of(scene))
-    stored = lambda: [int(calendar.entries_after(w, n)) for n in (1, 2, 3)]  # noqa: E731
+
+    def stored():
+        return [int(calendar.entries_after(w, n)) for n in (1, 2, 3)]
+
     w.progress[ws.CURRENT_BUCKET] = 4
     for i, bucket in enumerate((5, 6, 7)):
         w.event_time[ws.EVENT_ROW * i] = time = (bucket + 0.5) * w.calendar.width
