@@ -314,6 +314,15 @@ def box_sides(scene):
     return (scene.box.x, scene.box.y) if scene.box.periodic else None
 
 
+@pytest.mark.parametrize("speed", [1e-300, 1e-308, 1e-309, 5e-324])
+def test_a_pair_that_parts_as_slowly_as_numbers_allow_does_not_collide(speed):
+    position = np.array([[5.0, 5.0], [8.0, 5.0], [5.0, 15.0]])
+    velocity = np.array([[0.0, 0.0], [speed, 0.0], [1.0, 0.0]])
+    state = State(position, velocity, np.full(3, 0.5), np.ones(3))
+    ensemble = simulate(explicit(box(20.0, 20.0, P, (10.0, 10.0)), state, 3.0), [0])
+    assert ensemble.observables["pair_collisions"].tolist() == [0]
+
+
 # -- time reversal --------------------------------------------------------------------------------------------------
 
 

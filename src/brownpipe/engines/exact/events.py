@@ -39,17 +39,21 @@ from brownpipe.engines.records import local_copy
 
 
 @kernel
-def earliest(w: ws.Workspace, i: int, now: float, candidates: np.ndarray, first: int, m: int) -> None:
-    """Store the earliest collision of disk i with m candidates as its pair event, if earlier than the one it has.
+def earliest(
+    w: ws.Workspace, i: int, now: float, candidates: np.ndarray, first: int, m: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a four of the times of the earliest collisions of disk i, and a four of the indices of the partners.
 
     The candidates are candidates[first : first + m]. Four at a time are considered, in place of the last ones perhaps
     disk i itself, which it never meets. Each of the `best` is the earliest of every fourth candidate, `chosen` its
-    index. Skip a partner whose own next collision is earlier: it will be re-predicted then and will find disk i.
+    index; where none is earlier than the pair event that disk i has, `best` is the time of that event and `chosen` is
+    `first`, which is always readable. Skip a partner whose own next collision is earlier: it will be re-predicted then
+    and will find disk i. No time is earlier than `latest` for a pair that does not meet, not even -inf.
     """
     disk, a = w.disk, ws.ROW * i
     x_i, y_i = position(w, i, now)
-    vx_i, vy_i, pair_time = disk[a + ws.VX], disk[a + ws.VY], disk[a + ws.PAIR_TIME]
-    best, chosen, index = four(pair_time), four(first), four_from(first)
+    vx_i, vy_i = disk[a + ws.VX], disk[a + ws.VY]
+    best, chosen, index = four(disk[a + ws.PAIR_TIME]), four(first), four_from(first)
     nearest = w.tally[ws.NEAREST]
     for j in range(first, first + m, 4):
         candidate = four_entries(candidates, j, first + m, i)
@@ -59,19 +63,39 @@ def earliest(w: ws.Workspace, i: int, now: float, candidates: np.ndarray, first:
         sigma = four_contact_distances(w.mass, w, i, radius_k)
         b, c, d = encounter(x, y, vx_k - vx_i, vy_k - vy_i, sigma)
         time = now + delay(b, c, d)
-        sooner = meets(b, d) & (time < best) & (time <= pair_time_k)
+        latest = where(meets(b, d), pair_time_k, four(math.nan))
+        sooner = (time < best) & (time <= latest)
         best, chosen = where(sooner, time, best), where(sooner, index, chosen)
         index = index + 4.0
         closer = (c < nearest * (sigma * sigma)) & (k != i)
         if any_of(closer):
             nearest = least(where(closer, c / (sigma * sigma), four(nearest)))
             w.tally[ws.NEAREST] = nearest
-    time = least(best)
-    if time < pair_time:
-        partner = candidates[int(least(where(best <= time, chosen, four(math.inf))))]  # of several, the first
-        disk[a + ws.PAIR_TIME] = time
-        w.link[a + ws.PARTNER] = partner
-        w.link[a + ws.PARTNER_CHANGES] = disk[ws.ROW * (partner & ws.DISK_MASK) + ws.CHANGES]
+    return best, chosen
+
+
+@kernel
+def set_partner(
+    w: ws.Workspace, i: int, time: float, candidates: np.ndarray, best: np.ndarray, chosen: np.ndarray
+) -> None:
+    """Store a collision at `time`, the least of `best`, as the pair event of disk i, if earlier than the one it has.
+
+    There is no branch, as nobody can predict whether a disk that has entered a cell finds an earlier collision there.
+    """
+    disk, link, a = w.disk, w.link, ws.ROW * i
+    sooner = time < disk[a + ws.PAIR_TIME]
+    disk[a + ws.PAIR_TIME] = time
+    partner, changes = np.int64(link[a + ws.PARTNER]), np.int64(link[a + ws.PARTNER_CHANGES])
+    other = np.int64(candidates[int(least(where(best <= time, chosen, four(math.inf))))])  # of several, the first
+    other_changes = np.int64(disk[ws.ROW * (other & ws.DISK_MASK) + ws.CHANGES])
+    link[a + ws.PARTNER] = either(sooner, other, partner)
+    link[a + ws.PARTNER_CHANGES] = either(sooner, other_changes, changes)
+
+
+@kernel
+def either(condition: bool, one: int, other: int) -> int:
+    """Return one of two integers, without a branch."""
+    return other + condition * (one - other)
 
 
 @kernel
@@ -108,7 +132,7 @@ def edges_ahead(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, vx: fl
 
 
 @kernel
-def schedule(w: ws.Workspace, i: int, now: float) -> None:
+def schedule(w: ws.Workspace, i: int, now: float, pair_time: float) -> None:
     """Push the next event of disk i: its pair collision, a cell crossing or a wall collision, whichever is first."""
     disk, a = w.disk, ws.ROW * i
     box = w.grid
@@ -121,7 +145,6 @@ def schedule(w: ws.Workspace, i: int, now: float) -> None:
     x_event = ws.LEFT + (vx > 0.0) + ws.WALL * x_wall
     y_event = ws.DOWN + (vy > 0.0) + ws.WALL * y_wall
     sideways = x_time < y_time
-    pair_time = disk[a + ws.PAIR_TIME]
     leaves = min(x_time, y_time) < pair_time
     event = leaves * (sideways * x_event + (1 - sideways) * y_event)  # a branch would be mispredicted half the time
     time = max(min(min(x_time, y_time), pair_time), now)
@@ -145,6 +168,19 @@ def candidates_after(
         return w.candidate, 0, cells.gather_new(w.big, w, i, event)
     w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
     return w.candidate, 0, cells.gather(w.big, w, i)
+
+
+@kernel
+def predict(w: ws.Workspace, i: int, now: float, event: int) -> None:
+    """Predict the pair collision of disk i after an event, and push the event that is its next one.
+
+    The partner is stored last: the next event of the disk does not depend on it.
+    """
+    candidates, first, m = candidates_after(w.lists, w, i, event)
+    best, chosen = earliest(w, i, now, candidates, first, m)
+    pair_time = least(best)
+    schedule(w, i, now, pair_time)
+    set_partner(w, i, pair_time, candidates, best, chosen)
 
 
 # -- what an event does ---------------------------------------------------------------------------------------------
@@ -271,9 +307,7 @@ def happen(w: ws.Workspace, r: ws.Recorder, i: int, now: float) -> None:
         if cross(w.lists, w, i, now, event):
             event = ws.PAIR
     while True:
-        candidates, first, m = candidates_after(w.lists, w, i, event)
-        earliest(w, i, now, candidates, first, m)
-        schedule(w, i, now)
+        predict(w, i, now, event)
         if k == i:
             return
         i = k
