@@ -11,7 +11,8 @@ from brownpipe.engines.exact.calendar import BUCKET_WORDS, MOST_DEFERRED
 from brownpipe.engines.units import PATH_PER_BLOCK, Frame, common_radius, power_of_two, thermal_speed
 from brownpipe.scene import Scene
 
-EVENTS_PER_BUCKET = 8.0  # on average
+EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a power of two
+PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
@@ -96,7 +97,12 @@ def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
 def _deferred(n: int, half: float) -> ws.Deferred:
     """Return empty lists of deferred insertions for n disks; `half` as of neighbour lists, 0 without."""
     bucket, disk = np.zeros(2 * MOST_DEFERRED, np.int64), np.zeros(2 * MOST_DEFERRED, np.uint32)
-    return ws.Deferred(np.zeros(2, np.int64), bucket, disk, half > 0.0 or n >= CANDIDATES_FIT_CACHE)
+    return ws.Deferred(np.zeros(2, np.int64), bucket, disk, _prefetches_candidates(n, half))
+
+
+def _prefetches_candidates(n: int, half: float) -> bool:
+    """Whether the candidates for upcoming events of n disks are prefetched; `half` as of neighbour lists, 0 without."""
+    return n >= (FITS_CACHE if half > 0.0 else CANDIDATES_FIT_CACHE)
 
 
 def begin(w: ws.Workspace, motion: np.ndarray) -> None:
@@ -166,7 +172,8 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
     rate = theory.collision_rate(n / (grid.width * grid.height), sigma, chi, 0.5, 0.5 * speed**2)
     crossing = speed * (1 / grid.cell_width + 1 / grid.cell_height) if half == 0.0 else 0.5 * speed / half
     block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, PATH_PER_BLOCK * sigma / speed))
-    width = power_of_two(min(EVENTS_PER_BUCKET / (n * (rate + crossing)), block))
+    events = PREFETCHED_PER_BUCKET if _prefetches_candidates(n, half) else EVENTS_PER_BUCKET
+    width = power_of_two(min(events / (n * (rate + crossing)), block))
     ring = max(16, 2 ** math.ceil(math.log2((1.25 if n < CANDIDATES_FIT_CACHE else 0.5) * n)))
     return ws.Calendar(block, width, 1 / width, ring - 1)
 
