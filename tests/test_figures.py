@@ -297,9 +297,47 @@ def test_a_missing_variable_is_named_whatever_xarray_says_of_it(dataset):
         of_whole_dataset(lambda dataset: dataset["slope"])(lacking)
 
 
-def test_a_variable_that_no_dataset_has_is_no_fault_of_the_dataset(dataset):
-    with pytest.raises(AttributeError, match="unknown"):
+def test_an_error_that_no_missing_part_explains_is_given_with_its_place(dataset):
+    with pytest.raises(
+        FigureError, match=r"^AttributeError: .*'unknown' \(figures/cases.py, line \d+\); a number"
+    ) as seen:
         of_whole_dataset(lambda dataset: dataset.unknown)(dataset.drop_vars("slope"))
+    assert isinstance(seen.value.__cause__, AttributeError)
+
+
+@pytest.mark.parametrize(
+    ("name", "variable", "value"),
+    [
+        ("thermodynamics", "collision_rate_high", -np.inf),
+        ("pair_distribution", "pair_distribution_standard_error", np.inf),
+        ("thermodynamics", "enskog_tracer_collision_rate", -1.0),
+    ],
+)
+def test_a_number_that_cannot_be_drawn_ends_in_one_line(dataset, tmp_path, run_through, name, variable, value):
+    changed = dataset[variable].copy(deep=True)
+    changed.values[...] = value
+    with pytest.raises(
+        FigureError, match=r"Error: .* \(figures/\w+\.py, line \d+\); a number in the dataset may be wrong"
+    ):
+        render(dataset.assign({variable: changed}), tmp_path, [name])
+
+
+WRONG_AXES = [("time", np.nan), ("r", np.inf), ("velocity", -np.inf), ("speed", 1e308), ("distance", 0.0), ("seed", 9)]
+
+
+@pytest.mark.parametrize(("dim", "value"), WRONG_AXES)
+def test_numbers_along_an_axis_that_do_not_increase_are_refused(dataset, dim, value):
+    """A bin without a place would be seen by the library that draws it, or not at all."""
+    changed = dataset[dim].copy(data=np.r_[dataset[dim][:1], value, dataset[dim][2:]].astype(dataset[dim].dtype))
+    with pytest.raises(FigureError, match=f"^{dim}: must have increasing numbers in the dataset; make it again$"):
+        draw(dataset.assign_coords({dim: changed}), "health")
+
+
+@pytest.mark.parametrize("dim", ["scene", "engine", "species", "window"])
+def test_labels_that_do_not_differ_are_refused(dataset, dim):
+    changed = dataset.isel({dim: [0, 0]})
+    with pytest.raises(FigureError, match=f"^{dim}: must have labels that differ in the dataset; make it again$"):
+        results.table(changed)
 
 
 def test_an_empty_dimension_is_named_before_anything_is_calculated(dataset):
@@ -311,7 +349,7 @@ def test_an_empty_dimension_is_named_before_anything_is_calculated(dataset):
 
 
 def test_an_error_is_not_put_down_to_a_dimension_that_no_dataset_of_brownpipe_has(dataset):
-    with pytest.raises(ValueError, match="invalid literal"):
+    with pytest.raises(FigureError, match=r"^ValueError: invalid literal"):
         of_whole_dataset(lambda _: int("ten"))(dataset.assign(notes=("page", [])))
 
 

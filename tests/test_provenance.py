@@ -344,6 +344,21 @@ def test_files_that_say_nothing_of_their_origin_are_refused(name, tmp_path, monk
     assert re.fullmatch(rf"brownpipe: {name}: (does not say what it was made from.*|cannot be read: .*)", err[0])
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [{"made_from": "[7"}, {"made_from": "[7]"}, {"made_from": '[{"command": 1}]'}, {"options": "{"}, {"note": 3.0}],
+    ids=str,
+)
+def test_figures_of_a_dataset_with_other_attributes_are_refused(study, wrong, capsys):
+    dataset = "results/s/aggregate/s.nc"
+    storage.write_dataset(dataset, storage.read_dataset(dataset).assign_attrs(wrong))
+    capsys.readouterr()
+    assert main(["figures", dataset, "--output", "none", "--figures", "msd"]) == FAILED
+    refusal = f"brownpipe: {dataset}: does not say what it was made from; make it again with this brownpipe\n"
+    assert capsys.readouterr() == ("", refusal)
+    assert not Path("none").exists()
+
+
 def test_measured_times_of_a_trade_off_are_not_compared(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exact = make_runs(make_scene("full"), range(30))

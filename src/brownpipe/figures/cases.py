@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import re
 from functools import wraps
+from pathlib import Path
+from traceback import extract_tb
 from typing import TYPE_CHECKING, Concatenate, ParamSpec, SupportsFloat, TypeVar
 
 import numpy as np
 
 from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
 from brownpipe.errors import BrownpipeError, FigureError
+from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import NAME
 from brownpipe.tradeoff import is_tradeoff
 from brownpipe.tradeoff.variables import COORDINATES, VARIABLES
@@ -29,6 +32,7 @@ R = TypeVar("R")
 OF_DATASETS = {*ALL_VARIABLES, *ALL_COORDINATES, *VARIABLES, *COORDINATES}  # names of variables and coordinates
 OF_DIMENSIONS = ALL_COORDINATES.keys() | COORDINATES.keys()
 DIMENSIONS = {dim for variable in (*ALL_VARIABLES.values(), *VARIABLES.values()) for dim in variable.dims}
+LONGEST_CAUSE = 120  # characters of another library's message within ours
 MISSING_PART = "{}: is missing in the dataset; make it again"
 
 
@@ -40,10 +44,12 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
 
 
 def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable[Concatenate[Dataset, P], R]:
-    """Let a function of a dataset raise FigureError, not an error of xarray, if a part that it needs is missing.
+    """Let a function of a dataset raise FigureError, not an error of a library, if the dataset is not as it was made.
 
-    That is a variable or a dimension. No dimension may be empty, and each must have its coordinate, in place of which
-    xarray would count: this is checked first. What else a function needs is seen by the error that it ends with.
+    What is seen before the function is called: an empty dimension, one without its coordinate, in place of which xarray
+    would count, and a coordinate whose values are not those of an axis. A missing variable or dimension is seen by the
+    error that the function ends with. Any other error is given with its place in the source: it may come from a wrong
+    number anywhere in the dataset.
     """
 
     @wraps(function)
@@ -51,17 +57,38 @@ def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable
         for name in sorted(DIMENSIONS.intersection(dataset.dims)):
             if dataset.sizes[name] == 0 or (name in OF_DIMENSIONS and name not in dataset.coords):
                 raise FigureError(MISSING_PART.format(name))
+            if name in dataset.coords:
+                _check_axis(dataset[name])
         try:
             return function(dataset, *arguments, **options)
         except BrownpipeError:
             raise
-        except (AttributeError, LookupError, TypeError, ValueError) as error:
+        except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
             name = _missing_variable(dataset, error) or _missing_dimension(dataset)
-            if name is None:
-                raise
-            raise FigureError(MISSING_PART.format(name)) from error
+            raise FigureError(_other_error(error) if name is None else MISSING_PART.format(name)) from error
 
     return naming
+
+
+def _check_axis(coordinate: DataArray) -> None:
+    """Raise FigureError unless numbers are finite and increase along a coordinate, or labels differ."""
+    values = coordinate.values
+    if values.dtype.kind in "fiu":
+        is_axis, allowed = np.isfinite(values).all() and (values[1:] > values[:-1]).all(), "increasing numbers"
+    else:
+        is_axis, allowed = len({*values.tolist()}) == len(values), "labels that differ"
+    if not is_axis:
+        raise FigureError(f"{coordinate.name}: must have {allowed} in the dataset; make it again")
+
+
+def _other_error(error: Exception) -> str:
+    """Return the message for an error that neither a missing variable nor a missing dimension explains."""
+    *_, place = (frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_relative_to(PACKAGE))
+    cause = f"{type(error).__name__}: {str(error)[:LONGEST_CAUSE]}"
+    return (
+        f"{cause} ({Path(place.filename).relative_to(PACKAGE)}, line {place.lineno}); a number in the dataset may be "
+        "wrong: make it again, and if the error remains, please report it"
+    )
 
 
 def _missing_variable(dataset: Dataset, error: Exception) -> str | None:

@@ -23,8 +23,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from brownpipe.errors import StorageError
 from brownpipe.quoting import printable
 from brownpipe.storage import made_by, runs_record, write_file
+from brownpipe.storage.origin import UNSAID
 from brownpipe.storage.trajectories import whole_seed
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 RECORD = "provenance.json"
 AGAIN = "`brownpipe inspect FILE --reproduce` makes it again and compares; FILE is this file."
 DESCRIBING = {"Conventions", "title", "comment", "rerun"}  # attributes of every dataset
+IN_JSON = {"made_from", "options"}
 PNG, GIF = b"\x89PNG\r\n\x1a\n", (b"GIF87a", b"GIF89a")
 HEAD = 33  # bytes of a PNG before its second chunk
 END_OF_GIF = b"\x3b"
@@ -48,14 +51,14 @@ def record_of(
 ) -> Record:
     """Return the record of the figures of a dataset: `step` draws them, `digest` is the seal of the dataset's file.
 
-    names, particles: the options of `brownpipe figures`.
+    names, particles: the options of `brownpipe figures`. Raises StorageError for a dataset with other attributes than
+    brownpipe writes.
     """
-    origin = {name: value for name, value in dataset.attrs.items() if name not in DESCRIBING}
     return {
         "figures": None if names is None else [*names],
         "particles": particles,
         "made_by": made_by(step),
-        "dataset": {"sha256": digest} | {name: _parsed(name, value) for name, value in origin.items()},
+        "dataset": {"sha256": digest} | _stated(dataset.attrs),
     }
 
 
@@ -80,15 +83,23 @@ def movie_record(
     }
 
 
-def _parsed(name: str, value: object) -> object:
-    """Return an attribute that is JSON as what it means."""
-    return json.loads(value) if name in ("made_from", "options") and isinstance(value, str) else value
+def _stated(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the attributes that say what a dataset was made from; those in JSON as what they mean."""
+    stated = {str(name): value for name, value in attributes.items() if name not in DESCRIBING}
+    try:
+        parsed = {name: json.loads(stated[name]) for name in IN_JSON & stated.keys()}
+        named = [origin[key] for origin in parsed.get("made_from", []) for key in ("command", "scene_digest")]
+        if all(isinstance(value, str) for value in (*stated.values(), *named)):
+            return stated | parsed
+    except (KeyError, RecursionError, TypeError, ValueError) as error:
+        raise StorageError(UNSAID) from error
+    raise StorageError(UNSAID)
 
 
 def dataset_attributes(record: Record) -> dict[str, Any]:
     """Return what a record says of its dataset, as the dataset's own attributes."""
     stated = record["dataset"]
-    return {key: json.dumps(stated[key]) if key in ("made_from", "options") else stated[key] for key in stated}
+    return {key: json.dumps(stated[key]) if key in IN_JSON else stated[key] for key in stated}
 
 
 def write_record(folder: str | Path, record: Record, names: Iterable[str]) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from brownpipe.errors import FigureError
+from brownpipe.errors import FigureError, StorageError
 from brownpipe.figures import render, tradeoff
 from brownpipe.figures.cases import of_whole_dataset
 from brownpipe.figures.catalogue import FIGURES
@@ -46,13 +46,16 @@ def read(path: str | Path, names: Sequence[str] | None = None, particles: int | 
     """Return the dataset at `path` and the record of its products, which says what figures there are to be.
 
     names, particles: as in `render.cases_shown`. Raises FigureError for a trade-off if either is given, as it is shown
-    as a whole, and what `read_dataset` raises.
+    as a whole, StorageError for a dataset that does not say what it was made from, and what `read_dataset` raises.
     """
     dataset = read_dataset(path)
     if is_tradeoff(dataset) and (names or particles is not None):
         raise FigureError(f"{path}: a trade-off; it is shown as a whole")
     step = "tradeoff_figures" if is_tradeoff(dataset) else "figures"
-    return dataset, record_of(dataset, step, seal_of(path), names, particles)
+    try:
+        return dataset, record_of(dataset, step, seal_of(path), names, particles)
+    except StorageError as error:
+        raise StorageError(f"{path}: {error}") from error
 
 
 @of_whole_dataset
