@@ -14,6 +14,7 @@ import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from scipy.optimize import isotonic_regression
 
 from brownpipe import provenance, storage
 from brownpipe.analysis import aggregate
@@ -646,6 +647,19 @@ def test_labels_are_moved_as_little_as_possible():
             assert len(block) > 1 or moved[block] == pytest.approx(places[block])
     assert style.apart([0.99, 0.98, 0.01], 0.1, 0, 1) == pytest.approx([1, 0.9, 0.01])
     assert style.apart([0.5] * 21, 0.1, 0, 1) == pytest.approx(np.linspace(0, 1, 21))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 40])
+def test_numbers_that_never_fall_are_those_of_scipy(count):
+    rng = np.random.default_rng(count)
+    for values in (
+        rng.normal(size=count),
+        -np.arange(float(count)),
+        np.arange(float(count)),
+        rng.integers(0, 3, count),
+    ):
+        solved = isotonic_regression(values).x
+        assert style._never_falling(values) == pytest.approx(solved, rel=1e-12, abs=1e-12)
 
 
 def test_correlation_and_its_band_stay_in_their_panel(dataset):
