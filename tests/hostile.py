@@ -84,7 +84,7 @@ def resealed(contents):
         try:
             group = next((file[name] for name in ("parameters", "checkpoint") if name in file), None)
             stored = None if group is None else group.attrs.get("contents_digest")
-        except (KeyError, OSError):  # a link that leads nowhere
+        except (KeyError, OSError, RuntimeError):  # a link that leads nowhere, or to itself
             stored = None
     if isinstance(stored, str) and contents.count(stored.encode()) == 1:
         try:
