@@ -511,6 +511,46 @@ def test_insertions_are_deferred_until_the_next_bucket_but_one(monkeypatch):
     assert not w.deferred.number.any()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("fits_cache", [0, 10_000], ids=["deferred", "at once"])
+@pytest.mark.parametrize(("phi", "boundary"), [(0.14, P), (0.65, P), (0.14, W)])
+def test_buckets_that_become_shorter_change_no_bit(phi, boundary, fits_cache, monkeypatch):
+    """Within a block, with the events of all disks in the queue."""
+    scene = crowded(box(30.0, 30.0, boundary), [(int(phi * 900 / (np.pi / 4)), 0.5, 1.0)], 6.0)
+    usual = simulate(scene, [1], {"all", "events"})
+    checks, shortened = [], layout.with_shorter_buckets
+
+    def four_times_shorter(w, events, elapsed):
+        checks.append(w.calendar.width)
+        seem = 3 if len(checks) < 4 else 0  # times as many events as a bucket is made for
+        return shortened(w, seem * layout.EVENTS_PER_BUCKET * elapsed / w.calendar.width, elapsed)
+
+    monkeypatch.setattr(exact_run, "with_shorter_buckets", four_times_shorter)
+    monkeypatch.setattr(exact_run, "FEW_EVENTS", 100)
+    monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 500)
+    monkeypatch.setattr(layout, "FITS_CACHE", fits_cache)
+    shorter = simulate(scene, [1], {"all", "events"})
+    assert len(checks) > 2 and checks[-1] < checks[0] / 15
+    assert np.array_equal(usual.whole[1].position, shorter.whole[1].position)
+    assert all(np.array_equal(*pair) for pair in zip(usual.events[1], shorter.events[1], strict=True))
+    assert usual.observables == shorter.observables
+
+
+def test_buckets_are_as_short_as_collisions_are_frequent(monkeypatch):
+    """Next to close packing they are so frequent that a bucket would have 30 times the events that it is made for."""
+    checks, shortened = [], layout.with_shorter_buckets
+
+    def noted(w, events, elapsed):
+        checks.append(events * w.calendar.width / elapsed)
+        return shortened(w, events, elapsed)
+
+    monkeypatch.setattr(exact_run, "with_shorter_buckets", noted)
+    monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 20_000)
+    simulate(crystal(10, 1e-4, 0.1), [0], frozenset())
+    assert checks[0] > 20 * layout.EVENTS_PER_BUCKET
+    assert len(checks) > 1 and max(checks[1:]) < 1.1 * layout.EVENTS_PER_BUCKET
+
+
 def in_plain_python(code):
     """Run some code in a process that compiles nothing and return what it prints, unpickled from hex."""
     folders = Path(__file__).parent, Path(exact.__file__).parents[3]

@@ -13,6 +13,7 @@ from brownpipe.scene import Scene
 
 EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a power of two
 PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
+MOST_BUCKETS = 1024  # of a block, per disk: 64 times as many as by estimate, so that empty ones take little time
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
@@ -176,6 +177,23 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
     width = power_of_two(min(events / (n * (rate + crossing)), block))
     ring = max(16, 2 ** math.ceil(math.log2((1.25 if n < CANDIDATES_FIT_CACHE else 0.5) * n)))
     return ws.Calendar(block, width, 1 / width, ring - 1)
+
+
+def with_shorter_buckets(w: ws.Workspace, events: int, elapsed: float) -> ws.Workspace:
+    """Return a workspace with shorter buckets if so many events in so much time [engine's unit] overfill them, else w.
+
+    Close to the densest packing collisions are far more frequent than estimated. The arrays stay the same, and so does
+    every bit of a run: events happen in the order of their times, however they are stored.
+    """
+    scale = w.calendar
+    if events * scale.width <= EVENTS_PER_BUCKET * elapsed:
+        return w
+    shortest = scale.block / (MOST_BUCKETS * (len(w.disk) // ws.ROW))
+    width = power_of_two(max(EVENTS_PER_BUCKET * elapsed / events, shortest))
+    if width >= scale.width:
+        return w
+    w.progress[ws.SHORTER] = 1
+    return w._replace(calendar=scale._replace(width=width, per_time=1 / width))
 
 
 def _big_disks(grid: ws.Grid, radius: np.ndarray, common: float, periodic: bool) -> ws.BigDisks | None:

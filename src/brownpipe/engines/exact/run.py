@@ -16,7 +16,7 @@ from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
-from brownpipe.engines.exact.layout import begin, prepare
+from brownpipe.engines.exact.layout import begin, prepare, with_shorter_buckets
 from brownpipe.engines.exact.recording import Ending, each_report, ending_of, joined, logged, new_recorder
 from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.recording import SAMPLES, reports_of, tracer_samples, tracer_tracks, whole_track
@@ -26,6 +26,7 @@ from brownpipe.errors import RunError, StorageError
 from brownpipe.scene import Scene
 
 SECONDS_TO_COMPILE = 7.0  # of CPU
+FEW_EVENTS = 10_000  # and 2 per disk, after which the duration of buckets is checked for the first time
 EVENTS_PER_CALL = 2_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
 SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
 
@@ -172,12 +173,15 @@ def _to_last_sample(
 ) -> bool:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
     scene, frame = prepared.scene, prepared.frame
-    before, events = _block_and_time(w), 0
+    before, events, most = _block_and_time(w), 0, min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
     while True:
         w.progress[ws.STOP] = saving.due()
-        outcome = advance(w, recorder, EVENTS_PER_CALL)
+        done, elapsed = _events(w), _elapsed(w)
+        outcome = advance(w, recorder, most)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
-            events += EVENTS_PER_CALL if outcome == ws.PAUSED else len(recorder.log_time)
+            events += most if outcome == ws.PAUSED else len(recorder.log_time)
+            most = EVENTS_PER_CALL
+            w = with_shorter_buckets(w, _events(w) - done, _elapsed(w) - elapsed)
             if events >= max(EVENTS_PER_CALL, 2 * scene.particles):
                 _refuse_standstill(w, frame, before, events)
                 before, events = _block_and_time(w), 0
@@ -265,10 +269,20 @@ def _block_and_time(w: ws.Workspace) -> tuple[int, float]:
     return int(w.progress[ws.BLOCK]), float(w.tally[ws.NOW])
 
 
+def _elapsed(w: ws.Workspace) -> float:
+    """Return the time since the beginning of a run [engine's unit]."""
+    block, time = _block_and_time(w)
+    return block * w.calendar.block + time
+
+
+def _events(w: ws.Workspace) -> int:
+    """Return the number of events so far, without those that only predicted anew."""
+    return int(w.count.sum() - w.count[ws.STALE])
+
+
 def _fraction(scene: Scene, frame: Frame, w: ws.Workspace, equilibrating: bool) -> float:
     """Return the fraction of a run that is done, in simulated time with that to equilibrate."""
-    block, time = _block_and_time(w)
-    elapsed = (block * w.calendar.block + time) * frame.time
+    elapsed = _elapsed(w) * frame.time
     before = 0.0 if equilibrating else scene.equilibrate
     return (before + elapsed) / (scene.equilibrate + scene.duration)
 
