@@ -207,13 +207,3 @@ def clear(w: ws.Workspace) -> None:
     w.progress[ws.CURRENT_BUCKET] = 0
     w.progress[ws.CURRENT_EVENTS] = 0
     forget_deferred(w.deferred)
-
-
-@kernel
-def enter_all(w: ws.Workspace, now: float) -> None:
-    """Enter the next events of all disks anew, within a block at time `now`, as buckets have become shorter."""
-    clear(w)
-    w.progress[ws.CURRENT_BUCKET] = int(now * w.calendar.per_time)
-    for i in range(len(w.disk) // ws.ROW - 1, -1, -1):
-        push(w, i, w.event_time[ws.EVENT_ROW * i])
-    w.progress[ws.SHORTER] = 0

@@ -384,8 +384,6 @@ def advance(w: ws.Workspace, r: ws.Recorder, most: int) -> int:
         if not progress[ws.BLOCK_BEGUN]:
             begin_block(w)
             progress[ws.BLOCK_BEGUN] = 1
-        elif progress[ws.SHORTER]:
-            calendar.enter_all(w, w.tally[ws.NOW])
         if progress[ws.OVERFLOW]:
             return ws.CELL_FULL
         in_this_block = r.block[progress[ws.SAMPLE]] == progress[ws.BLOCK]

@@ -7,7 +7,7 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.engines import fours
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.calendar import BUCKET_WORDS, MOST_DEFERRED
+from brownpipe.engines.exact.calendar import BUCKET_WORDS, IN_CURRENT, MOST_DEFERRED
 from brownpipe.engines.units import PATH_PER_BLOCK, Frame, common_radius, power_of_two, thermal_speed
 from brownpipe.scene import Scene
 
@@ -192,8 +192,28 @@ def with_shorter_buckets(w: ws.Workspace, events: int, elapsed: float) -> ws.Wor
     width = power_of_two(max(EVENTS_PER_BUCKET * elapsed / events, shortest))
     if width >= scale.width:
         return w
-    w.progress[ws.SHORTER] = 1
-    return w._replace(calendar=scale._replace(width=width, per_time=1 / width))
+    w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
+    if w.progress[ws.BLOCK_BEGUN]:
+        _enter_all(w)
+    return w
+
+
+def _enter_all(w: ws.Workspace) -> None:
+    """Enter the next events of all disks, in the order of their times, in the current bucket, and empty all others.
+
+    As they happen, the events that follow them are entered in buckets of the new duration.
+    """
+    w.bucket[::BUCKET_WORDS] = 0
+    if w.deferred is not None:
+        w.deferred.number[:] = 0
+    time = w.event_time[:: ws.EVENT_ROW]
+    (within_block,) = np.nonzero(time < w.calendar.block)
+    last_first = within_block[np.lexsort((within_block, time[within_block]))[::-1]]
+    n = len(last_first)
+    w.current_time[:n], w.current_disk[:n] = time[last_first], last_first
+    w.link[ws.BUCKET :: ws.ROW][last_first] = IN_CURRENT
+    w.progress[ws.CURRENT_EVENTS] = n
+    w.progress[ws.CURRENT_BUCKET] = int(w.tally[ws.NOW] * w.calendar.per_time)
 
 
 def _big_disks(grid: ws.Grid, radius: np.ndarray, common: float, periodic: bool) -> ws.BigDisks | None:

@@ -52,9 +52,9 @@ TALLY = WALL_IMPULSE + 4
 PAIRS, WALLS, TRACER_PAIRS, STALE, CROSSINGS = range(5)
 COUNTS = 5
 # `progress`: current bucket and the number of its events; current block, next sample, collisions in the log; whether a
-# cell or list overflowed, whether the block has begun, whether to stop at its end, whether buckets have become shorter.
-CURRENT_BUCKET, CURRENT_EVENTS, BLOCK, SAMPLE, LOGGED, OVERFLOW, BLOCK_BEGUN, STOP, SHORTER = range(9)
-PROGRESS = 9
+# cell or list overflowed, whether the block has begun, whether to stop at its end.
+CURRENT_BUCKET, CURRENT_EVENTS, BLOCK, SAMPLE, LOGGED, OVERFLOW, BLOCK_BEGUN, STOP = range(8)
+PROGRESS = 8
 # How a call of `events.advance` ends.
 DONE, PAUSED, LOG_FULL, CELL_FULL, BLOCK_OVER = range(5)
 
