@@ -8,7 +8,7 @@ import pytest
 
 import naive
 from brownpipe.engines.collisions import delay, encounter, exchange, meets, shares, wall_time
-from brownpipe.engines.exact.events import leave_time
+from brownpipe.engines.exact.predictions import leave_time
 
 getcontext().prec = 60
 EPSILON = 2.0**-52

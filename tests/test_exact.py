@@ -628,8 +628,8 @@ def touching_scenes():
 def test_the_run_time_audit_sees_a_lost_collision():
     """Eq. (1) taken literally drops negative times; disks pass through each other, energy and momentum perfect."""
     literal = in_plain_python(
-        "import pickle; from test_exact import *; from brownpipe.engines.exact import events;"
-        "events.delay = lambda b, c, d: np.where(c < 0, np.inf, c / (np.sqrt(d) - b));"
+        "import pickle; from test_exact import *; from brownpipe.engines.exact import predictions;"
+        "predictions.delay = lambda b, c, d: np.where(c < 0, np.inf, c / (np.sqrt(d) - b));"
         "print(pickle.dumps([simulate(scene, [0]).observables for scene in touching_scenes()]).hex())"
     )
     for scene, lost in zip(touching_scenes(), literal, strict=True):
@@ -647,12 +647,12 @@ def test_the_run_time_audit_sees_a_lost_collision():
 BLIND = """
 import math, pickle
 from test_exact import *
-from brownpipe.engines.exact import events
-edges_ahead = events.edges_ahead
+from brownpipe.engines.exact import predictions
+edges_ahead = predictions.edges_ahead
 def blind(lists, w, i, vx, vy):
     far = math.copysign(1e300, vx), math.copysign(1e300, vy)
     return far if i == 0 else edges_ahead(lists, w, i, vx, vy)
-events.edges_ahead = blind
+predictions.edges_ahead = blind
 print(pickle.dumps([simulate(scene, [0]).observables for scene in strays()]).hex())
 """
 
