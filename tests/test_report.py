@@ -251,13 +251,16 @@ def test_figures_drawn_at_the_same_time_are_the_same(results):
 def test_an_error_in_a_figure_is_said_as_on_one_core(results, capsys):
     dataset = read_dataset(results / "s.nc")
     write_dataset(results / "lacking.nc", dataset.drop_vars("worst_overlap"))
-    said = []
+    lacking = str(results / "lacking.nc")
+    refusal = f"brownpipe: {lacking}: worst_overlap: is missing in the dataset; make it again\n"
     for cores in ("1", "2"):
         arguments = words(results, f"lacking_{cores}", "--cores", cores)
-        arguments[1] = str(results / "lacking.nc")
-        said.append((main(arguments), capsys.readouterr().err))
+        arguments[1] = lacking
+        assert (main(arguments), capsys.readouterr().err) == (WRONG_REQUEST, refusal)
         assert not (results / f"lacking_{cores}" / "msd.svg").exists()
-    assert said[0] == said[1] == (WRONG_REQUEST, "brownpipe: worst_overlap: is missing in the dataset; make it again\n")
+    write_dataset(results / "lacking.nc", dataset.drop_vars("runs"))
+    refusal = refusal.replace("worst_overlap", "runs")
+    assert (main(["inspect", lacking]), capsys.readouterr().err) == (WRONG_REQUEST, refusal)
 
 
 @pytest.mark.slow

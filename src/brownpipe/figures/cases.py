@@ -6,6 +6,7 @@ A case is one scene with one particle count and one engine: the dataset without 
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from traceback import extract_tb
@@ -21,7 +22,7 @@ from brownpipe.tradeoff import is_tradeoff
 from brownpipe.tradeoff.variables import COORDINATES, VARIABLES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from xarray import DataArray, Dataset
 
@@ -68,6 +69,15 @@ def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable
             raise FigureError(_other_error(error) if name is None else MISSING_PART.format(name)) from error
 
     return naming
+
+
+@contextmanager
+def of_file(path: str | Path) -> Iterator[None]:
+    """Put the name of the dataset's file before a FigureError."""
+    try:
+        yield
+    except FigureError as error:
+        raise FigureError(f"{path}: {error}") from error
 
 
 def _check_axis(coordinate: DataArray) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import WrongFileError
+from brownpipe.figures.cases import of_file
 from brownpipe.inspection import results, runs
 from brownpipe.quoting import in_lines
 from brownpipe.scene import scene_yaml
@@ -23,14 +24,16 @@ OF_TRAJECTORIES, OF_DATASETS = "trajectory files (of `brownpipe simulate`)", "da
 def report(path: str | Path) -> str:
     """Return what a trajectory file or dataset contains, as lines of text.
 
-    Raises StorageError if the file is damaged, WrongFileError if it is of neither kind.
+    Raises StorageError if the file is damaged, WrongFileError if it is of neither kind, FigureError for a dataset that
+    is not as it was made.
     """
     contents = read_contents(path)
     table: list[str] = []
     if isinstance(contents, Trajectories):
         lines = runs.describe_trajectories(path, contents)
     else:
-        lines, table = results.describe_dataset(contents), ["", *results.table(contents)]
+        with of_file(path):
+            lines, table = results.describe_dataset(contents), ["", *results.table(contents)]
     size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
     return in_lines([f"{path}  {size}", *lines, "intact       yes: every byte as it was written", *table])
 

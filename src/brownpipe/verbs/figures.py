@@ -39,6 +39,7 @@ def figures(arguments: Namespace) -> int:
 
     limit_threads(arguments.cores)
     from brownpipe import progress
+    from brownpipe.figures.cases import of_file
     from brownpipe.report.products import read, write
     from brownpipe.storage.checksums import write_checksums
     from brownpipe.tradeoff import is_tradeoff
@@ -52,7 +53,7 @@ def figures(arguments: Namespace) -> int:
     if arguments.replay and is_tradeoff(dataset):
         raise RequestError(f"--replay: {arguments.dataset} is a trade-off, whose page replays no run")
     replay = _replay(arguments.replay, record) if arguments.replay else None
-    with progress.shown("figures"):
+    with progress.shown("figures"), of_file(arguments.dataset):
         files = write(dataset, output, record, page=page, replay=replay, cores=arguments.cores)
     write_checksums(output, [*files, arguments.dataset])
     return DONE
