@@ -300,7 +300,7 @@ def test_a_missing_variable_is_named_whatever_xarray_says_of_it(dataset):
 
 def test_an_error_that_no_missing_part_explains_is_given_with_its_place(dataset):
     with pytest.raises(
-        FigureError, match=r"^AttributeError: .*'unknown' \(figures/cases.py, line \d+\); a number"
+        FigureError, match=r"^AttributeError: .*'unknown' \(figures/cases.py, line \d+\); a value"
     ) as seen:
         of_whole_dataset(lambda dataset: dataset.unknown)(dataset.drop_vars("slope"))
     assert isinstance(seen.value.__cause__, AttributeError)
@@ -318,7 +318,7 @@ def test_a_number_that_cannot_be_drawn_ends_in_one_line(dataset, tmp_path, run_t
     changed = dataset[variable].copy(deep=True)
     changed.values[...] = value
     with pytest.raises(
-        FigureError, match=r"Error: .* \(figures/\w+\.py, line \d+\); a number in the dataset may be wrong"
+        FigureError, match=r"Error: .* \(figures/\w+\.py, line \d+\); a value in the dataset may be wrong"
     ):
         render(dataset.assign({variable: changed}), tmp_path, [name])
 

@@ -271,6 +271,32 @@ def test_stored_tradeoffs_of_the_same_scene_are_used_and_a_study_is_written(stud
     assert "cannot be met within 5 s" in capsys.readouterr().out and not os.path.exists("not.yaml")
 
 
+@pytest.mark.slow
+def test_a_stored_tradeoff_that_is_not_as_it_was_made_is_refused_in_one_line(study_file, here, monkeypatch, capsys):
+    path, stored = study_file(seeds=5), here / "results" / "old" / "tradeoff"
+    stored.mkdir(parents=True)
+    found = store_tradeoff(read_study(path).cases[0], stored)
+    monkeypatch.setattr(performance, "pilot_performance", None)
+    missing = "is missing in the dataset; make it again\n"
+    texts = ("?", "null", '{"name": "other"}')
+    nonsense, unknown, other = (found.engine.copy(data=np.full(found.engine.shape, text)) for text in texts)
+    for wrong, line in (
+        *((found.drop_vars(name), f"{name}: {missing}") for name in ("msd_bias", "msd_spread", "seconds", "setting")),
+        (found.isel(scene=0), f"scene: {missing}"),
+        (found.isel(setting=slice(0)), f"setting: {missing}"),
+        (found.isel(setting=[1]), "setting: must have exact runs in the dataset; make it again\n"),
+        (found.assign(engine=nonsense), "JSONDecodeError: "),
+        (found.assign(engine=unknown), "AttributeError: "),
+        (found.assign(engine=other), "exact: name: 'other' is unknown; must be"),
+        (found.assign(msd_spread=math.nan * found.msd_spread), "msd_spread: must be a finite number"),
+        (found.assign(seconds=math.inf * found.seconds), "seconds: must be a finite number"),
+    ):
+        storage.write_dataset(stored / "tradeoff.nc", wrong)
+        status, said = cli.main(["plan", str(path), "--tolerance", "20%"]), capsys.readouterr().err
+        assert status == WRONG_REQUEST and said.startswith(f"brownpipe: results/old/tradeoff/tradeoff.nc: {line}"), said
+        assert said.count("\n") == 1
+
+
 def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, here):
     path, engine = study_file(seeds=5, figures=["thermodynamics"]), configured("langevin", friction="enskog")
     writing.write_yaml("kept.yaml", writing.derived_study(path, "kept.yaml", EXACT, 20), "planned")

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Concatenate, ParamSpec, SupportsFloat, TypeVar
 import numpy as np
 
 from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
-from brownpipe.errors import BrownpipeError, FigureError
+from brownpipe.errors import BrownpipeError, FigureError, RequestError
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import NAME
 from brownpipe.tradeoff import is_tradeoff
@@ -50,7 +50,7 @@ def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable
     What is seen before the function is called: an empty dimension, one without its coordinate, in place of which xarray
     would count, and a coordinate whose values are not those of an axis. A missing variable or dimension is seen by the
     error that the function ends with. Any other error is given with its place in the source: it may come from a wrong
-    number anywhere in the dataset.
+    value anywhere in the dataset.
     """
 
     @wraps(function)
@@ -73,11 +73,11 @@ def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable
 
 @contextmanager
 def of_file(path: str | Path) -> Iterator[None]:
-    """Put the name of the dataset's file before a FigureError."""
+    """Put the name of the dataset's file before what it is refused for."""
     try:
         yield
-    except FigureError as error:
-        raise FigureError(f"{path}: {error}") from error
+    except (FigureError, RequestError) as error:
+        raise type(error)(f"{path}: {error}") from error
 
 
 def _check_axis(coordinate: DataArray) -> None:
@@ -96,7 +96,7 @@ def _other_error(error: Exception) -> str:
     *_, place = (frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_relative_to(PACKAGE))
     cause = f"{type(error).__name__}: {str(error)[:LONGEST_CAUSE]}"
     return (
-        f"{cause} ({Path(place.filename).relative_to(PACKAGE)}, line {place.lineno}); a number in the dataset may be "
+        f"{cause} ({Path(place.filename).relative_to(PACKAGE)}, line {place.lineno}); a value in the dataset may be "
         "wrong: make it again, and if the error remains, please report it"
     )
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from brownpipe.engines import DEFINITIONS, Engine, configured, recorded
-from brownpipe.errors import RequestError
+from brownpipe.errors import FigureError, RequestError
+from brownpipe.figures.cases import of_file, of_whole_dataset
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
 from brownpipe.storage import read_dataset
@@ -62,22 +63,35 @@ def performance_of(study: Study, target: str, results: str | Path = "results") -
 def stored_performance(
     scene: Scene, target: str, window: tuple[float, float], results: str | Path
 ) -> CasePerformance | None:
-    """Return the performance in the first stored trade-off that has this scene (for D: and fit window), or None."""
+    """Return the performance in the first stored trade-off that has this scene (for D: and fit window), or None.
+
+    Raises FigureError, which names the file, for a trade-off that is not as it was made.
+    """
     for path in sorted(Path(results).glob("*/tradeoff/*.nc")):
         dataset = read_dataset(path)
         if not {"digest", "engine", f"{PREFIX[target]}_bias_careful"} <= set(dataset.data_vars):
             continue  # written by another version
-        index = np.flatnonzero(dataset.digest.values == scene.digest)
-        if index.size:
-            of_scene = dataset.isel(scene=index[0])
-            same_window = np.allclose([of_scene.window_start, of_scene.window_end], window)
-            if target != "d" or same_window:
-                return _case(scene, str(path), _from_dataset(of_scene, target))
+        with of_file(path):
+            performances = _in_scene(dataset, scene, target, window)
+        if performances:
+            return _case(scene, str(path), performances)
     return None
 
 
-def _from_dataset(of_scene: "xarray.Dataset", target: str) -> list[EnginePerformance]:
-    """Return the performance of each setting of a trade-off in one scene, the exact engine first."""
+@of_whole_dataset
+def _in_scene(
+    dataset: "xarray.Dataset", scene: Scene, target: str, window: tuple[float, float]
+) -> list[EnginePerformance]:
+    """Return the performance of each setting of a trade-off in a scene, the exact engine first; none without the scene.
+
+    For D, a trade-off with another fit window counts as one without the scene.
+    """
+    index = np.flatnonzero(dataset.digest.values == scene.digest)
+    if not index.size:
+        return []
+    of_scene = dataset.isel(scene=index[0])
+    if target == "d" and not np.allclose([of_scene.window_start, of_scene.window_end], window):
+        return []
     performances = []
     for label in of_scene.setting.values:
         setting = of_scene.sel(setting=label)
@@ -85,7 +99,13 @@ def _from_dataset(of_scene: "xarray.Dataset", target: str) -> list[EnginePerform
         if engine is not None and engine.label == label:  # otherwise exact runs of a scene in place of this one
             values = {str(name): setting[name].item() for name in setting.data_vars if setting[name].ndim == 0}
             performances.append(_performance(engine, values, target))
-    return sorted(performances, key=lambda performance: performance.engine != REFERENCE)
+    performances.sort(key=lambda performance: performance.engine != REFERENCE)
+    if not performances or performances[0].engine != REFERENCE:
+        raise FigureError("setting: must have exact runs in the dataset; make it again")
+    for name, field in ((f"{PREFIX[target]}_spread", "scatter"), ("seconds", "seconds")):
+        if not all(np.isfinite(getattr(performance, field)) for performance in performances):
+            raise FigureError(f"{name}: must be a finite number for every engine in the dataset; make it again")
+    return performances
 
 
 def pilot_performance(scene: Scene, target: str, window: tuple[float, float]) -> CasePerformance:
