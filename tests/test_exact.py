@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -514,41 +515,56 @@ def test_insertions_are_deferred_until_the_next_bucket_but_one(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("fits_cache", [0, 10_000], ids=["deferred", "at once"])
 @pytest.mark.parametrize(("phi", "boundary"), [(0.14, P), (0.65, P), (0.14, W)])
-def test_buckets_that_become_shorter_change_no_bit(phi, boundary, fits_cache, monkeypatch):
+def test_buckets_that_become_shorter_or_longer_change_no_bit(phi, boundary, fits_cache, monkeypatch):
     """Within a block, with the events of all disks in the queue."""
-    scene = crowded(box(30.0, 30.0, boundary), [(int(phi * 900 / (np.pi / 4)), 0.5, 1.0)], 6.0)
+    scene = crowded(box(30.0, 30.0, boundary), [(int(phi * 900 / (np.pi / 4)), 0.5, 1.0)], 12.0)
     usual = simulate(scene, [1], {"all", "events"})
-    checks, shortened = [], layout.with_shorter_buckets
+    checks, fitting = [], layout.with_fitting_buckets
 
-    def four_times_shorter(w, events, elapsed):
-        checks.append(w.calendar.width)
-        seem = 3 if len(checks) < 4 else 0  # times as many events as a bucket is made for
-        return shortened(w, seem * layout.EVENTS_PER_BUCKET * elapsed / w.calendar.width, elapsed)
+    def changed(w, events, elapsed, estimated):
+        checks.append(estimated / w.calendar.width)
+        seem = (3.0, 3.0, 1 / 16)[(len(checks) - 1) % 3]  # times as many as a bucket is made for
+        return fitting(w, seem * layout.EVENTS_PER_BUCKET * elapsed / w.calendar.width, elapsed, estimated)
 
-    monkeypatch.setattr(exact_run, "with_shorter_buckets", four_times_shorter)
+    monkeypatch.setattr(exact_run, "with_fitting_buckets", changed)
     monkeypatch.setattr(exact_run, "FEW_EVENTS", 100)
     monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 500)
     monkeypatch.setattr(layout, "FITS_CACHE", fits_cache)
-    shorter = simulate(scene, [1], {"all", "events"})
-    assert len(checks) > 2 and checks[-1] < checks[0] / 15
-    assert np.array_equal(usual.whole[1].position, shorter.whole[1].position)
-    assert all(np.array_equal(*pair) for pair in zip(usual.events[1], shorter.events[1], strict=True))
-    assert usual.observables == shorter.observables
+    other = simulate(scene, [1], {"all", "events"})
+    assert {(1.0, 4.0), (4.0, 16.0), (16.0, 1.0)} <= {*pairwise(checks)}
+    assert np.array_equal(usual.whole[1].position, other.whole[1].position)
+    assert all(np.array_equal(*pair) for pair in zip(usual.events[1], other.events[1], strict=True))
+    assert usual.observables == other.observables
+
+
+def events_per_bucket(scene, monkeypatch):
+    """Events per bucket at each check of a run, relative to the number that a bucket is made for."""
+    checks, fitting = [], layout.with_fitting_buckets
+
+    def noted(w, events, elapsed, estimated):
+        checks.append(events * w.calendar.width / elapsed / layout.EVENTS_PER_BUCKET)
+        return fitting(w, events, elapsed, estimated)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(exact_run, "with_fitting_buckets", noted)
+        simulate(scene, [0], frozenset())
+    return checks
 
 
 def test_buckets_are_as_short_as_collisions_are_frequent(monkeypatch):
-    """Next to close packing they are so frequent that a bucket would have 30 times the events that it is made for."""
-    checks, shortened = [], layout.with_shorter_buckets
+    """Next to close packing they are so frequent that a bucket would have thousands of times the events."""
+    checks = events_per_bucket(crystal(10, 1e-6, 1e-3), monkeypatch)
+    assert checks[0] > 2000 and len(checks) > 3 and max(checks[2:]) < 1.1 and min(checks) > 0.25
 
-    def noted(w, events, elapsed):
-        checks.append(events * w.calendar.width / elapsed)
-        return shortened(w, events, elapsed)
 
-    monkeypatch.setattr(exact_run, "with_shorter_buckets", noted)
-    monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 20_000)
-    simulate(crystal(10, 1e-4, 0.1), [0], frozenset())
-    assert checks[0] > 20 * layout.EVENTS_PER_BUCKET
-    assert len(checks) > 1 and max(checks[1:]) < 1.1 * layout.EVENTS_PER_BUCKET
+def test_buckets_become_longer_where_disks_have_spread_out(monkeypatch):
+    """Else empty buckets would take most of the time."""
+    tight = crystal(20, 1e-4, 1.0)
+    state = State(*(np.array([getattr(disk, name) for disk in tight.disks]) for name in State._fields))
+    monkeypatch.setattr(exact_run, "FEW_EVENTS", 500)
+    monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 5000)
+    checks = events_per_bucket(explicit(box(200.0, 200.0, P), state, 3000.0), monkeypatch)
+    assert checks[0] > 1000 and min(checks) < 0.01 and min(checks[5:]) > 0.25
 
 
 def in_plain_python(code):

@@ -13,7 +13,8 @@ from brownpipe.scene import Scene
 
 EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a power of two
 PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
-MOST_BUCKETS = 1024  # of a block, per disk: 64 times as many as by estimate, so that empty ones take little time
+SHORTER_AT_ONCE = 64.0  # factor at most by which buckets become shorter: disks that began close together may spread out
+MOST_BUCKETS = 2.0**30  # of a block; to open as many empty ones takes some 8 s of CPU
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
@@ -179,21 +180,22 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
     return ws.Calendar(block, width, 1 / width, ring - 1)
 
 
-def with_shorter_buckets(w: ws.Workspace, events: int, elapsed: float) -> ws.Workspace:
-    """Return a workspace with shorter buckets if so many events in so much time [engine's unit] overfill them, else w.
+def with_fitting_buckets(w: ws.Workspace, events: int, elapsed: float, estimated: float) -> ws.Workspace:
+    """Return a workspace whose buckets are as long as so many events in so much time [engine's unit] require.
 
-    Close to the densest packing collisions are far more frequent than estimated. The arrays stay the same, and so does
-    every bit of a run: events happen in the order of their times, however they are stored.
+    Close to the densest packing collisions are far more frequent than estimated: buckets become shorter where they have
+    more than EVENTS_PER_BUCKET events. Where they have less than a quarter of that, as disks have spread out since,
+    they become longer again, up to their `estimated` duration. The arrays stay the same, and so does every bit of a
+    run: events happen in the order of their times, however they are stored.
     """
     scale = w.calendar
-    if events * scale.width <= EVENTS_PER_BUCKET * elapsed:
+    expected, most = events * scale.width, EVENTS_PER_BUCKET * elapsed
+    if most / 4 <= expected <= most:
         return w
-    shortest = scale.block / (MOST_BUCKETS * (len(w.disk) // ws.ROW))
-    width = power_of_two(max(EVENTS_PER_BUCKET * elapsed / events, shortest))
-    if width >= scale.width:
-        return w
-    w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
-    if w.progress[ws.BLOCK_BEGUN]:
+    shortest = max(scale.width / SHORTER_AT_ONCE, scale.block / MOST_BUCKETS)
+    width = min(power_of_two(max(most / max(events, 1), shortest)), estimated)
+    if width != scale.width:
+        w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
         _enter_all(w)
     return w
 

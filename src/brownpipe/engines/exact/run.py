@@ -16,7 +16,7 @@ from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
-from brownpipe.engines.exact.layout import begin, prepare, with_shorter_buckets
+from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
 from brownpipe.engines.exact.recording import Ending, each_report, ending_of, joined, logged, new_recorder
 from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.recording import SAMPLES, reports_of, tracer_samples, tracer_tracks, whole_track
@@ -26,8 +26,8 @@ from brownpipe.errors import RunError, StorageError
 from brownpipe.scene import Scene
 
 SECONDS_TO_COMPILE = 7.0  # of CPU
-FEW_EVENTS = 10_000  # and 2 per disk, after which the duration of buckets is checked for the first time
-EVENTS_PER_CALL = 2_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
+FEW_EVENTS = 10_000  # and 2 per disk: of the first call of the kernel, and while buckets are shorter than estimated
+EVENTS_PER_CALL = 2_000_000  # of all others; between two calls Python handles signals such as Ctrl-C
 SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
 
 
@@ -173,15 +173,16 @@ def _to_last_sample(
 ) -> bool:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
     scene, frame = prepared.scene, prepared.frame
-    before, events, most = _block_and_time(w), 0, min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
+    before, events, estimated = _block_and_time(w), 0, w.calendar.width
+    few = most = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
     while True:
         w.progress[ws.STOP] = saving.due()
         done, elapsed = _events(w), _elapsed(w)
         outcome = advance(w, recorder, most)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
             events += most if outcome == ws.PAUSED else len(recorder.log_time)
-            most = EVENTS_PER_CALL
-            w = with_shorter_buckets(w, _events(w) - done, _elapsed(w) - elapsed)
+            w = with_fitting_buckets(w, _events(w) - done, _elapsed(w) - elapsed, estimated)
+            most = few if w.calendar.width < estimated else EVENTS_PER_CALL
             if events >= max(EVENTS_PER_CALL, 2 * scene.particles):
                 _refuse_standstill(w, frame, before, events)
                 before, events = _block_and_time(w), 0
