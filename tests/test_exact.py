@@ -453,7 +453,7 @@ def test_runs_reported_together_have_the_reports_of_each(boundary, pinned):
         state.velocity[0] *= not pinned
         start = exact_run.beginning(prepared, state)
         alone.append(exact_run.evolve(prepared, start, scene.times, {"tracer"}))
-        ended.append(exact_run.to_end(prepared, start, recorder).kept())
+        ended.append(exact_run.kept(exact_run.to_end(prepared, start, recorder)))
     together = exact_run.results_of(prepared, ended)
     assert [run.observables for run in together] == [run.observables for run in alone]
     assert len({run.observables["kinetic_energy"] for run in together}) == 5

@@ -23,6 +23,7 @@ from brownpipe.engines.exact.workspace import BLOCK, CROSSINGS
 from brownpipe.engines.initial_state import draw, without_total_momentum
 from brownpipe.engines.recording import represented
 from brownpipe.engines.state import State
+from brownpipe.engines.timestep import recording as stepping_recording
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.timestep.settings import largest_step
 from brownpipe.engines.timestep.workspace import STEP
@@ -382,6 +383,12 @@ def report_of(scene, frame, w, first):
     return recording.each_report(scene, frame, w.mass, [recording.ending_of(w, first[:, 2:])])
 
 
+def stepping_report_of(setup, first):
+    """The same of a run by time steps."""
+    ended = stepping_recording.ending_of(setup.workspace, first[:, 2:])
+    return stepping_recording.each_report(setup.scene, setup.frame, setup.workspace, [ended])
+
+
 def with_broken(engine, index, value):
     """`failed` of a run whose first disk ended with such a number, all else sound."""
     scene = FEW["periodic"]
@@ -395,7 +402,7 @@ def with_broken(engine, index, value):
     w, first = one.workspace, motion_of(draw(scene, 3), one.frame)
     timestep.begin(w, first)
     (w.x, w.y, w.vx, w.vy)[index][0] = value
-    return timestep.report_of(scene, one.frame, w, first[:, 2:])["failed"]
+    return stepping_report_of(one, first)["failed"]
 
 
 @pytest.mark.parametrize("engine", ["exact", "timestep"])
@@ -420,7 +427,7 @@ def test_a_run_that_starts_nowhere_fails(engine, value):
         one = timestep.prepared(scene, largest_step(scene) / 64)
         first = motion_of(state, one.frame)
         timestep.begin(one.workspace, first)
-        found = timestep.report_of(scene, one.frame, one.workspace, first[:, 2:])
+        found = stepping_report_of(one, first)
     assert found["failed"] == 1
 
 
@@ -439,7 +446,7 @@ def test_images_that_no_int32_can_count_fail_the_run():
         assert report_of(scene, one.frame, one.workspace, first)["failed"] == failed
         timestep.begin(step.workspace, first)
         step.workspace.counters[STEP] = int(share * longest / step.workspace.step)
-        assert timestep.report_of(scene, step.frame, step.workspace, first[:, 2:])["failed"] == failed
+        assert stepping_report_of(step, first)["failed"] == failed
 
 
 def test_a_duration_that_the_clock_cannot_count_is_refused():

@@ -15,6 +15,7 @@ from brownpipe.analysis.failed import failed_runs
 from brownpipe.analysis.runs import groups_of
 from brownpipe.cli import main
 from brownpipe.engines import Engine
+from brownpipe.engines import batch as engines_batch
 from brownpipe.engines.exact import equilibration, layout
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact_simulation
@@ -138,7 +139,7 @@ def test_runs_drawn_together_are_those_drawn_one_by_one(crowd, whole, most, monk
     """Each seed is drawn once, up to the next one that finds no place."""
     drawn = []
     monkeypatch.setattr(exact_simulation, "draw", lambda scene, seed: drawn.append(seed) or draw_state(scene, seed))
-    monkeypatch.setattr(exact_simulation, "MOST_TOGETHER", most)
+    monkeypatch.setattr(engines_batch, "MOST_TOGETHER", most)
     batch = simulate(crowd, SEEDS)
     assert drawn == [*SEEDS]
     assert batch.stopped == whole.stopped and 0 < len(batch.stopped) < len(SEEDS)
@@ -158,7 +159,7 @@ def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(mon
     assert 0 < len(batch.stopped) < len(SEEDS)
     assert all(reason.startswith("no progress at t = ") for reason in batch.stopped.values())
     for most in (1, 3):  # runs reported at once, with stopped ones between them
-        monkeypatch.setattr(exact_simulation, "MOST_TOGETHER", most)
+        monkeypatch.setattr(engines_batch, "MOST_TOGETHER", most)
         same = simulate(scene, SEEDS)
         assert same.stopped == batch.stopped and list(same.observables) == list(batch.observables)
         assert all(values.tobytes() == batch.observables[name].tobytes() for name, values in same.observables.items())

@@ -1,8 +1,8 @@
 """A batch of runs: the ensemble that an engine fills run by run; what of each run is recorded and measured."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,9 @@ from brownpipe.errors import PlacementError, RequestError, RunError
 from brownpipe.scene import Scene
 
 EVERY_RUN = 0.99  # share of runs without a place for all disks above which the scene is refused
+MOST_TOGETHER = 64  # runs that are reported at once when they have ended
+ROWS_TOGETHER = 16_384  # disks and samples of these runs, which are kept in memory until then
+Ended = TypeVar("Ended")  # what an engine keeps of a run that has ended
 
 kernel_cache.on_compile.append(stages.remark)
 
@@ -64,9 +67,26 @@ def new_batch(
     return Batch(scene, ensemble, frozenset(record), ordered, stopped)
 
 
-def add_run(batch: Batch, column: int, result: RunResult) -> None:
-    """Measure a finished run, and copy what is recorded of it into its column of the ensemble."""
-    add_runs(batch, [column], [result])
+def most_together(batch: Batch) -> int:
+    """Return how many runs are reported at once: several, if they have few disks and samples.
+
+    From the second one on the code for a step is in the processor's cache; a run in between displaces it.
+    """
+    if not batch.needed_record <= {"tracer"}:
+        return 1
+    return max(1, min(MOST_TOGETHER, ROWS_TOGETHER // (batch.scene.particles + len(batch.scene.times))))
+
+
+def report_ended(
+    batch: Batch, ended: dict[int, Ended], results_of: Callable[[list[Ended]], Sequence[RunResult]], least: int = 1
+) -> None:
+    """Move runs that have ended, by column, with their results to the batch, if they are at least so many.
+
+    The first one is moved alone: files list the observables in the order of its report.
+    """
+    if ended and (len(ended) >= least or not batch.ensemble.observables):
+        add_runs(batch, list(ended), results_of(list(ended.values())))
+        ended.clear()
 
 
 def add_runs(batch: Batch, columns: list[int], results: Sequence[RunResult]) -> None:

@@ -10,13 +10,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe.engines.state import Track, together
+from brownpipe.engines.batch import RunResult
+from brownpipe.engines.state import Events, Track, together
 from brownpipe.engines.units import SMALLEST_NORMAL, Frame
 from brownpipe.scene import Scene
 
 SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", "whole_image")  # of a Recorder
-Report = dict[str, float | np.integer]  # the observables that an engine reports of a run
 MOST_IMAGES = 2.0**31  # periodic images that an int32 can count
+
+
+class EndedRun(NamedTuple):
+    """A run at its end, before its report is made."""
+
+    tracer: Track  # its samples as they are in the recorder, in the engine's units
+    whole: Track | None  # like the next as of a RunResult
+    events: Events | None
+    ending: Any  # what the engine makes its report from
 
 
 class Conservation(NamedTuple):
@@ -36,14 +45,14 @@ def sample_arrays(samples: int, disks: int) -> dict[str, np.ndarray]:
     }
 
 
-def tracks(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track | None]:
-    """Return the trajectory of the tracer, M = 1, and those of all disks, M = N; None if they were not recorded."""
-    return tracer_tracks(scene, frame, [tracer_samples(recorder)])[0], whole_track(scene, frame, recorder)
-
-
 def tracer_samples(recorder: Any) -> Track:
     """Return the samples of the tracer as they are in a recorder, in the engine's units."""
     return Track(recorder.position, recorder.velocity, recorder.image)
+
+
+def copied(track: Track) -> Track:
+    """Return a track with arrays of its own."""
+    return Track(*(None if values is None else values.copy() for values in track))
 
 
 def tracer_tracks(scene: Scene, frame: Frame, samples: Sequence[Track]) -> list[Track]:
@@ -123,9 +132,13 @@ def report(
     return values
 
 
-def reports_of(reports: Mapping[str, np.ndarray]) -> list[Report]:
-    """Return the reports of K runs, name -> (K,), run by run."""
-    return [dict(zip(reports, numbers, strict=True)) for numbers in zip(*reports.values(), strict=True)]
+def results_of(
+    scene: Scene, frame: Frame, ended: Sequence[EndedRun], reports: Mapping[str, np.ndarray]
+) -> list[RunResult]:
+    """Return the results of K runs from their reports, name -> (K,)."""
+    of_runs = (dict(zip(reports, numbers, strict=True)) for numbers in zip(*reports.values(), strict=True))
+    each = zip(tracer_tracks(scene, frame, [run.tracer for run in ended]), ended, of_runs, strict=True)
+    return [RunResult(tracer, run.whole, run.events, report) for tracer, run, report in each]
 
 
 def represented(values: ArrayLike, *units: float) -> np.ndarray:
@@ -151,8 +164,3 @@ def images_fit(scene: Scene, frame: Frame, crossings: np.ndarray, path: np.ndarr
     """
     side = min(scene.box.width, scene.box.height) / frame.length
     return (crossings < MOST_IMAGES) | (path < MOST_IMAGES * side) | (not scene.box.periodic)
-
-
-def all_finite(*arrays: ArrayLike) -> bool:
-    """Whether no number is inf or NaN."""
-    return all(np.isfinite(array).all() for array in arrays)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe import stages
+from brownpipe.engines import recording
 from brownpipe.engines.batch import RunResult
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
@@ -19,8 +20,8 @@ from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
 from brownpipe.engines.exact.recording import Ending, each_report, ending_of, joined, logged, new_recorder
 from brownpipe.engines.insertion import warm_up_call
-from brownpipe.engines.recording import SAMPLES, reports_of, tracer_samples, tracer_tracks, whole_track
-from brownpipe.engines.state import Events, State, Track
+from brownpipe.engines.recording import SAMPLES, EndedRun, copied, tracer_samples, whole_track
+from brownpipe.engines.state import Events, State
 from brownpipe.engines.units import Frame, frame_of, motion_of
 from brownpipe.errors import RunError, StorageError
 from brownpipe.scene import Scene
@@ -56,21 +57,6 @@ class RunState(NamedTuple):
     tally: np.ndarray | None = None  # float64
     samples: dict[str, np.ndarray] | None = None  # the rows of a Recorder that are filled, by the names in SAMPLES
     events: Events | None = None  # the log so far, in the scene's units and order
-
-
-class EndedRun(NamedTuple):
-    """A run at its end, before its report is made."""
-
-    tracer: Track  # its samples as they are in the recorder
-    whole: Track | None  # like the next as of a RunResult
-    events: Events | None
-    ending: Ending
-
-    def kept(self) -> "EndedRun":
-        """Return the run with arrays of its own, which the next run does not overwrite."""
-        first, motion, elapsed, count, tally = self.ending
-        ending = Ending(first, motion.copy(), elapsed, count.copy(), tally.copy())
-        return EndedRun(Track(*(values.copy() for values in self.tracer)), self.whole, self.events, ending)
 
 
 class Saving(NamedTuple):
@@ -131,10 +117,7 @@ def evolve(
 def results_of(prepared: PreparedScene, ended: Sequence[EndedRun]) -> list[RunResult]:
     """Return the results of runs, with their reports: quicker for many short runs at once."""
     scene, frame, w, _ = prepared
-    reports = reports_of(each_report(scene, frame, w.mass, [run.ending for run in ended]))
-    tracers = tracer_tracks(scene, frame, [run.tracer for run in ended])
-    each = zip(tracers, ended, reports, strict=True)
-    return [RunResult(tracer, run.whole, run.events, report) for tracer, run, report in each]
+    return recording.results_of(scene, frame, ended, each_report(scene, frame, w.mass, [run.ending for run in ended]))
 
 
 def recorder_of(prepared: PreparedScene, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
@@ -161,6 +144,13 @@ def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, savi
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
     whole, ending = whole_track(scene, frame, recorder), ending_of(w, start.first[:, 2:])
     return EndedRun(tracer_samples(recorder), whole, joined(logs), ending)
+
+
+def kept(run: EndedRun) -> EndedRun:
+    """Return a run that has ended with arrays of its own, which the next run does not overwrite."""
+    first, motion, elapsed, count, tally = run.ending
+    ending = Ending(first, motion.copy(), elapsed, count.copy(), tally.copy())
+    return run._replace(tracer=copied(run.tracer), ending=ending)
 
 
 def _to_last_sample(

@@ -6,30 +6,29 @@ Each run is drawn from its seed (`initial_state`), equilibrated (`equilibration`
 
 from collections import deque
 from collections.abc import Collection, Iterator, Sequence
+from functools import partial
 
-from brownpipe.engines.batch import Batch, add_runs, making_run, new_batch
+from brownpipe.engines.batch import making_run, most_together, new_batch, report_ended
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.exact import equilibration, run
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, pack, resume, saving_of
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.exact.run import (
-    EndedRun,
     PreparedScene,
     RunState,
     Saving,
     beginning,
+    kept,
     prepare_scene,
     recorder_of,
     results_of,
     to_end,
 )
 from brownpipe.engines.initial_state import draw
+from brownpipe.engines.recording import EndedRun
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import RequestError, RunError
 from brownpipe.scene import Scene
-
-MOST_TOGETHER = 64  # runs that are drawn at once and, when they have ended, reported at once
-ROWS_TOGETHER = 16_384  # disks and samples of these runs, which are kept in memory until then
 
 
 def kernel_calls(scene: Scene) -> list[KernelCall]:
@@ -62,7 +61,8 @@ def simulate(
     prepared = prepare_scene(scene)
     ensemble, runs = batch.ensemble, len(batch.ensemble.seeds)
     finished, stored = resume(checkpoints.stored, batch)
-    together = 1 if checkpoints is not NO_CHECKPOINTS else _together(batch)
+    together = 1 if checkpoints is not NO_CHECKPOINTS else most_together(batch)
+    results = partial(results_of, prepared)
     ahead = together if equilibrator is None else 1
     begun: deque[RunState | RunError | RequestError] = deque()  # the next runs
     ended: dict[int, EndedRun] = {}  # by column
@@ -79,13 +79,12 @@ def simulate(
             recorder = recorder or recorder_of(prepared, scene.times, batch.needed_record)
             ended[column] = to_end(prepared, start, recorder, saving)
             if together > 1:
-                ended[column] = ended[column].kept()
+                ended[column] = kept(ended[column])
         stored = None
-        if len(ended) >= together or not ensemble.observables:  # files keep the order of the first report
-            _report(prepared, ended, batch)
+        report_ended(batch, ended, results, together)
         if column + 1 < runs and checkpoints.due():
             checkpoints.store(pack(ensemble, column + 1, None))
-    _report(prepared, ended, batch)
+    report_ended(batch, ended, results)
     return ensemble
 
 
@@ -108,20 +107,3 @@ def _begun(
             yield beginning(prepared, equilibrate(equilibrator, draw(prepared.scene, seed), stored, saving))
     except (RunError, RequestError) as error:
         yield error
-
-
-def _report(prepared: PreparedScene, ended: dict[int, EndedRun], batch: Batch) -> None:
-    """Move runs that have ended, by column, to the batch, with their reports."""
-    if ended:
-        add_runs(batch, list(ended), results_of(prepared, list(ended.values())))
-        ended.clear()
-
-
-def _together(batch: Batch) -> int:
-    """Return how many runs are drawn and reported at once: several, if they have few disks and samples.
-
-    From the second one on the code for a step is in the processor's cache; a run in between displaces it.
-    """
-    if not batch.needed_record <= {"tracer"}:
-        return 1
-    return max(1, min(MOST_TOGETHER, ROWS_TOGETHER // (batch.scene.particles + len(batch.scene.times))))

@@ -13,11 +13,12 @@ gives another path, of the same distribution.
 """
 
 from collections.abc import Collection, Sequence
+from functools import partial
 
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines.batch import RunResult, add_run, making_run, new_batch
+from brownpipe.engines.batch import RunResult, making_run, most_together, new_batch, report_ended
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import simulation as exact
@@ -26,7 +27,7 @@ from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
 from brownpipe.engines.langevin import RATE_RUNS, refuse_unfit, scene_with_disks
 from brownpipe.engines.langevin.step import follow, step_weights
-from brownpipe.engines.state import Ensemble, Track
+from brownpipe.engines.state import Ensemble, Track, together
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
 from brownpipe.scene import Scene
@@ -61,12 +62,13 @@ def simulate(
     batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
     compile_all([_call()])
+    ended: dict[int, np.ndarray] = {}  # paths by column
+    results, at_once = partial(_results_of, scene, gamma), most_together(batch)
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         with making_run(batch, column):
-            path = _path(scene, mass, seed, weights)
-            failed = np.uint8(not is_known(scene, path))
-            report: dict[str, float | np.uint8] = {"friction_rate": gamma, "failed": failed}
-            add_run(batch, column, RunResult(folded(scene, path), None, None, report))
+            ended[column] = _path(scene, mass, seed, weights)
+        report_ended(batch, ended, results, at_once)
+    report_ended(batch, ended, results)
     return batch.ensemble
 
 
@@ -109,27 +111,43 @@ def _path(scene: Scene, mass: np.ndarray, seed: int, weights: np.ndarray) -> np.
     return path[1:]  # the first step is the time to equilibrate
 
 
-def is_known(scene: Scene, path: np.ndarray) -> bool:
-    """Whether a free path (T, 2, 2) is finite and close enough to the box, MOST_BOXES sides, to be folded into it.
+def _results_of(scene: Scene, gamma: float, paths: Sequence[np.ndarray]) -> list[RunResult]:
+    """Return the results of runs from their free paths (T, 2, 2)."""
+    free = together(paths)
+    failed = (~are_known(scene, free)).astype(np.uint8)
+    tracks = folded(scene, free)
+    return [
+        RunResult(track, None, None, {"friction_rate": gamma, "failed": each})
+        for track, each in zip(tracks, failed, strict=True)
+    ]
 
-    Further away the round-off of a position exceeds 2e-7 of the box, and soon an int32 cannot count the images.
+
+def are_known(scene: Scene, paths: np.ndarray) -> np.ndarray:
+    """Return (K,) whether free paths (K, T, 2, 2) are finite and close enough to the box to be folded into it.
+
+    Further away than MOST_BOXES sides the round-off of a position exceeds 2e-7 of the box, and soon an int32 cannot
+    count the images.
     """
     low, size = scene.box.accessible(followed(scene).radius)
     with np.errstate(over="ignore", invalid="ignore"):
-        distance = np.abs(path[:, 0] - low)
-        return bool(np.isfinite(path).all() and np.all((size <= 0) | (distance < MOST_BOXES * size)))
+        near = (size <= 0) | (np.abs(paths[:, :, 0] - low) < MOST_BOXES * size)
+    return np.isfinite(paths).all(axis=(1, 2, 3)) & near.all(axis=(1, 2))
 
 
-def folded(scene: Scene, path: np.ndarray) -> Track:
-    """Return the track (M = 1) in the box: wrapped with images, or mirrored at the walls of the accessible region."""
-    position, velocity = path[:, None, 0], path[:, None, 1]
+def folded(scene: Scene, paths: np.ndarray) -> list[Track]:
+    """Return the tracks (M = 1) of free paths (K, T, 2, 2) in the box: wrapped with images, or mirrored at the walls.
+
+    The walls are those of the region that the tracer's centre can reach.
+    """
+    position, velocity = paths[:, :, None, 0], paths[:, :, None, 1]
     low, size = scene.box.accessible(followed(scene).radius)
     image = np.floor(np.divide(position - low, size, out=np.zeros_like(position), where=size > 0))
     image = np.clip(np.nan_to_num(image), -MOST_BOXES, MOST_BOXES)  # beyond these bounds the run has failed
     if scene.box.periodic:
         inside = np.clip(position - image * size, low, np.nextafter(low + size, low))
-        return Track(inside, velocity, (image - image[0]).astype(np.int32))
+        counted = (image - image[:, :1]).astype(np.int32)
+        return [Track(*each) for each in zip(inside, velocity, counted, strict=True)]
     mirrored = image % 2 == 1
     inside = position - low - image * size
     inside = np.clip(np.where(mirrored, size - inside, inside), 0.0, np.maximum(size, 0.0))
-    return Track(low + inside, np.where(mirrored, -velocity, velocity))
+    return [Track(*each) for each in zip(low + inside, np.where(mirrored, -velocity, velocity), strict=True)]

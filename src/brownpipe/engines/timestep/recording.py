@@ -1,12 +1,12 @@
-"""Memory for the samples of a run, and the report of a run of the time-stepping engine."""
+"""Memory for the samples of a run, and the reports of runs of the time-stepping engine."""
 
-import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.recording import Report, all_finite, conservation, images_fit, report, reports_of, sample_arrays
-from brownpipe.engines.state import HEALTH_BOUND
+from brownpipe.engines.recording import conservation, images_fit, report, sample_arrays
+from brownpipe.engines.state import HEALTH_BOUND, together
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.workspace import Recorder, Workspace
 from brownpipe.engines.units import Frame
@@ -14,6 +14,16 @@ from brownpipe.scene import Scene
 
 ENERGY_BOUND = {np.float64: HEALTH_BOUND, np.float32: 1e-4}  # energy drift beyond which a run has failed
 REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
+
+
+class Ending(NamedTuple):
+    """What the report of a run is made from, in the engine's units and order."""
+
+    first: np.ndarray  # (N, 2) velocities at the beginning
+    last: np.ndarray  # (N, 4) float64, positions and velocities at the end
+    steps: int
+    count: np.ndarray  # type: ignore[assignment]  # int64, as in the workspace at the end; hides tuple.count
+    tally: np.ndarray  # float64, as in the workspace at the end
 
 
 def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]) -> Recorder:
@@ -30,29 +40,35 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
     )
 
 
+def ending_of(w: Workspace, first: np.ndarray) -> Ending:
+    """Return the ending of a run that began with velocities `first` (N, 2), with arrays of its own."""
+    last = np.empty((len(w.disk), 4))
+    last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
+    return Ending(first, last, int(w.counters[ws.STEP]), w.count.copy(), w.tally.copy())
+
+
 @np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
-def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray) -> Report:
-    """Return the report of a run that began with velocities `first` (N, 2), in the engine's units and order."""
-    last = np.empty((len(w.disk), 2))
-    last[w.disk, 0], last[w.disk, 1] = w.vx, w.vy
-    conserved = conservation(w.mass, first[None], last[None], w.tally[None, ws.WALL_IMPULSE :])
-    sound = (np.abs(conserved.energy_drift) <= ENERGY_BOUND[w.x.dtype.type]) & _inside(w)
-    sound &= all_finite(conserved.twice_energy, last, conserved.momentum_residual, w.tally[ws.VIRIAL :])
-    steps = w.counters[ws.STEP]
+def each_report(scene: Scene, frame: Frame, w: Workspace, endings: Sequence[Ending]) -> dict[str, np.ndarray]:
+    """Return the reports of K runs in a workspace, name -> (K,)."""
+    first, last, steps, count, tally = (together(values) for values in zip(*endings, strict=True))
+    conserved = conservation(w.mass, first, last[:, :, 2:], tally[:, ws.WALL_IMPULSE :])
+    sound = np.abs(conserved.energy_drift) <= ENERGY_BOUND[w.x.dtype.type]
+    sound &= _are_inside(scene, frame, w, last[:, :, :2], tally[:, ws.FASTEST])
+    sound &= np.isfinite(last).all(axis=(1, 2)) & np.isfinite(tally[:, ws.VIRIAL :]).all(axis=1)
+    sound &= np.isfinite(conserved.twice_energy) & np.isfinite(conserved.momentum_residual)
     sound &= images_fit(scene, frame, steps, conserved.fastest * steps * w.step)
-    collisions = w.count[None, [ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
-    overlap = np.array([1.0 - math.sqrt(w.tally[ws.NEAREST])])
-    missed = {"missed_collisions": w.count[[ws.MISSED]]} if w.late else {}
-    impulses = w.tally[None, ws.VIRIAL :]
-    return reports_of(report(scene, frame, conserved, collisions, impulses, overlap, sound, missed))[0]
+    collisions = count[:, [ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
+    overlap = 1.0 - np.sqrt(tally[:, ws.NEAREST])
+    missed = {"missed_collisions": count[:, ws.MISSED]} if w.late else {}
+    return report(scene, frame, conserved, collisions, tally[:, ws.VIRIAL :], overlap, sound, missed)
 
 
-def _inside(w: Workspace) -> bool:
-    """Return whether all positions are finite and, between walls, no disk has escaped (REACHES)."""
-    place = np.stack([w.x, w.y]).astype(float)
+def _are_inside(scene: Scene, frame: Frame, w: Workspace, place: np.ndarray, fastest: np.ndarray) -> np.ndarray:
+    """Return (K,) whether, between walls, no disk at `place` (K, N, 2) has escaped: REACHES, `fastest` (K,) speeds."""
     if w.box.periodic:
-        return bool(np.all(np.isfinite(place)))
-    low = np.array([[w.box.x], [w.box.y]]) + w.radius
-    high = np.array([[w.box.x + w.box.width], [w.box.y + w.box.height]]) - w.radius
-    beyond = REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
-    return bool(np.all((place >= low - beyond) & (place <= high + beyond)))
+        return np.ones(len(place), bool)
+    radius = (scene.radius[frame.order] / frame.length).astype(w.radius.dtype)[:, None]
+    low = np.array([w.box.x, w.box.y]) + radius
+    high = np.array([w.box.x + w.box.width, w.box.y + w.box.height]) - radius
+    beyond = (REACHES * fastest * w.step + 1e-6 * max(w.box.width, w.box.height))[:, None, None]
+    return ((place >= low - beyond) & (place <= high + beyond)).all(axis=(1, 2))

@@ -7,22 +7,23 @@ that given to the walls, are conserved as by the exact engine.
 """
 
 from collections.abc import Collection, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines.batch import RunResult, add_run, making_run, new_batch
+from brownpipe.engines.batch import RunResult, making_run, most_together, new_batch, report_ended
 from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import equilibration
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.recording import tracks
+from brownpipe.engines.recording import EndedRun, copied, results_of, tracer_samples, whole_track
 from brownpipe.engines.state import Ensemble, State
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.layout import begin, prepare
-from brownpipe.engines.timestep.recording import recorder, report_of
+from brownpipe.engines.timestep.recording import each_report, ending_of, recorder
 from brownpipe.engines.timestep.settings import refuse_unfit
 from brownpipe.engines.timestep.steps import advance
 from brownpipe.engines.units import Frame, frame_of, motion_of
@@ -68,10 +69,14 @@ def simulate(
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator = prepare_equilibration(scene)
     setup = prepared(scene, time_step, precision, collisions)
+    samples = recorder(scene, setup.frame, time_step, scene.times, batch.needed_record)
+    ended: dict[int, EndedRun] = {}  # by column
+    results, at_once = partial(_results_of, setup), most_together(batch)
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         with making_run(batch, column):
-            start = equilibrate(equilibrator, draw(scene, seed))
-            add_run(batch, column, run(setup, start, scene.times, batch.needed_record))
+            ended[column] = _to_end(setup, equilibrate(equilibrator, draw(scene, seed)), samples)
+        report_ended(batch, ended, results, at_once)
+    report_ended(batch, ended, results)
     return batch.ensemble
 
 
@@ -98,9 +103,21 @@ def _call(scene: Scene, frame: Frame, time_step: float, w: ws.Workspace) -> Kern
 
 
 def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> RunResult:
-    """Run from a state and sample at the given times (T,); full lists are replaced by lists of twice the capacity."""
+    """Run from a state and sample at the given times (T,)."""
+    samples = recorder(setup.scene, setup.frame, setup.time_step, times, record)
+    return _results_of(setup, [_to_end(setup, state, samples)])[0]
+
+
+def _results_of(setup: SteppingSetup, ended: Sequence[EndedRun]) -> list[RunResult]:
+    """Return the results of runs, with their reports."""
+    scene, frame = setup.scene, setup.frame
+    reports = each_report(scene, frame, setup.workspace, [run.ending for run in ended])
+    return results_of(scene, frame, ended, reports)
+
+
+def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> EndedRun:
+    """Run from a state to the last sample; full lists are replaced by lists of twice the capacity."""
     scene, frame, w = setup.scene, setup.frame, setup.workspace
-    samples = recorder(scene, frame, setup.time_step, times, record)
     begin(w, motion_of(state, frame))
     first_velocity = np.stack([w.vx, w.vy], axis=1).astype(float)
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
@@ -109,8 +126,8 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
         stages.within((scene.equilibrate + elapsed) / (scene.equilibrate + scene.duration))
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
-    report = report_of(scene, frame, w, first_velocity)
-    return RunResult(*tracks(scene, frame, samples), None, report)
+    tracer = copied(tracer_samples(samples))  # as the next run overwrites the recorder
+    return EndedRun(tracer, whole_track(scene, frame, samples), None, ending_of(w, first_velocity))
 
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: ws.Workspace) -> ws.Workspace:
