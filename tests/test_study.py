@@ -14,7 +14,7 @@ from brownpipe.figures.catalogue import FIGURES
 from brownpipe.observables import RENAMED
 from brownpipe.scene.seeds import batches, parse_seeds, ranges, seed_text
 from brownpipe.study import SimulationJob, from_command_line, read_study
-from brownpipe.study.batches import LARGEST, LONGEST, SHORTEST, automatic_batches, shortest_and_longest
+from brownpipe.study.batches import LARGEST, LONGER, LONGEST, SHORTEST, automatic_batches, shortest_and_longest
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -342,7 +342,7 @@ def test_automatic_jobs_are_neither_too_short_to_start_nor_too_long_to_lose(cost
     if longest > 1:
         assert longest * cost.seconds <= LONGEST and forecast.memory(cost, longest) <= LARGEST
     if 1 < shortest < longest:
-        assert SHORTEST / 2 < shortest * cost.seconds / (1 + cost.once / forecast.START_UP) <= SHORTEST
+        assert 0.5 < shortest * cost.seconds / (SHORTEST + LONGER * cost.once) <= 1.0
 
 
 @pytest.mark.parametrize(

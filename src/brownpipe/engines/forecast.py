@@ -26,7 +26,7 @@ from brownpipe.observables.species import bath_disks, equal_disks
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
-START_UP = 0.9  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
+START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
 EACH_RUN = 1.1e-4  # CPU seconds to begin a run, and to store what is recorded
 SECONDS_PER_DISK = 1e-6  # CPU seconds to draw the initial state of one disk, list it, and predict its first event
 SECONDS_PER_COLLISION = 2e-7  # CPU seconds, with a disk or a wall

@@ -10,7 +10,8 @@ from collections.abc import Iterator, Sequence
 from brownpipe.engines import forecast
 from brownpipe.scene.seeds import ranges
 
-SHORTEST = 20 * forecast.START_UP  # CPU seconds of the first jobs: starting one takes some 5 % of its time
+SHORTEST = 18.0  # CPU seconds of the first jobs: starting one takes some 3 % of its time
+LONGER = 20.0  # they are longer by so many times what a job calculates once, before its first run
 LONGEST = 600.0  # CPU seconds of a job, unless there are very many
 LARGEST = 1e9  # bytes of memory of a job, unless there are very many
 SHORT_JOBS = 32  # of equal length before the length is doubled, while it is below LONGEST
@@ -30,7 +31,7 @@ def shortest_and_longest(cost: forecast.Cost) -> tuple[int, int]:
     """Return the runs of a job of SHORTEST and of one of LONGEST and LARGEST, rounded down to powers of two."""
     per_run = cost.seconds + cost.storing
     most = max(1, min(int(LONGEST / per_run), forecast.most_runs(cost, LARGEST)))
-    first = SHORTEST * (1 + cost.once / forecast.START_UP) / per_run
+    first = (SHORTEST + LONGER * cost.once) / per_run
     return _power_of_two(min(most, int(first))), _power_of_two(most)
 
 
