@@ -80,6 +80,12 @@ def test_costlier_engines_that_were_not_compared_offer_nothing():
     assert "no         timestep-0.001: a run costs 2.5 times" in plan.recommendation([case], "msd", 0.02, None)
 
 
+def test_an_engine_that_costs_more_than_the_exact_one_is_named_once():
+    case = case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(FINE, 0.001, 1e-4, 1.0, 0.05))
+    text = plan.recommendation([case], "msd", 0.02, None)
+    assert text.count("timestep-0.001") == 1 and "no         timestep-0.001: a run costs 2.5 times" in text
+
+
 def test_a_budget_buys_the_smallest_error_and_may_be_too_small_for_a_tolerance():
     case = case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(COARSE, 0.05, 1e-4, 1.0, 0.002))
     best, other = offers([case], None, 10.0)

@@ -29,12 +29,14 @@ def offers(cases: list[CasePerformance], tolerance: float | None, budget: float 
     """Return the offers that meet the tolerance in all cases within the budget (CPU seconds), the cheapest first.
 
     Without a tolerance: one offer for each engine that spends the budget, the most accurate first. An engine that was
-    not compared, because it costs more than the exact one, offers nothing.
+    not compared, or costs at least as much as the exact one in every case, offers nothing.
     """
     made = []
     for engine in cases[0].engines:
         performances = [case.engines.get(engine) for case in cases]
         if any(performance is None or np.isnan(performance.bias_square) for performance in performances):
+            continue
+        if all(case.costs_more_than_exact(engine) for case in cases):
             continue
         if tolerance is None:
             runs = _runs_for_budget(_seconds_per_run(cases, engine), budget)
