@@ -86,6 +86,13 @@ def test_an_engine_that_costs_more_than_the_exact_one_is_named_once():
     assert text.count("timestep-0.001") == 1 and "no         timestep-0.001: a run costs 2.5 times" in text
 
 
+def test_an_engine_that_costs_more_in_all_cases_together_is_no_offer_for_all():
+    dear = case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(FINE, 0.001, 1e-4, 1.0, 0.05))
+    nearly = case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(FINE, 0.001, 1e-4, 1.0, 0.019))
+    assert [one.engine for one in offers([dear, nearly], 0.02, None)] == [EXACT]
+    assert [one.engine for one in offers([nearly], 0.02, None)] == [FINE, EXACT]
+
+
 def test_a_budget_buys_the_smallest_error_and_may_be_too_small_for_a_tolerance():
     case = case_of(EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02), EnginePerformance(COARSE, 0.05, 1e-4, 1.0, 0.002))
     best, other = offers([case], None, 10.0)

@@ -9,6 +9,7 @@ from brownpipe.engines import Engine, forecast
 from brownpipe.scene.seeds import MOST_SEEDS
 from brownpipe.study.batches import SHORTEST, automatic_batches
 from brownpipe.study.performance import CasePerformance, EnginePerformance
+from brownpipe.study.study import REFERENCE
 from brownpipe.tradeoff import FEWEST_RUNS, runs_for
 
 SECONDS_PER_BYTE = 4e-8  # CPU seconds to compress, verify and write trajectories
@@ -29,14 +30,14 @@ def offers(cases: list[CasePerformance], tolerance: float | None, budget: float 
     """Return the offers that meet the tolerance in all cases within the budget (CPU seconds), the cheapest first.
 
     Without a tolerance: one offer for each engine that spends the budget, the most accurate first. An engine that was
-    not compared, or costs at least as much as the exact one in every case, offers nothing.
+    not compared, or costs at least as much as the exact one in all cases together, offers nothing.
     """
     made = []
     for engine in cases[0].engines:
         performances = [case.engines.get(engine) for case in cases]
         if any(performance is None or np.isnan(performance.bias_square) for performance in performances):
             continue
-        if all(case.costs_more_than_exact(engine) for case in cases):
+        if engine != REFERENCE and sum(_seconds_per_run(cases, engine)) >= sum(_seconds_per_run(cases, REFERENCE)):
             continue
         if tolerance is None:
             runs = _runs_for_budget(_seconds_per_run(cases, engine), budget)

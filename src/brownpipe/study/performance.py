@@ -47,10 +47,6 @@ class CasePerformance(NamedTuple):
     source: str  # the file it is read from, or the pilot
     engines: dict[Engine, EnginePerformance]
 
-    def costs_more_than_exact(self, engine: Engine) -> bool:
-        """Whether a run by an approximate engine costs at least as much as an exact one."""
-        return engine != REFERENCE and self.engines[engine].seconds >= self.engines[REFERENCE].seconds
-
 
 def performance_of(study: Study, target: str, results: str | Path = "results") -> list[CasePerformance]:
     """Return the performance of the engines in each case of a study, for one of study_file.TARGETS.
