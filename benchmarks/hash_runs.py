@@ -57,7 +57,7 @@ class Case(NamedTuple):
     seeds: str = "0-2"
     options: str = ""  # further ones of `brownpipe simulate`, for all engines
     more: tuple[str, ...] = ()  # further engines
-    record: str | None = None  # instead of RECORDS
+    record: str | None = None  # instead of RECORDS; with tracer or none, runs are reported several at a time
     aggregated: bool = False
 
 
@@ -195,6 +195,8 @@ def all_cases():
         "aggregated_logarithmic": Case(logarithmic, seeds="0-7", record="tracer", aggregated=True),
         "collisions_alone": Case(note(duration=1.0), record="events"),
         "nothing_recorded": Case(note(duration=1.0), record="none"),
+        "reported_together": Case(note(duration=1.0), seeds="0-11", record="tracer"),
+        "reported_together_periodic": Case(gas(0.14, (100, *EQUAL)), seeds="0-11", record="tracer"),
         "with_checkpoints": Case(note(duration=60.0), seeds="0-1", options="--checkpoint-every 1e-6"),
     }
 

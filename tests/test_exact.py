@@ -19,6 +19,7 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
+from brownpipe.engines.recording import kept
 from brownpipe.engines.state import State
 from brownpipe.scene import packing, parse_scene
 
@@ -453,7 +454,7 @@ def test_runs_reported_together_have_the_reports_of_each(boundary, pinned):
         state.velocity[0] *= not pinned
         start = exact_run.beginning(prepared, state)
         alone.append(exact_run.evolve(prepared, start, scene.times, {"tracer"}))
-        ended.append(exact_run.kept(exact_run.to_end(prepared, start, recorder)))
+        ended.append(kept(exact_run.to_end(prepared, start, recorder)))
     together = exact_run.results_of(prepared, ended)
     assert [run.observables for run in together] == [run.observables for run in alone]
     assert len({run.observables["kinetic_energy"] for run in together}) == 5

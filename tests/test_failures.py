@@ -148,6 +148,30 @@ def test_runs_drawn_together_are_those_drawn_one_by_one(crowd, whole, most, monk
     assert batch.observables["failed"].tobytes() == whole.observables["failed"].tobytes()
 
 
+@pytest.mark.parametrize("record", ["tracer", "none"])
+@pytest.mark.parametrize("engine", [*ENGINES, Engine("langevin", (("friction", "enskog"),))], ids=lambda e: e.name)
+def test_runs_reported_together_are_those_reported_one_by_one(crowd, engine, record, monkeypatch):
+    batches, sizes, add_runs = {}, [], engines_batch.add_runs
+
+    def counted(batch, columns, runs):
+        sizes.append(len(runs))
+        add_runs(batch, columns, runs)
+
+    monkeypatch.setattr(engines_batch, "add_runs", counted)
+    for most in (1, 3, 64):
+        sizes.clear()
+        monkeypatch.setattr(engines_batch, "MOST_TOGETHER", most)
+        batches[most] = engine.simulate(crowd, SEEDS, {record})
+        assert (max(sizes) == 1) == (most == 1)
+    for most in (3, 64):
+        one, other = batches[1], batches[most]
+        assert one.stopped == other.stopped and bool(one.stopped) == (engine.name != "langevin")
+        assert list(one.observables) == list(other.observables)
+        assert all(one.observables[name].tobytes() == values.tobytes() for name, values in other.observables.items())
+        for own, values in zip(one.tracer or (), other.tracer or (), strict=True):
+            assert own is values is None or own.tobytes() == values.tobytes()
+
+
 @PROMISE
 def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(monkeypatch):
     """In the middle of a run, by a bound on the path of a disk that some runs do not reach."""

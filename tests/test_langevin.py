@@ -396,7 +396,7 @@ def test_a_path_too_long_to_be_known_fails(boundary):
     path = np.zeros((2, 2, 2))
     for value in (math.nan, math.inf, -math.inf):
         path[1, 0, 0] = value
-        assert langevin.are_known(scene, path[None]).tolist() == [False]
+        assert langevin.are_known(scene, np.stack([np.zeros((2, 2, 2)), path])).tolist() == [True, False]
     path[1, 0, 0] = 5.0
     assert langevin.are_known(scene, path[None]).tolist() == [True]
 

@@ -16,8 +16,8 @@ from brownpipe.errors import PlacementError, RequestError, RunError
 from brownpipe.scene import Scene
 
 EVERY_RUN = 0.99  # share of runs without a place for all disks above which the scene is refused
-MOST_TOGETHER = 64  # runs that are reported at once when they have ended
-ROWS_TOGETHER = 16_384  # disks and samples of these runs, which are kept in memory until then
+MOST_TOGETHER = 64  # short runs that are reported at once when they have ended
+ROWS_TOGETHER = 16_384  # disks and samples of these runs at most, which are kept in memory until then
 Ended = TypeVar("Ended")  # what an engine keeps of a run that has ended
 
 kernel_cache.on_compile.append(stages.remark)
@@ -67,14 +67,15 @@ def new_batch(
     return Batch(scene, ensemble, frozenset(record), ordered, stopped)
 
 
-def most_together(batch: Batch) -> int:
-    """Return how many runs are reported at once: several, if they have few disks and samples.
+def most_together(batch: Batch, rows: int) -> int:
+    """Return how many runs are reported (by the exact engine, also drawn) at once: several, if they are short.
 
-    From the second one on the code for a step is in the processor's cache; a run in between displaces it.
+    `rows` is the number of disks and samples of a run that are kept until then. From the second run on, the code for a
+    report is in the processor's cache; the engine's run in between would displace it.
     """
-    if not batch.needed_record <= {"tracer"}:
+    if batch.needed_record & {"all", "events"}:
         return 1
-    return max(1, min(MOST_TOGETHER, ROWS_TOGETHER // (batch.scene.particles + len(batch.scene.times))))
+    return max(1, min(MOST_TOGETHER, ROWS_TOGETHER // max(rows, 1)))
 
 
 def report_ended(

@@ -19,13 +19,23 @@ SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", 
 MOST_IMAGES = 2.0**31  # periodic images that an int32 can count
 
 
+class Ending(NamedTuple):
+    """What the report of a run is made from, in the engine's units and order."""
+
+    first: np.ndarray  # (N, 2) velocities at the beginning
+    motion: np.ndarray  # (N, 4) float64, positions and velocities at the end
+    elapsed: float  # time
+    count: np.ndarray  # type: ignore[assignment]  # int64, as in the workspace at the end; hides tuple.count
+    tally: np.ndarray  # float64, as in the workspace at the end
+
+
 class EndedRun(NamedTuple):
     """A run at its end, before its report is made."""
 
     tracer: Track  # its samples as they are in the recorder, in the engine's units
     whole: Track | None  # like the next as of a RunResult
     events: Events | None
-    ending: Any  # what the engine makes its report from
+    ending: Ending
 
 
 class Conservation(NamedTuple):
@@ -50,9 +60,11 @@ def tracer_samples(recorder: Any) -> Track:
     return Track(recorder.position, recorder.velocity, recorder.image)
 
 
-def copied(track: Track) -> Track:
-    """Return a track with arrays of its own."""
-    return Track(*(None if values is None else values.copy() for values in track))
+def kept(run: EndedRun) -> EndedRun:
+    """Return a run that has ended with arrays of its own, which the next run does not overwrite."""
+    first, motion, elapsed, count, tally = run.ending
+    ending = Ending(first, motion.copy(), elapsed, count.copy(), tally.copy())
+    return run._replace(tracer=Track(*(values.copy() for values in run.tracer)), ending=ending)
 
 
 def tracer_tracks(scene: Scene, frame: Frame, samples: Sequence[Track]) -> list[Track]:

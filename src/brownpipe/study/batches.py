@@ -11,7 +11,7 @@ from brownpipe.engines import forecast
 from brownpipe.scene.seeds import ranges
 
 SHORTEST = 18.0  # CPU seconds of the first jobs: starting one takes some 3 % of its time
-LONGER = 20.0  # they are longer by so many times what a job calculates once, before its first run
+LONGER = 20.0  # they are longer by so many times what a job calculates once: that takes some 5 % at most
 LONGEST = 600.0  # CPU seconds of a job, unless there are very many
 LARGEST = 1e9  # bytes of memory of a job, unless there are very many
 SHORT_JOBS = 32  # of equal length before the length is doubled, while it is below LONGEST

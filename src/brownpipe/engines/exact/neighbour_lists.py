@@ -145,7 +145,7 @@ def prefetch_list(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int)
 
 @kernel
 def prefetch_neighbours(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int) -> None:
-    """Prefetch the disks on the list of disk i; if the event makes a new one, also lists and squares for `meet`.
+    """Prefetch the disks on the list of disk i; if the event makes a new one, also their lists and the squares around.
 
     Four words of the list at a time, of which the first one is the number of neighbours and the last may be outdated:
     nobody can predict when a loop over the neighbours alone ends.
@@ -158,6 +158,6 @@ def prefetch_neighbours(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event
         for j in entries(lists, i):
             prefetch(lists.neighbour, words(lists.wide) * (lists.neighbour[j] & ws.DISK_MASK))
         for middle in cells.rows_around(w, cells.cell_of(w, i)):
-            for first in cells.three_cells(w.grid.slots * middle, w.grid.slots):
-                for j in range(first + 1, first + 1 + w.cell[first]):
+            for cell in cells.three_cells(w.grid.slots * middle, w.grid.slots):
+                for j in range(cell + 1, cell + 1 + w.cell[cell]):
                     prefetch(lists.centre, 2 * (w.cell[j] & ws.DISK_MASK))

@@ -1,12 +1,11 @@
 """What a run of the exact engine returns: samples, the log of collisions and its report."""
 
 from collections.abc import Collection, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.recording import conservation, images_fit, report, represented, sample_arrays
+from brownpipe.engines.recording import Ending, conservation, images_fit, report, represented, sample_arrays
 from brownpipe.engines.state import HEALTH_BOUND, Events, together
 from brownpipe.engines.units import Frame
 from brownpipe.errors import RequestError
@@ -14,16 +13,6 @@ from brownpipe.scene import Scene
 
 EVENTS_PER_LOG = 65_536  # collisions that a recorder holds; a full log is emptied between two calls of the kernel
 MOST_BLOCKS = 2.0**62  # an int64 counts the blocks of a run
-
-
-class Ending(NamedTuple):
-    """What the report of a run is made from, in the engine's units and order."""
-
-    first: np.ndarray  # (N, 2) velocities at the beginning
-    motion: np.ndarray  # (N, 4) positions and velocities at the end
-    elapsed: float  # time
-    count: np.ndarray  # type: ignore[assignment]  # int64, as in the workspace at the end; hides tuple.count
-    tally: np.ndarray  # float64, as in the workspace at the end
 
 
 def new_recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record: Collection[str]) -> ws.Recorder:

@@ -18,9 +18,9 @@ from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
-from brownpipe.engines.exact.recording import Ending, each_report, ending_of, joined, logged, new_recorder
+from brownpipe.engines.exact.recording import each_report, ending_of, joined, logged, new_recorder
 from brownpipe.engines.insertion import warm_up_call
-from brownpipe.engines.recording import SAMPLES, EndedRun, copied, tracer_samples, whole_track
+from brownpipe.engines.recording import SAMPLES, EndedRun, tracer_samples, whole_track
 from brownpipe.engines.state import Events, State
 from brownpipe.engines.units import Frame, frame_of, motion_of
 from brownpipe.errors import RunError, StorageError
@@ -144,13 +144,6 @@ def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, savi
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
     whole, ending = whole_track(scene, frame, recorder), ending_of(w, start.first[:, 2:])
     return EndedRun(tracer_samples(recorder), whole, joined(logs), ending)
-
-
-def kept(run: EndedRun) -> EndedRun:
-    """Return a run that has ended with arrays of its own, which the next run does not overwrite."""
-    first, motion, elapsed, count, tally = run.ending
-    ending = Ending(first, motion.copy(), elapsed, count.copy(), tally.copy())
-    return run._replace(tracer=copied(run.tracer), ending=ending)
 
 
 def _to_last_sample(

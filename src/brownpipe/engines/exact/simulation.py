@@ -18,14 +18,13 @@ from brownpipe.engines.exact.run import (
     RunState,
     Saving,
     beginning,
-    kept,
     prepare_scene,
     recorder_of,
     results_of,
     to_end,
 )
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.recording import EndedRun
+from brownpipe.engines.recording import EndedRun, kept
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import RequestError, RunError
 from brownpipe.scene import Scene
@@ -61,7 +60,7 @@ def simulate(
     prepared = prepare_scene(scene)
     ensemble, runs = batch.ensemble, len(batch.ensemble.seeds)
     finished, stored = resume(checkpoints.stored, batch)
-    together = 1 if checkpoints is not NO_CHECKPOINTS else most_together(batch)
+    together = 1 if checkpoints is not NO_CHECKPOINTS else most_together(batch, scene.particles + len(scene.times))
     results = partial(results_of, prepared)
     ahead = together if equilibrator is None else 1
     begun: deque[RunState | RunError | RequestError] = deque()  # the next runs

@@ -63,7 +63,7 @@ def simulate(
     mass = scene.mass
     compile_all([_call()])
     ended: dict[int, np.ndarray] = {}  # paths by column
-    results, at_once = partial(_results_of, scene, gamma), most_together(batch)
+    results, at_once = partial(_results_of, scene, gamma), most_together(batch, len(scene.times))
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         with making_run(batch, column):
             ended[column] = _path(scene, mass, seed, weights)

@@ -1,11 +1,10 @@
 """Memory for the samples of a run, and the reports of runs of the time-stepping engine."""
 
 from collections.abc import Collection, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.recording import conservation, images_fit, report, sample_arrays
+from brownpipe.engines.recording import Ending, conservation, images_fit, report, sample_arrays
 from brownpipe.engines.state import HEALTH_BOUND, together
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.workspace import Recorder, Workspace
@@ -14,16 +13,6 @@ from brownpipe.scene import Scene
 
 ENERGY_BOUND = {np.float64: HEALTH_BOUND, np.float32: 1e-4}  # energy drift beyond which a run has failed
 REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
-
-
-class Ending(NamedTuple):
-    """What the report of a run is made from, in the engine's units and order."""
-
-    first: np.ndarray  # (N, 2) velocities at the beginning
-    last: np.ndarray  # (N, 4) float64, positions and velocities at the end
-    steps: int
-    count: np.ndarray  # type: ignore[assignment]  # int64, as in the workspace at the end; hides tuple.count
-    tally: np.ndarray  # float64, as in the workspace at the end
 
 
 def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]) -> Recorder:
@@ -41,22 +30,22 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
 
 
 def ending_of(w: Workspace, first: np.ndarray) -> Ending:
-    """Return the ending of a run that began with velocities `first` (N, 2), with arrays of its own."""
-    last = np.empty((len(w.disk), 4))
-    last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
-    return Ending(first, last, int(w.counters[ws.STEP]), w.count.copy(), w.tally.copy())
+    """Return the ending of a run that began with velocities `first` (N, 2); two arrays are the workspace's."""
+    motion = np.empty((len(w.disk), 4))
+    motion[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
+    return Ending(first, motion, float(w.counters[ws.STEP] * w.step), w.count, w.tally)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
 def each_report(scene: Scene, frame: Frame, w: Workspace, endings: Sequence[Ending]) -> dict[str, np.ndarray]:
     """Return the reports of K runs in a workspace, name -> (K,)."""
-    first, last, steps, count, tally = (together(values) for values in zip(*endings, strict=True))
-    conserved = conservation(w.mass, first, last[:, :, 2:], tally[:, ws.WALL_IMPULSE :])
+    first, motion, elapsed, count, tally = (together(values) for values in zip(*endings, strict=True))
+    conserved = conservation(w.mass, first, motion[:, :, 2:], tally[:, ws.WALL_IMPULSE :])
     sound = np.abs(conserved.energy_drift) <= ENERGY_BOUND[w.x.dtype.type]
-    sound &= _are_inside(scene, frame, w, last[:, :, :2], tally[:, ws.FASTEST])
-    sound &= np.isfinite(last).all(axis=(1, 2)) & np.isfinite(tally[:, ws.VIRIAL :]).all(axis=1)
+    sound &= _are_inside(scene, frame, w, motion[:, :, :2], tally[:, ws.FASTEST])
+    sound &= np.isfinite(motion).all(axis=(1, 2)) & np.isfinite(tally[:, ws.VIRIAL :]).all(axis=1)
     sound &= np.isfinite(conserved.twice_energy) & np.isfinite(conserved.momentum_residual)
-    sound &= images_fit(scene, frame, steps, conserved.fastest * steps * w.step)
+    sound &= images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
     collisions = count[:, [ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
     overlap = 1.0 - np.sqrt(tally[:, ws.NEAREST])
     missed = {"missed_collisions": count[:, ws.MISSED]} if w.late else {}

@@ -19,7 +19,7 @@ from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import equilibration
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.recording import EndedRun, copied, results_of, tracer_samples, whole_track
+from brownpipe.engines.recording import EndedRun, kept, results_of, tracer_samples, whole_track
 from brownpipe.engines.state import Ensemble, State
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.layout import begin, prepare
@@ -71,10 +71,12 @@ def simulate(
     setup = prepared(scene, time_step, precision, collisions)
     samples = recorder(scene, setup.frame, time_step, scene.times, batch.needed_record)
     ended: dict[int, EndedRun] = {}  # by column
-    results, at_once = partial(_results_of, setup), most_together(batch)
+    at_once = most_together(batch, scene.particles + len(scene.times))
+    results = partial(_results_of, setup)
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
         with making_run(batch, column):
-            ended[column] = _to_end(setup, equilibrate(equilibrator, draw(scene, seed)), samples)
+            run_ended = _to_end(setup, equilibrate(equilibrator, draw(scene, seed)), samples)
+            ended[column] = kept(run_ended) if at_once > 1 else run_ended
         report_ended(batch, ended, results, at_once)
     report_ended(batch, ended, results)
     return batch.ensemble
@@ -116,7 +118,10 @@ def _results_of(setup: SteppingSetup, ended: Sequence[EndedRun]) -> list[RunResu
 
 
 def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> EndedRun:
-    """Run from a state to the last sample; full lists are replaced by lists of twice the capacity."""
+    """Run from a state to the last sample; the next run overwrites arrays of its ending and of `samples`.
+
+    Full lists are replaced by lists of twice the capacity.
+    """
     scene, frame, w = setup.scene, setup.frame, setup.workspace
     begin(w, motion_of(state, frame))
     first_velocity = np.stack([w.vx, w.vy], axis=1).astype(float)
@@ -126,8 +131,7 @@ def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> EndedRu
         stages.within((scene.equilibrate + elapsed) / (scene.equilibrate + scene.duration))
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
-    tracer = copied(tracer_samples(samples))  # as the next run overwrites the recorder
-    return EndedRun(tracer, whole_track(scene, frame, samples), None, ending_of(w, first_velocity))
+    return EndedRun(tracer_samples(samples), whole_track(scene, frame, samples), None, ending_of(w, first_velocity))
 
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: ws.Workspace) -> ws.Workspace:
