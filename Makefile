@@ -68,7 +68,7 @@ docs: ready_docs
 	@python -m sphinx -q -E -W --keep-going -c docs -d docs/_build/doctrees docs/_build/source docs/_build/html
 	@echo docs/_build/html/index.html
 
-# The figures of the gallery in docs/gallery/, from all studies in config/: 24 minutes on two cores.
+# The figures of the gallery in docs/gallery/, from all studies in config/: some 20 minutes on two cores.
 gallery: ready
 	@python docs/_ext/gallery.py $(CORES)
 

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from bench_exact import processor
 
 from brownpipe.engines import Engine
 from brownpipe.engines.timestep.settings import largest_step
@@ -27,8 +28,9 @@ WORK = 2e6  # disks times steps of a stretch, or collisions, about
 QUICK = 1e5  # of them in a quick pass
 TITLE = """# Cost of the exact engine and of time steps against the number of disks
 
-Periodic boxes of equal disks, packing fraction 0.14. CPU time for one unit of time by the exact engine, and the cost of
-time steps relative to it. Steps are given as fractions of the largest step allowed."""
+One core of an {}. Periodic boxes of equal disks, packing fraction 0.14. CPU time for one unit of
+time by the exact engine, and the cost of time steps relative to it. Steps are given as fractions of the largest step
+allowed."""
 
 
 def scene_of(n, duration):
@@ -82,7 +84,7 @@ def main():
     table = {n: [] for n in sizes}
     for n, row in table.items():
         row += [seconds_of_time(n, one, duration_of(n, one, work), repeats) for one in engines(scene_of(n, 1.0))]
-    lines = [TITLE, "", "| N | exact, s | " + " | ".join(names[1:]) + " |", "|---" * 5 + "|"]
+    lines = [TITLE.format(processor()), "", "| N | exact, s | " + " | ".join(names[1:]) + " |", "|---" * 5 + "|"]
     for n, (exact, *others) in table.items():
         lines.append(f"| {n:,} | {exact:.3g} | " + " | ".join(f"x {other / exact:.3g}" for other in others) + " |")
     print("\n".join(lines))
