@@ -82,6 +82,7 @@ rule all:
 
 onstart:
     from brownpipe.storage.finished import set_aside
+    from brownpipe.study.resources import needs_of_simulation
     from brownpipe.study.run_record import RunRecord, write_run_record
     from brownpipe.study.workload import describe_workload
 
@@ -92,8 +93,10 @@ onstart:
     for job in to_do:
         set_aside(job.output[0])  # Snakemake would delete a batch that was finished after an interruption
     runs = sum(int(job.wildcards.last) - int(job.wildcards.first) + 1 for job in to_do)
+    needs = {f"{results}/simulate/{file}": need for file, need in needs_of_simulation(study).items()}
+    seconds = {job.output[0]: needs[job.output[0]].seconds for job in to_do}
     workload = f"brownpipe: the study {study.name}: {describe_workload(study)}"
-    logger.info(workload, extra={"forecast": True, "runs": runs})
+    logger.info(workload, extra={"forecast": True, "runs": runs, "seconds": seconds})
 
 
 onsuccess:

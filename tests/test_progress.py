@@ -285,11 +285,11 @@ def test_a_job_notes_its_progress_for_the_study(tmp_path, monkeypatch):
     monkeypatch.setenv(progress.NOTES, str(tmp_path))
     monkeypatch.setattr(progress, "INTERVAL", 0.01)
     note = tmp_path / str(os.getpid())
-    with progress.shown("simulate"):
+    with progress.shown("simulate", output="runs.h5"):
         stages.report("runs", 7, 100)
         text, ends = "", time.monotonic() + 10
         while not text and time.monotonic() < ends:
             time.sleep(0.01)
             text = note.read_text() if note.exists() else ""  # empty while it is being written
-        assert text == '["simulate", null, "runs", 7, 100]'
+        assert text == '["simulate", "runs.h5", null, "runs", 7, 100]'
     assert list(Path(tmp_path).iterdir()) == []

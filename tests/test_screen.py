@@ -65,21 +65,23 @@ def send(handler, event=None, message="", level=logging.INFO, **more):
 
 def begin(handler, number, rule="simulate", log=(), first=0):
     seeds = {"first": str(first), "last": str(first + 99)} if rule == "simulate" else {}
-    send(handler, LogEvent.JOB_INFO, jobid=number, rule_name=rule, wildcards=seeds, log=[str(log)] if log else [])
+    files = {"log": [str(log)] if log else [], "output": [f"file {number}"]}
+    send(handler, LogEvent.JOB_INFO, jobid=number, rule_name=rule, wildcards=seeds, **files)
 
 
 STATS = {"simulate": 4, "aggregate": 1, "all": 1, "total": 6}
 
 
-def start(handler, runs=400):
-    """Announce the jobs of a study, and then their runs as the Snakefile does."""
+def start(handler, runs=400, seconds=None):
+    """Announce the jobs of a study, of 100 runs each, and then their runs and expected times as the Snakefile does."""
     send(handler, LogEvent.RUN_INFO, "Job stats: ...", stats=STATS)
-    send(handler, message="brownpipe: the study", forecast=True, runs=runs)
+    seconds = seconds or {f"file {number}": 100.0 for number in range(1, 1 + runs // 100)}
+    send(handler, message="brownpipe: the study", forecast=True, runs=runs, seconds=seconds)
 
 
 def note(notes, job, done, left=None, title="simulate", unit="runs", total=100):
     """Note the progress of a job as `progress.shown` does in it."""
-    (notes / str(job)).write_text(json.dumps([title, left, unit, done, total]))
+    (notes / str(job)).write_text(json.dumps([title, f"file {job}", left, unit, done, total]))
 
 
 def last_line(screen):
@@ -103,6 +105,18 @@ def test_runs_are_counted_while_the_first_job_is_running(monkeypatch, clock, not
     assert last_line(screen).startswith("simulate: 60 of "), "a job that has ended, which Snakemake has not said yet"
     send(handler, LogEvent.JOB_FINISHED, job_id=1)
     assert last_line(screen).startswith("simulate: 110 of 7,200 runs, ")
+
+
+def test_the_time_left_follows_from_the_times_expected_of_the_jobs(monkeypatch, clock, notes):
+    """Of 100 s in all, 10 s were of the first job; by the number of runs, 4.5 s would be left."""
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler, runs=200, seconds={"file 1": 10.0, "file 2": 90.0})
+    begin(handler, 1)
+    begin(handler, 2)
+    clock.now += 5.0
+    note(notes, 2, 10)
+    send(handler, LogEvent.JOB_FINISHED, job_id=1)
+    assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 21 s to go"  # 5 s / 19 x 81
 
 
 def test_runs_of_an_earlier_study_do_not_count(monkeypatch, clock):

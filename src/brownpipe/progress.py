@@ -38,15 +38,16 @@ TIME_TO_LOCK = 60.0  # s, in which a new folder is locked by its process
 
 
 @contextmanager
-def shown(title: str, silent: bool = False) -> Iterator[None]:
+def shown(title: str, silent: bool = False, output: str | None = None) -> Iterator[None]:
     """Show the progress of what is calculated in this context; `title` is its name, such as the verb.
 
-    Remarks on the compiling of kernels are printed, too. If `silent`, or within another such context, nothing changes.
+    A study is told it with the file `output` that is made, so that it knows which of its jobs this is. Remarks on the
+    compiling of kernels are printed, too. If `silent`, or within another such context, nothing changes.
     """
     if silent or stages.listeners:
         yield
         return
-    display = Display(title)
+    display = Display(title, output)
     stages.listeners.append(display.update)
     stages.remark_listeners.append(display.remark)
     ticker = threading.Thread(target=display.tick, daemon=True)
@@ -117,8 +118,8 @@ class Display:
     Only in a notebook, whose outputs belong to the main thread, the calculation draws.
     """
 
-    def __init__(self, title: str) -> None:
-        self.title = title
+    def __init__(self, title: str, output: str | None = None) -> None:
+        self.title, self.output = title, output
         self.in_notebook = _in_notebook()
         self.draws_bar = self.in_notebook or (sys.stderr.isatty() and os.environ.get("TERM") != "dumb")
         self.bar: Any = None  # of tqdm, once it is drawn
@@ -154,7 +155,7 @@ class Display:
             if self.note is not None and self.stage is not None:
                 left = self.pace.left(time.monotonic(), self.stage.total)
                 with suppress(OSError), open(self.note, "w", opener=opened_unlinked) as note:
-                    note.write(json.dumps([self.title, left, *self.stage]))
+                    note.write(json.dumps([self.title, self.output, left, *self.stage]))
 
     def show(self) -> None:
         """Print the remarks; draw the bar or print a line if it is due. No error of the screen ends a calculation."""

@@ -63,6 +63,7 @@ class RunningJob(NamedTuple):
 
     rule: str
     runs: int  # simulated by it
+    output: str  # its first file
     logs: tuple[str, ...]  # its log files
     started: float  # time.monotonic() [s]
     title: str  # what it makes, in words
@@ -72,6 +73,7 @@ class Note(NamedTuple):
     """What a running job has noted of its progress."""
 
     rule: str
+    output: str | None  # the file that it makes
     stage: Stage
     left: float | None  # time [s]
 
@@ -80,12 +82,14 @@ class Message(logging.LogRecord):
     """A message of Snakemake, which adds attributes to the record: each event has some of these."""
 
     stats: dict[str, int]  # RUN_INFO: planned jobs by rule
-    runs: int  # to be simulated, from the Snakefile
+    runs: int  # to be simulated, from the Snakefile, like the next
+    seconds: dict[str, float]  # CPU time that each job of simulate is expected to take, by its file
     jobid: int  # JOB_INFO
     job_id: int  # JOB_FINISHED
     rule_name: str  # JOB_INFO, JOB_ERROR, like the next
     log: list[str] | None
-    wildcards: dict[str, str] | None  # JOB_INFO
+    output: list[str] | None  # JOB_INFO, like the next
+    wildcards: dict[str, str] | None
     shellcmd: str | None  # JOB_ERROR, like the next
     rule_msg: str | None  # what the queue of a cluster said
 
@@ -107,7 +111,10 @@ class LogHandler(LogHandlerBase):
         self.runs = 0  # to be simulated
         self.runs_of_finished = 0  # simulated by finished jobs
         self.runs_done = 0  # also those that running jobs have noted
-        self.pace: Pace | None = None  # of the runs; None while kernels are compiled
+        self.seconds: dict[str, float] = {}  # CPU time that each job that simulates is expected to take, by its file
+        self.seconds_of_finished = 0.0  # expected of finished jobs
+        self.seconds_done = 0.0  # also of the part of running jobs that they have noted
+        self.pace: Pace | None = None  # of these seconds; None while kernels are compiled
         self.running: dict[int, RunningJob] = {}  # by Snakemake's number of the job
         self.started = self.last_line = time.monotonic()
         self.notes = ExitStack()  # the folder of notes, if there is one
@@ -144,6 +151,7 @@ class LogHandler(LogHandlerBase):
             self.fail(record)
         elif record.levelno > logging.INFO or event in (None, LogEvent.GROUP_ERROR, LogEvent.ERROR):
             self.runs = getattr(record, "runs", self.runs)
+            self.seconds = getattr(record, "seconds", self.seconds)
             if getattr(record, "forecast", False) and not self.simulates:
                 return
             text = self.format(record)
@@ -188,6 +196,7 @@ class LogHandler(LogHandlerBase):
         self.forget_failure(number)
         if job is not None:
             self.runs_of_finished += job.runs
+            self.seconds_of_finished += self.seconds.get(job.output, 0.0)
         self.show()
 
     def fail(self, record: Message) -> None:
@@ -240,16 +249,21 @@ class LogHandler(LogHandlerBase):
     def count(self, now: float, notes: Iterable[Note]) -> tuple[Stage, float | None]:
         """Return how many runs are done and the time left for the others [s], None if it is unknown.
 
-        The number never falls, although a job removes its note shortly before Snakemake says that the job is finished.
+        As runs of different cases take different times, that is estimated from the times that are expected of the jobs.
+        Nothing falls, although a job removes its note shortly before Snakemake says that the job is finished.
         """
-        noted = sum(int(note.stage.done) for note in notes if (note.rule, note.stage.unit) == ("simulate", "runs"))
-        done = max(self.runs_done, self.runs_of_finished + noted)
+        simulating = [note for note in notes if (note.rule, note.stage.unit) == ("simulate", "runs")]
+        done = max(self.runs_done, self.runs_of_finished + sum(int(note.stage.done) for note in simulating))
+        parts = (self.seconds.get(str(note.output), 0.0) * note.stage.done / note.stage.total for note in simulating)
+        self.seconds_done = max(self.seconds_done, self.seconds_of_finished + sum(parts))
         if self.pace is None and done > self.runs_done:
             self.pace = Pace()
-        self.runs_done, runs = done, max(self.runs, done)
-        if self.pace is not None:
-            self.pace.update(now, done)
-        return Stage("runs", done, runs), None if self.pace is None else self.pace.left(now, runs)
+        self.runs_done = done
+        stage = Stage("runs", done, max(self.runs, done))
+        if self.pace is None:
+            return stage, None
+        self.pace.update(now, self.seconds_done)
+        return stage, self.pace.left(now, sum(self.seconds.values()))
 
     def write(self, text: str) -> None:
         """Write a message in place of the line of progress; of control characters it keeps line feeds alone."""
@@ -319,7 +333,8 @@ def job_of(record: Message) -> RunningJob:
     runs = int(seeds["last"]) - int(seeds["first"]) + 1 if "last" in seeds else 0
     case = [seeds[key] for key in ("scene", "particles", "engine") if key in seeds]
     title = f"seeds {seeds['first']}-{seeds['last']} of {' '.join(case)}" if runs else record.rule_name
-    return RunningJob(record.rule_name, runs, tuple(map(str, record.log or ())), time.monotonic(), title)
+    output = str(record.output[0]) if record.output else ""
+    return RunningJob(record.rule_name, runs, output, tuple(map(str, record.log or ())), time.monotonic(), title)
 
 
 def remarks_of(job: RunningJob) -> Iterator[str]:
@@ -335,8 +350,8 @@ def notes_of_jobs() -> list[Note]:
     notes = []
     for path in Path(os.environ.get(NOTES, os.devnull)).glob("*"):
         with suppress(OSError, ValueError):
-            rule, left, *stage = json.loads(path.read_text())
-            notes.append(Note(rule, Stage(*stage), left))
+            rule, output, left, *stage = json.loads(path.read_text())
+            notes.append(Note(rule, output, Stage(*stage), left))
     return notes
 
 

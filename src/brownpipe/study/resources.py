@@ -85,6 +85,12 @@ def costs_of_runs(study: Study) -> dict[tuple[str, int, str], forecast.Cost]:
     return {(part.case.name, part.case.particles, part.engine.label): part.cost for part in case_workloads(study)}
 
 
+def needs_of_simulation(study: Study) -> dict[str, Need]:
+    """Return the need of each job of `simulate` by its file, below results/STUDY/simulate."""
+    costs = costs_of_runs(study)
+    return {job.file: need_of_runs(costs[job[:3]], job.last - job.first + 1) for job in study.jobs()}
+
+
 def needs_of_others(study: Study) -> dict[str, Need]:
     """Return the need of each rule that has one job."""
     return {
@@ -165,8 +171,7 @@ def describe_used(study: Study) -> str:
 
 def used(study: Study) -> Iterator[Used]:
     """Yield what each finished job of a study took, of those that were long enough to be measured."""
-    costs = costs_of_runs(study)
-    needs = {f"simulate/{job.file}": need_of_runs(costs[job[:3]], job.last - job.first + 1) for job in study.jobs()}
+    needs = {f"simulate/{file}": need for file, need in needs_of_simulation(study).items()}
     needs |= {f"replay/{job.file}": need_of_replay(study) for job in replay_jobs(study)}
     needs |= {f"{rule}/{study.name}": need for rule, need in needs_of_others(study).items() if rule != "replay"}
     for job, need in needs.items():

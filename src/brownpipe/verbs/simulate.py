@@ -100,7 +100,7 @@ def simulate(arguments: Namespace) -> int:
         show(f"{output}: kept, as an interrupted study had finished exactly these runs")
     else:
         checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
-        with progress.shown("simulate"):
+        with progress.shown("simulate", output=output):
             ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
         write_trajectories(output, scene, engine, ensemble)
     if arguments.checkpoint_every is not None:

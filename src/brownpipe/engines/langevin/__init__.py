@@ -22,7 +22,7 @@ from brownpipe.scene.scene import Scene, Velocities
 
 LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
 # The caution is given below this mass ratio. A higher ratio does not ensure a small error, since density and the finite
-# box matter, too: with a ratio of 50 at phi = 0.3 Enskog's friction gives a third less MSD (docs/decisions.md).
+# box matter, too: with a ratio of 50 at phi = 0.3 the MSD by Enskog's friction is 34 % too small (docs/decisions.md).
 HEAVY = 10.0
 RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
 RATE_RUNS = 8  # of the exact engine that share these collisions
