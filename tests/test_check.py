@@ -363,6 +363,23 @@ def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):
     assert cautions(report(tmp_path, crowd(75, placement="lattice"))) == []
 
 
+def test_a_lattice_without_places_for_the_largest_disk_is_said(tmp_path):
+    """As every run refuses it."""
+    mixed = crowd(20, 0.3, placement="lattice")
+    mixed["disks"]["tracer"] = {"radius": 2.0, "mass": 20.0}
+    (caution,) = cautions(report(tmp_path, mixed))
+    assert caution.startswith(
+        "scene, N = 21: every run will be refused: disks: no triangular lattice in this box has 21"
+    )
+    with pytest.raises(RequestError, match="21 places for disks of radius 2"):
+        draw(parse_scene(mixed, "scene"), 0)
+
+
+def test_no_time_step_is_proposed_where_nothing_moves(tmp_path):
+    lines = report(tmp_path, crowd(5, velocities={"temperature": 0.0}))
+    assert "timestep  no: needs disks that move" in lines and not any("inf" in line.split() for line in lines)
+
+
 def test_a_rare_failure_matters_to_many_runs(tmp_path):
     report(tmp_path, crowd(64), "crowd")
     few, many = (report(tmp_path, {"scenes": "crowd.yaml", "seeds": seeds}, "study") for seeds in (10, 1000))

@@ -111,7 +111,7 @@ def test_species_share_a_lattice_at_random():
 
 def test_a_lattice_that_does_not_fit_is_refused():
     scene = on_lattice(box(3, 3, P), [(110, 0.15, 1.0)])
-    with pytest.raises(RequestError, match=r"places for 110 disks of radius 0\.15"):
+    with pytest.raises(RequestError, match=r"110 places for disks of radius 0\.15"):
         draw(scene, 0)
 
 

@@ -42,7 +42,7 @@ def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     """
     fixed = scene.species[0].position if scene.species else None
     if scene.placement == "lattice":
-        return _on_lattice(scene, scene.radius, fixed, stream)
+        return _on_lattice(scene, fixed, stream)
     return _insert(scene, stream) if scene.particles else np.zeros((0, 2))
 
 
@@ -85,16 +85,25 @@ def _insert(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     return (position + low).take(back, axis=0)
 
 
-def _on_lattice(
-    scene: Scene, radius: np.ndarray, fixed: tuple[float, float] | None, stream: np.random.Generator
-) -> np.ndarray:
-    """Return centres (N, 2) on random sites of a lattice; disk 0 is at `fixed`, if this is not None, off the lattice.
+def _on_lattice(scene: Scene, fixed: tuple[float, float] | None, stream: np.random.Generator) -> np.ndarray:
+    """Return centres (N, 2) on random sites of a lattice; disk 0 is at `fixed`, if not None, off the lattice."""
+    if not scene.species:
+        return np.zeros((0, 2))
+    sites = lattice_sites(scene)
+    position = sites[stream.permutation(len(sites))[: scene.particles - (fixed is not None)]]
+    return position if fixed is None else np.concatenate([[fixed], position])
 
-    Around a fixed disk sites are lost: the lattice is refined until enough are left.
+
+def lattice_sites(scene: Scene) -> np.ndarray:
+    """Return the sites (at least as many as disks without a position, 2) of a lattice in the box of a scene.
+
+    Around a fixed disk sites are lost: the lattice is refined until enough are left. Raises RequestError if there is no
+    such lattice with places as large as the largest disk.
     """
+    fixed, radius = scene.species[0].position, scene.radius
     free = radius if fixed is None else radius[1:]
     if len(free) == 0:
-        return np.array(fixed or (), dtype=float).reshape(-1, 2)
+        return np.zeros((0, 2))
     low, size = scene.box.accessible(free.max())
     wanted, sites = len(free), np.zeros((0, 2))
     while len(sites) < len(free):
@@ -102,8 +111,9 @@ def _on_lattice(
         sites = low + lattice
         if nearest < 2 * free.max() * (1 - 1e-14):
             raise RequestError(
-                f"disks: no triangular lattice in this box has places for {len(free)} disks of radius "
-                f"{float(free.max())!r} (packing fraction {scene.packing_fraction:.4g}); must be fewer or smaller disks"
+                f"disks: no triangular lattice in this box has {len(free)} places for disks of radius "
+                f"{float(free.max())!r}, the largest (packing fraction {scene.packing_fraction:.4g}); must be fewer or "
+                "smaller disks"
             )
         if fixed is not None:
             separation = np.abs(sites - fixed)
@@ -111,8 +121,7 @@ def _on_lattice(
                 separation = np.minimum(separation, size - separation)
             sites = sites[np.hypot(*separation.T) >= radius[0] + free.max()]
         wanted += len(free) - min(len(sites), len(free))
-    position = sites[stream.permutation(len(sites))[: len(free)]]
-    return position if fixed is None else np.concatenate([[fixed], position])
+    return sites
 
 
 def _lattice(size: np.ndarray, periodic: bool, n: int) -> tuple[np.ndarray, float]:

@@ -11,6 +11,7 @@ from itertools import chain
 from brownpipe import observables
 from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
 from brownpipe.engines.exact.layout import prepare
+from brownpipe.engines.placement import lattice_sites
 from brownpipe.engines.saturation import placement_caution
 from brownpipe.engines.units import frame_of
 from brownpipe.errors import RequestError
@@ -158,7 +159,14 @@ def _foreseen(scene: Scene, cost: forecast.Cost) -> list[str]:
 def _placement(engine: Engine, scene: Scene, runs: int) -> str | None:
     """Return one line of caution if the disks that an engine needs are likely to find no places in some of the runs."""
     placed = engine.definition.scene_with_disks(scene, dict(engine.settings))
-    return None if placed is None else placement_caution(placed, runs)
+    if placed is None:
+        return None
+    if placed.placement == "lattice" and placed.species:
+        try:
+            lattice_sites(placed)
+        except RequestError as error:
+            return f"{placed.name}, N = {placed.particles}: every run will be refused: {error}"
+    return placement_caution(placed, runs)
 
 
 def _cautions(engine: Engine, scenes: Sequence[Scene]) -> list[str]:

@@ -27,6 +27,8 @@ def refuse_unfit(scene: Scene, settings: dict, record: Collection[str]) -> None:
             f"{scene.name}: time_step: must be at most {most:.4g}, in which a disk at thermal speed covers its radius, "
             f"found {time_step!r}"
         )
+    if math.isinf(time_step):
+        raise RequestError(f"{scene.name}, N = {scene.particles}: --engine timestep needs disks that move")
     if not time_step >= least:
         raise RequestError(
             f"{scene.name}: time_step: must be at least {least:.4g} in {precision} precision, for at most "
