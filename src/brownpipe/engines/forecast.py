@@ -19,6 +19,7 @@ import numpy as np
 from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.friction import DENSEST
+from brownpipe.engines.saturation import share_failing
 from brownpipe.engines.units import PATH_PER_BLOCK
 from brownpipe.errors import RequestError
 from brownpipe.observables import Observable
@@ -28,6 +29,8 @@ from brownpipe.scene import Scene
 
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
 EACH_RUN = 1.1e-4  # CPU seconds to begin a run, and to store what is recorded
+EQUILIBRATION = 2.5e-4  # CPU seconds to begin the time to equilibrate, and to check its end
+SECONDS_TO_FAIL = 0.09  # CPU seconds of the tries of a disk that finds no place by random insertion
 SECONDS_PER_DISK = 1e-6  # CPU seconds to draw the initial state of one disk, list it, and predict its first event
 SECONDS_PER_COLLISION = 2e-7  # CPU seconds, with a disk or a wall
 SECONDS_PER_CROSSING = 1.6e-7  # CPU seconds for a disk that moves by the distance of neighbours
@@ -90,7 +93,8 @@ def of_run(
     every_disk = measures.needs_every_disk(scene, observables, average)
     disks_recorded = 1 + (scene.particles if every_disk or "all" in record else 0)
     working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * len(scene.times) * disks_recorded
-    seconds = EACH_RUN + (SECONDS_PER_DISK + SECONDS_PER_BLOCK * blocks(time, mixture)) * scene.particles
+    seconds = EACH_RUN + EQUILIBRATION * (scene.equilibrate > 0) + SECONDS_TO_FAIL * share_failing(scene)
+    seconds += (SECONDS_PER_DISK + SECONDS_PER_BLOCK * blocks(time, mixture)) * scene.particles
     seconds += slower * SECONDS_PER_COLLISION * events
     seconds += slower * SECONDS_PER_CROSSING * time * crossing_rate(scene, mixture)
     if every_disk or "all" in record:
