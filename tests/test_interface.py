@@ -198,7 +198,10 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "again"),
-    [("runs.h5", "seeds 0-9 are lost"), ("study.nc", "delete it and run the study or brownpipe aggregate again")],
+    [
+        ("runs.h5", "seeds 0-9 are lost"),
+        ("study.nc", "delete it and run the study, brownpipe aggregate or brownpipe tradeoff again"),
+    ],
 )
 def test_a_damaged_file_is_not_opened(folder, tmp_path, name, again):
     contents = bytearray((folder / name).read_bytes())

@@ -154,6 +154,53 @@ def test_number_of_runs_is_worked_out_again_when_the_scene_or_the_wish_changes(s
     assert digests == {"few, N = 13": again.cases[0].digest} and again.seeds != ()
 
 
+def test_runs_that_fail_are_made_up_for(study_file, tmp_path, monkeypatch):
+    """Three of four runs of the pilot failed: four times as many runs are needed."""
+    needed = run_count.settle(read_study(study_file(tolerance=0.05)), tmp_path / "all.yaml", print).seeds
+    pilot = run_count.run_pilot
+    monkeypatch.setattr(
+        run_count, "run_pilot", lambda *case: (runs := pilot(*case))._replace(failed=3 * len(runs.seeds))
+    )
+    more = run_count.settle(read_study(study_file(tolerance=0.05)), tmp_path / "few.yaml", print).seeds
+    assert len(more) == 4 * len(needed)
+    sound, failing = (EnginePerformance(EXACT, 0.0, 0.0, 1.0, 0.02, share) for share in (1.0, 0.25))
+    (one,), (other,) = (offers([case_of(each)], 0.02, None) for each in (sound, failing))
+    assert (one.runs, one.failing, other.runs, other.failing) == (2500, 0, 10_000, 7500)
+    assert other.error == pytest.approx(one.error)
+    assert "10,000 runs, of which some 7,500 fail" in plan.recommendation([case_of(failing)], "msd", 0.02, None)
+
+
+@pytest.mark.parametrize("target", ["msd", "d"])
+def test_a_tracer_that_does_not_move_has_no_relative_error(study_file, tmp_path, here, capsys, target):
+    (tmp_path / "scenes" / "few.yaml").write_text(SCENE.replace("standard_deviation: 2.0", "temperature: 0.0"))
+    path = study_file(tolerance=0.05, target=target)
+    assert read_study(path).cases[0].velocities.temperature == 0.0
+    with pytest.raises(RequestError, match="few: the tracer does not move"):
+        run_count.settle(read_study(path), tmp_path / "plan.yaml", print)
+    assert not (tmp_path / "plan.yaml").exists()
+    assert cli.main(["plan", str(path)]) == WRONG_REQUEST
+    said = capsys.readouterr().err
+    assert "few: the tracer does not move" in said and said.count("\n") == 1
+
+
+def test_plan_replaces_no_scene_and_refuses_one_without_chance(study_file, tmp_path, here, capsys):
+    path, scene = study_file(seeds=5), tmp_path / "scenes" / "few.yaml"
+    for name in (scene, tmp_path / "scenes" / ".." / "scenes" / "few.yaml"):
+        assert cli.main(["plan", str(path), "--tolerance", "20%", "--write", str(name)]) == WRONG_REQUEST
+        assert "is an input; choose another name" in capsys.readouterr().err
+    assert scene.read_text() == SCENE
+    listed = "box: {x: [0, 9], y: [0, 9], boundary: periodic}\nduration: 1.0\n"
+    scene.write_text(f"{listed}disks: [{{position: [1, 1], velocity: [1, 0], radius: 0.5, mass: 1.0}}]\n")
+    assert cli.main(["plan", str(study_file(seeds=1)), "--tolerance", "20%"]) == WRONG_REQUEST
+    assert "few leaves nothing to chance" in capsys.readouterr().err
+
+
+def test_a_planned_study_records_what_was_planned(study_file, here):
+    path = study_file(seeds=5, record="none", observables=["species_energy"])
+    writing.write_yaml("planned.yaml", writing.derived_study(path, "planned.yaml", EXACT, 20), "planned")
+    assert read_study("planned.yaml").record == "tracer"
+
+
 def test_achieved_error_is_the_tolerance(study_file, tmp_path):
     """400 runs of the pilot and those of the study each know a spread of exponential r^2 to sqrt(2/n): 8 % here."""
     study = run_count.settle(read_study(study_file(tolerance=0.05)), tmp_path / "plan.yaml", print)
@@ -301,8 +348,14 @@ def test_a_stored_tradeoff_that_is_not_as_it_was_made_is_refused_in_one_line(stu
         (found.assign(engine=nonsense), "JSONDecodeError: "),
         (found.assign(engine=unknown), "AttributeError: "),
         (found.assign(engine=other), "exact: name: 'other' is unknown; must be"),
-        (found.assign(msd_spread=math.nan * found.msd_spread), "msd_spread: must be a finite number"),
-        (found.assign(seconds=math.inf * found.seconds), "seconds: must be a finite number"),
+        *(
+            (found.assign({name: 0.0 * found[name] + value}), f"{name}: must be a positive number")
+            for name in ("msd_spread", "seconds")
+            for value in (math.nan, math.inf, 0.0, -1.0, 1e300)
+        ),
+        (found.assign(msd_bias=0.0 * found.msd_bias + 1e300), "msd_bias: must be finite"),
+        (found.assign(msd_bias=0.0 * found.msd_bias - math.inf), "msd_bias: must be finite"),
+        (found.assign(failed_runs=0 * found.failed_runs - 1), "failed_runs: must be a number of runs"),
     ):
         storage.write_dataset(stored / "tradeoff.nc", wrong)
         status, said = cli.main(["plan", str(path), "--tolerance", "20%"]), capsys.readouterr().err

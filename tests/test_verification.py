@@ -231,7 +231,7 @@ def test_from_another_folder_the_cure_goes_there_first(study, monkeypatch):
             "simulate/hot/N6/exact/0-1.h5",
             "seeds 0-1 are lost: delete it and run the study again, or brownpipe simulate",
         ),
-        ("aggregate/mine.nc", "delete it and run the study or brownpipe aggregate again"),
+        ("aggregate/mine.nc", "delete it and run the study, brownpipe aggregate or brownpipe tradeoff again"),
         ("figures/health.svg", "brownpipe figures results/mine/aggregate/mine.nc --output results/mine/figures"),
         ("report.html", "delete it and run the study again"),
     ],

@@ -67,7 +67,7 @@ def read_values(path: str | Path, names: Iterable[str]) -> dict[str, np.ndarray]
 
 
 def _remedy(_: str | Path) -> str:
-    return "delete it and run the study or brownpipe aggregate again"
+    return "delete it and run the study, brownpipe aggregate or brownpipe tradeoff again"
 
 
 def _to_bytes(dataset: "xarray.Dataset") -> bytes:

@@ -1,5 +1,6 @@
 """The number of runs of each engine that meets a tolerance or fits a budget, with its error and cost: an offer."""
 
+import math
 import os
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ class Offer(NamedTuple):
     seconds: float  # of CPU, with starting the processes
     wall_seconds: float  # on the cores of this machine
     size: float  # bytes of files
+    failing: int = 0  # of these runs of a case, that are expected to fail
 
 
 def offers(cases: list[CasePerformance], tolerance: float | None, budget: float | None) -> list[Offer]:
@@ -58,8 +60,10 @@ def _offer(cases: list[CasePerformance], engine: Engine, runs: int) -> Offer:
         seconds += runs * per_run + len(batches) * forecast.START_UP
         longest = max(longest, per_run * max(last - first + 1 for first, last in batches))
     performances = [case.engines[engine] for case in cases]
-    error = max(float(np.sqrt(each.bias_square + each.scatter**2 / runs)) for each in performances)
-    return Offer(engine, runs, error, seconds, max(seconds / cores(), longest), runs * sum(map(_recorded, cases)))
+    error = max(float(np.sqrt(each.bias_square + each.scatter**2 / (runs * each.share_sound))) for each in performances)
+    failing = round(runs * (1.0 - min(each.share_sound for each in performances)))
+    size = runs * sum(map(_recorded, cases))
+    return Offer(engine, runs, error, seconds, max(seconds / cores(), longest), size, failing)
 
 
 def _seconds_per_run(cases: list[CasePerformance], engine: Engine) -> list[float]:
@@ -73,9 +77,17 @@ def _recorded(case: CasePerformance) -> float:
 
 
 def _runs_for_tolerance(performances: list[EnginePerformance], tolerance: float) -> int | None:
-    """Return the runs that the most demanding case needs; None if a bias is too large, or for too many runs."""
-    needed = [runs_for(tolerance, performance.bias_square, performance.scatter) for performance in performances]
-    return None if None in needed or max(needed) > MOST_SEEDS else max(needed)
+    """Return the runs, failing ones included, that the most demanding case needs.
+
+    None if a bias is too large, or for too many runs.
+    """
+    needed = []
+    for performance in performances:
+        runs = runs_for(tolerance, performance.bias_square, performance.scatter)
+        if runs is None:
+            return None
+        needed.append(math.ceil(runs / performance.share_sound))
+    return max(needed) if max(needed) <= MOST_SEEDS else None
 
 
 def _runs_for_budget(seconds_per_run: list[float], budget: float) -> int | None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import xarray
 
 TIMING_REPEATS = 3
+LARGEST = 1e100  # of relative errors and of CPU times [s] in a stored trade-off
 PREFIX = {"msd": "msd", "d": "d", "displacement_distribution": "displacement"}  # of the variables of a trade-off
 
 
@@ -33,11 +34,12 @@ class EnginePerformance(NamedTuple):
     bias_error: float  # standard error of the bias
     scatter: float  # standard deviation over runs
     seconds: float  # of CPU for one run
+    share_sound: float = 1.0  # of runs that do not fail
 
     @property
     def bias_square(self) -> float:
-        """The squared bias that enters the total error: at least the square of its standard error."""
-        return max(self.bias**2, self.bias_error**2)
+        """The squared bias that enters the total error: at least the square of its standard error; NaN if unknown."""
+        return float(np.maximum(self.bias**2, self.bias_error**2))
 
 
 class CasePerformance(NamedTuple):
@@ -103,8 +105,12 @@ def _in_scene(
     if not performances or performances[0].engine != REFERENCE:
         raise FigureError("setting: must have exact runs in the dataset; make it again")
     for name, field in ((f"{PREFIX[target]}_spread", "scatter"), ("seconds", "seconds")):
-        if not all(np.isfinite(getattr(performance, field)) for performance in performances):
-            raise FigureError(f"{name}: must be a finite number for every engine in the dataset; make it again")
+        if not all(0.0 < getattr(performance, field) < LARGEST for performance in performances):
+            raise FigureError(f"{name}: must be a positive number for every engine in the dataset; make it again")
+    if any(max(abs(performance.bias), abs(performance.bias_error)) >= LARGEST for performance in performances):
+        raise FigureError(f"{PREFIX[target]}_bias: must be finite for every engine in the dataset; make it again")
+    if not all(0.0 < performance.share_sound <= 1.0 for performance in performances):
+        raise FigureError("failed_runs: must be a number of runs for every engine in the dataset; make it again")
     return performances
 
 
@@ -133,7 +139,10 @@ def _performance(engine: Engine, values: Mapping[str, str | float | np.ndarray],
     name = PREFIX[target]
     error = f"{name}_bias_noise" if target == "displacement_distribution" else f"{name}_bias_standard_error"
     numbers = (values[f"{name}_bias"], values[error], values[f"{name}_spread"], values["seconds"])
-    return EnginePerformance(engine, *map(float, numbers))
+    bias, bias_error, scatter, seconds = map(float, numbers)
+    sound, failed = float(values["runs"]), float(values["failed_runs"])
+    share_sound = sound / (sound + failed) if sound + failed > 0.0 else np.nan
+    return EnginePerformance(engine, bias, bias_error, scatter, seconds, share_sound)
 
 
 def candidates(scene: Scene) -> list[Engine]:

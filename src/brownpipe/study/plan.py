@@ -57,7 +57,8 @@ def _choice(cases: list[CasePerformance], tolerance: float | None, budget: float
 
 def _offer(offer: Offer) -> str:
     """Return runs, error and cost of an offer."""
-    runs = f"{offer.engine.label}: {offer.runs:,} runs, error {_percent(offer.error)}"
+    failing = f", of which some {offer.failing:,} fail" if offer.failing else ""
+    runs = f"{offer.engine.label}: {offer.runs:,} runs{failing}, error {_percent(offer.error)}"
     wall = f"{in_time(offer.wall_seconds)} on {cores()} cores"
     return f"{runs}; {in_time(offer.seconds)} of CPU, {wall}, {in_bytes(offer.size)} of files"
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from brownpipe.errors import RequestError
+from brownpipe.engines.saturation import share_failing
+from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.formatting import in_time
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import MOST_SEEDS
@@ -19,6 +20,7 @@ from brownpipe.tradeoff import bias, runs_for, spread_of
 
 COMMENT = "# The number of runs that the tolerance of this study needs, determined once."
 PLAN = "plan.yaml"
+LEAST_SOUND = 1e-9  # share of runs that do not fail: with fewer, more seeds are needed than there are
 DISTRIBUTION = "displacement_distribution"  # the target whose scatter is known without pilot runs
 
 
@@ -70,12 +72,16 @@ def assumed_runs(tolerance: float) -> int:
 
 
 def _runs_needed(scene: Scene, study: Study) -> int:
-    """Return the number of exact runs of a scene whose standard error is the study's tolerance."""
+    """Return the number of exact runs of a scene, with failing ones, whose standard error is the study's tolerance."""
     if study.target == DISTRIBUTION:
-        scatter = bias.spread_of_shares()
+        scatter, sound = bias.spread_of_shares(), 1.0 - share_failing(scene)
     else:
-        scatter = spread_of(run_pilot(scene, REFERENCE), study.target, study.fit_windows[0])
-    runs = runs_for(study.tolerance, 0.0, scatter)
+        pilot = run_pilot(scene, REFERENCE)
+        try:
+            scatter, sound = spread_of(pilot, study.target, study.fit_windows[0]), pilot.share_sound
+        except AnalysisError as error:
+            raise RequestError(str(error)) from error
+    runs = math.ceil(runs_for(study.tolerance, 0.0, scatter) / max(sound, LEAST_SOUND))
     if runs > MOST_SEEDS:
         needed = f"a tolerance of {study.tolerance:g} needs {runs} runs; at most {MOST_SEEDS}"
         raise RequestError(f"{case_title(scene)}: {needed}")

@@ -167,6 +167,11 @@ def refuse_repetition(scenes: Sequence[Scene], seeds: Sequence[int], entry: Entr
         refuse(entry or Entry(None, "", ("seeds",)), f"must be one seed, {why}; found {len(seeds)}")
 
 
+def without_chance(scenes: Sequence[Scene]) -> str | None:
+    """Return the name of the first scene of which all runs are identical: with listed disks, or with none."""
+    return next((scene.name for scene in scenes if scene.disks or not scene.particles), None)
+
+
 def _one_or_more(entry: Entry) -> list[Entry]:
     """Return the entries of a list that is not empty; a single value stands for a list of one."""
     entries = reading.items(entry) if isinstance(entry.value, list | tuple) else [entry]
@@ -261,9 +266,8 @@ def _tolerance(entries: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[flo
         if target.value is not None:
             refuse(target, "must not be given without a tolerance, which is for it")
         return None, None
-    fixed = [case.name for case in cases if case.disks or not case.particles]
-    if fixed:
-        refuse(tolerance, f"{fixed[0]} leaves nothing to chance; must be seeds: 1")
+    if fixed := without_chance(cases):
+        refuse(tolerance, f"{fixed} leaves nothing to chance; must be seeds: 1")
     return read_tolerance(tolerance), read_target(target)
 
 

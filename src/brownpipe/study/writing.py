@@ -28,6 +28,8 @@ def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs
     mapping["scenes"] = [os.path.relpath(Path(study_file).resolve().parent / scene, folder) for scene in scenes]
     for key in NOT_INHERITED:
         mapping.pop(key, None)
+    if mapping.get("record") == "none":
+        mapping.pop("record")  # of which the planned quantity is calculated
     keys = {"engines": [{"name": engine.name, **dict(engine.settings)}], "seeds": runs}
     try:
         read_study(study_file, keys | {"batch": AUTO})

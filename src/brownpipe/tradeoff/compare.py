@@ -23,10 +23,12 @@ def compare(
 ) -> dict[str, str | float | np.ndarray]:
     """Return every variable of one setting: name -> value. `seconds` is the CPU time of a run; `window` that of D.
 
-    `paired`: runs of equal seeds start from the same state. Raises AnalysisError for fewer than two runs.
+    `paired`: runs of equal seeds start from the same state. Raises AnalysisError for fewer than two runs, and if the
+    tracer of the exact runs does not move.
     """
-    if min(len(runs.seeds), len(exact.seeds)) < 2:
-        raise AnalysisError(f"{runs.scene.name}, {runs.engine.label}: fewer than two runs that did not fail")
+    refuse_unfit(runs)
+    refuse_unfit(exact)
+    refuse_motionless(exact)
     pairs = bias.same_seeds(runs.seeds, exact.seeds) if paired else None
     if pairs is not None and len(pairs[0]) < 2:
         pairs = None
@@ -46,11 +48,28 @@ def compare(
     }
 
 
+def refuse_unfit(runs: EngineRuns) -> None:
+    """Raise AnalysisError for fewer than two runs."""
+    if len(runs.seeds) < 2:
+        raise AnalysisError(f"{runs.scene.name}, {runs.engine.label}: fewer than two runs that did not fail")
+
+
+def refuse_motionless(exact: EngineRuns) -> None:
+    """Raise AnalysisError if the MSD at the end is 0: errors are relative to it."""
+    if not exact.squared[:, -1].mean() > 0.0:
+        raise AnalysisError(
+            f"{exact.scene.name}: the tracer does not move, and errors are relative to its MSD; leave it out"
+        )
+
+
 def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> float:
     """Return the spread of `msd` (at the end) or `d` (in the window) in one run: standard deviation / mean.
 
-    The standard deviation of n runs is estimated with n - 1 degrees of freedom.
+    The standard deviation of n runs is estimated with n - 1 degrees of freedom. Raises AnalysisError for fewer than two
+    runs, and if the tracer does not move.
     """
+    refuse_unfit(runs)
+    refuse_motionless(runs)
     values = _per_run(runs, [], window)[:, TARGET_COLUMNS[target]]
     return float(values.std(ddof=1) / abs(values.mean()))
 

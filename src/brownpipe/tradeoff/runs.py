@@ -35,6 +35,11 @@ class EngineRuns(NamedTuple):
         return self.scene.name, self.scene.particles
 
     @property
+    def share_sound(self) -> float:
+        """The share of runs that did not fail."""
+        return len(self.seeds) / max(len(self.seeds) + self.failed, 1)
+
+    @property
     def is_reference(self) -> bool:
         return self.engine.name == REFERENCE_NAME
 
