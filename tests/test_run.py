@@ -116,7 +116,16 @@ def test_run_starts_the_workflow_of_this_installation(capsys, study, started, mo
     assert said(capsys, "run", study, "-j", "3", "--", "tradeoff_figures", "--config", "seeds=3") == (DONE, "", "")
     ((command, environment),) = started
     further = ["tradeoff_figures", "--config", "seeds=3"]
-    first = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--configfile", study]
+    first = [
+        sys.executable,
+        "-P",
+        "-c",
+        workflow.SNAKEMAKE,
+        "--snakefile",
+        str(ROOT / "Snakefile"),
+        "--configfile",
+        study,
+    ]
     assert (command[: len(first)], command[-5:]) == (first, ["--cores", "3", *further])
     profile = yaml.safe_load((ROOT / "profiles" / "default" / "config.yaml").read_text())
     options = [f"--{key}" if value is True else f"--{key} {value}" for key, value in profile.items()]
@@ -280,6 +289,19 @@ PARENT += (
 def test_the_exit_status_is_that_of_snakemake(capsys, study, monkeypatch, code, status):
     monkeypatch.setattr(workflow, "snakemake_command", lambda *_, **__: [sys.executable, "-c", code])
     assert said(capsys, "run", study)[0] == status
+
+
+def test_an_interrupt_before_snakemake_is_ready_is_one_line(capsys, study, tmp_path, monkeypatch):
+    """A module in place of Snakemake's is interrupted while it is imported."""
+    (tmp_path / "snakemake").mkdir()
+    interrupted = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n"
+    (tmp_path / "snakemake" / "__init__.py").touch()
+    (tmp_path / "snakemake" / "cli.py").write_text(interrupted)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    command = [sys.executable, "-P", "-c", workflow.SNAKEMAKE]
+    process = subprocess.run(command, capture_output=True, text=True, timeout=30)
+    assert (process.returncode, process.stdout, process.stderr) == (130, "", "")
+    assert said(capsys, "run", study) == (130, "", "brownpipe: interrupted\n")
 
 
 @pytest.mark.parametrize(("number", "whole_group", "status"), [("SIGINT", True, 7), ("SIGTERM", False, 143)])

@@ -26,6 +26,16 @@ from brownpipe.study.study_file import MOST_STUDY_BYTES, read_study
 
 WRITTEN = (".", "results", ".snakemake")  # folders that a study writes to
 PAGES = (".html", ".zip")  # suffixes of a report
+INTERRUPTED = 128 + signal.SIGINT
+SNAKEMAKE = f"""\
+import sys
+sys.argv[0] = "snakemake"
+try:
+    from snakemake.cli import main
+    main()
+except KeyboardInterrupt:  # before Snakemake is ready for it: a traceback otherwise
+    sys.exit({INTERRUPTED})
+"""
 
 
 def pipeline_folder() -> Path:
@@ -128,7 +138,7 @@ def snakemake_command(
     else:
         place = ["--profile", str(profile_folder(profile)), *(["--jobs", str(cores)] if cores else [])]
     words = [*files, *_options_of_profile(folder), *place, *further]
-    return [sys.executable, "-P", "-m", "snakemake", *map(str, words)]
+    return [sys.executable, "-P", "-c", SNAKEMAKE, *map(str, words)]
 
 
 def profile_folder(profile: str) -> Path:
@@ -182,7 +192,10 @@ def _is_same(one: str | None, other: Path) -> bool:
 
 
 def _wait_for(command: list[str], environment: dict[str, str]) -> int:
-    """Run Snakemake and return its exit status, as a shell would. It ends by itself at Ctrl-C, which it gets, too."""
+    """Run Snakemake and return its exit status, as a shell would. It ends by itself at Ctrl-C, which it gets, too.
+
+    Raises KeyboardInterrupt if that came before Snakemake was ready to say so.
+    """
     with interrupts.passed_on(), subprocess.Popen(command, env=environment) as process:
         while process.returncode is None:
             try:
@@ -192,4 +205,6 @@ def _wait_for(command: list[str], environment: dict[str, str]) -> int:
             except SystemExit:  # raised for SIGTERM, which only this process gets
                 process.send_signal(signal.SIGTERM)
                 raise
+    if process.returncode == INTERRUPTED:
+        raise KeyboardInterrupt
     return process.returncode if process.returncode >= 0 else 128 - process.returncode
