@@ -22,7 +22,8 @@ SILENT = {  # what a verb imports and what decides no number and no byte of its 
     },
     "to verify files of another step": {"storage/checksums.py"},
     "to refuse and to forecast; settings of engines are arguments": {
-        *("engines/definition.py", "engines/forecast.py", "engines/friction.py", "engines/units.py"),
+        *("engines/definition.py", "engines/forecast.py", "engines/friction.py", "engines/saturation.py"),
+        "engines/units.py",
         *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),
         "figures/catalogue.py",
     },

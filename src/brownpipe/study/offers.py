@@ -43,6 +43,8 @@ def offers(cases: list[CasePerformance], tolerance: float | None, budget: float 
             continue
         if tolerance is None:
             runs = _runs_for_budget(_seconds_per_run(cases, engine), budget)
+            if runs is not None and runs * min(each.share_sound for each in performances) < FEWEST_RUNS:
+                runs = None
         else:
             runs = _runs_for_tolerance(performances, tolerance)
         if runs:

@@ -106,9 +106,13 @@ def _in_scene(
         raise FigureError("setting: must have exact runs in the dataset; make it again")
     for name, field in ((f"{PREFIX[target]}_spread", "scatter"), ("seconds", "seconds")):
         if not all(0.0 < getattr(performance, field) < LARGEST for performance in performances):
-            raise FigureError(f"{name}: must be a positive number for every engine in the dataset; make it again")
+            raise FigureError(
+                f"{name}: must be between 0 and {LARGEST:g} for every engine in the dataset; make it again"
+            )
     if any(max(abs(performance.bias), abs(performance.bias_error)) >= LARGEST for performance in performances):
-        raise FigureError(f"{PREFIX[target]}_bias: must be finite for every engine in the dataset; make it again")
+        raise FigureError(
+            f"{PREFIX[target]}_bias: must be below {LARGEST:g} for every engine in the dataset; make it again"
+        )
     if not all(0.0 < performance.share_sound <= 1.0 for performance in performances):
         raise FigureError("failed_runs: must be a number of runs for every engine in the dataset; make it again")
     return performances

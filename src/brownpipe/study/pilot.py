@@ -7,6 +7,7 @@ import numpy as np
 
 from brownpipe import tradeoff
 from brownpipe.engines import Engine, forecast
+from brownpipe.engines.saturation import share_failing
 from brownpipe.scene import Scene
 
 FIRST_SEED = 2**40
@@ -15,8 +16,9 @@ FEWEST_RUNS, MOST_RUNS = 10, 400
 
 
 def pilot_runs(scene: Scene) -> int:
-    """Return the number of runs of a pilot."""
-    return int(np.clip(SECONDS / forecast.of_run(scene).seconds, FEWEST_RUNS, MOST_RUNS))
+    """Return the number of runs of a pilot; the time of those that fail does not count, as they say nothing."""
+    seconds = forecast.of_run(scene).seconds - forecast.SECONDS_TO_FAIL * share_failing(scene)
+    return int(np.clip(SECONDS / seconds, FEWEST_RUNS, MOST_RUNS))
 
 
 def pilot_seconds(scene: Scene) -> float:

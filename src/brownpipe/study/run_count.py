@@ -20,7 +20,7 @@ from brownpipe.tradeoff import bias, runs_for, spread_of
 
 COMMENT = "# The number of runs that the tolerance of this study needs, determined once."
 PLAN = "plan.yaml"
-LEAST_SOUND = 1e-9  # share of runs that do not fail: with fewer, more seeds are needed than there are
+LEAST_SOUND = 0.01  # share of runs that do not fail
 DISTRIBUTION = "displacement_distribution"  # the target whose scatter is known without pilot runs
 
 
@@ -81,7 +81,11 @@ def _runs_needed(scene: Scene, study: Study) -> int:
             scatter, sound = spread_of(pilot, study.target, study.fit_windows[0]), pilot.share_sound
         except AnalysisError as error:
             raise RequestError(str(error)) from error
-    runs = math.ceil(runs_for(study.tolerance, 0.0, scatter) / max(sound, LEAST_SOUND))
+    if sound < LEAST_SOUND:
+        share = f"{100 * (1 - sound):.4g} % of the runs are expected to find no places"
+        raise RequestError(f"{case_title(scene)}: {share}; must be fewer or smaller disks, or `placement: lattice`")
+    sound_runs = runs_for(study.tolerance, 0.0, scatter)
+    runs = math.ceil(sound_runs / sound * (1 - 1e-6))  # no run more where a share of 1e-9 is expected to fail
     if runs > MOST_SEEDS:
         needed = f"a tolerance of {study.tolerance:g} needs {runs} runs; at most {MOST_SEEDS}"
         raise RequestError(f"{case_title(scene)}: {needed}")

@@ -15,6 +15,7 @@ import numpy as np
 
 from brownpipe import observables as measures
 from brownpipe.engines import read_engine
+from brownpipe.engines.units import thermal_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.quoting import shell_path
@@ -167,9 +168,14 @@ def refuse_repetition(scenes: Sequence[Scene], seeds: Sequence[int], entry: Entr
         refuse(entry or Entry(None, "", ("seeds",)), f"must be one seed, {why}; found {len(seeds)}")
 
 
-def without_chance(scenes: Sequence[Scene]) -> str | None:
-    """Return the name of the first scene of which all runs are identical: with listed disks, or with none."""
-    return next((scene.name for scene in scenes if scene.disks or not scene.particles), None)
+def without_errors(scenes: Sequence[Scene]) -> str | None:
+    """Return why no number of runs has a relative error in one of the scenes; None if each has one."""
+    for scene in scenes:
+        if scene.disks or not scene.particles:
+            return f"{scene.name} leaves nothing to chance"
+        if thermal_speed(scene) == 0.0:
+            return f"in {scene.name} nothing moves"
+    return None
 
 
 def _one_or_more(entry: Entry) -> list[Entry]:
@@ -266,8 +272,8 @@ def _tolerance(entries: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[flo
         if target.value is not None:
             refuse(target, "must not be given without a tolerance, which is for it")
         return None, None
-    if fixed := without_chance(cases):
-        refuse(tolerance, f"{fixed} leaves nothing to chance; must be seeds: 1")
+    if reason := without_errors(cases):
+        refuse(tolerance, f"{reason}; must be seeds: 1")
     return read_tolerance(tolerance), read_target(target)
 
 

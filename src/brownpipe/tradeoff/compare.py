@@ -57,9 +57,8 @@ def refuse_unfit(runs: EngineRuns) -> None:
 def refuse_motionless(exact: EngineRuns) -> None:
     """Raise AnalysisError if the MSD at the end is 0: errors are relative to it."""
     if not exact.squared[:, -1].mean() > 0.0:
-        raise AnalysisError(
-            f"{exact.scene.name}: the tracer does not move, and errors are relative to its MSD; leave it out"
-        )
+        why = "the tracer does not move, and errors are relative to its MSD"
+        raise AnalysisError(f"{exact.scene.name}: {why}; leave this scene out of the study")
 
 
 def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> float:

@@ -28,7 +28,9 @@ def refuse_unfit(scene: Scene, settings: dict, record: Collection[str]) -> None:
             f"found {time_step!r}"
         )
     if math.isinf(time_step):
-        raise RequestError(f"{scene.name}, N = {scene.particles}: --engine timestep needs disks that move")
+        raise RequestError(
+            f"{scene.name}, N = {scene.particles}: --engine timestep needs disks that move, or a finite time_step"
+        )
     if not time_step >= least:
         raise RequestError(
             f"{scene.name}: time_step: must be at least {least:.4g} in {precision} precision, for at most "
