@@ -172,24 +172,32 @@ def test_runs_that_fail_are_made_up_for(study_file, tmp_path, monkeypatch):
     assert "10,000 runs, of which some 7,500 fail" in plan.recommendation([case_of(failing)], "msd", 0.02, None)
 
 
-def test_a_pilot_has_runs_that_do_not_fail():
-    """Nine of ten find no places; ordinary scenes are as before, also where a share of 1e-9 is expected to fail."""
+def crowd(count):
+    """Disks at random places, for 56 of which a share of 3e-10 of the runs is expected to fail, for 72 nine of ten."""
+    disks = {"species": [{"name": "a", "count": count, "radius": 0.5, "mass": 1.0}]}
     box = {"x": [0, 10], "y": [0, 10], "boundary": "periodic"}
-    crowds = {
-        n: parse_scene(
-            {
-                "box": box,
-                "disks": {"species": [{"name": "a", "count": n, "radius": 0.5, "mass": 1.0}]},
-                "velocities": {"temperature": 1.0},
-                "duration": 0.01,
-            },
-            "crowd",
-        )
-        for n in (40, 56, 72)
-    }
-    assert pilot.pilot_runs(crowds[72]) * (1 - share_failing(crowds[72])) > 40
-    assert pilot.pilot_seconds(crowds[72]) > 100 * pilot.pilot_seconds(crowds[40])
-    assert 0 < share_failing(crowds[56]) < 1e-6
+    return {"box": box, "disks": disks, "velocities": {"temperature": 1.0}, "duration": 0.01}
+
+
+def test_a_pilot_has_runs_that_do_not_fail():
+    few, many = (parse_scene(crowd(count), "crowd") for count in (40, 72))
+    assert pilot.pilot_runs(many) * (1 - share_failing(many)) > 40
+    assert pilot.pilot_seconds(many) > 100 * pilot.pilot_seconds(few)
+
+
+def test_failing_runs_are_added_where_they_are_more_than_none(study_file, tmp_path):
+    assert 0 < share_failing(parse_scene(crowd(56), "crowd")) < 1e-6
+    counts = {}
+    for count in (40, 56, 72):
+        (tmp_path / "scenes" / "few.yaml").write_text(yaml.safe_dump(crowd(count)))
+        study = read_study(study_file(tolerance=0.05, target="displacement_distribution"))
+        counts[count] = len(run_count.settle(study, tmp_path / f"{count}.yaml", print).seeds)
+    assert counts[40] == counts[56] < counts[72] / 5
+    (tmp_path / "scenes" / "few.yaml").write_text(yaml.safe_dump(crowd(80)))
+    with pytest.raises(RequestError, match=r"few, N = 80: 100 % of the runs are expected to fail; must be fewer"):
+        run_count.settle(read_study(study_file(tolerance=0.05, target="displacement_distribution")), "none.yaml", print)
+    assert tradeoff.runs_for(1e-4, 0.0, 1.0) == tradeoff.runs_for(1e-4, 0.0, 1.0, 1.0) == 10**8
+    assert tradeoff.runs_for(0.02, 0.0, 1.0, 0.25) == 4 * tradeoff.runs_for(0.02, 0.0, 1.0)
 
 
 def test_a_budget_for_too_few_runs_that_do_not_fail_offers_nothing():
@@ -386,6 +394,13 @@ def test_a_stored_tradeoff_that_is_not_as_it_was_made_is_refused_in_one_line(stu
         ),
         (found.assign(msd_bias=0.0 * found.msd_bias + 1e300), "msd_bias: must be below 1e+100"),
         (found.assign(msd_bias=0.0 * found.msd_bias - math.inf), "msd_bias: must be below 1e+100"),
+        (
+            found.assign(
+                msd_bias=math.nan * found.msd_bias,
+                msd_bias_standard_error=0.0 * found.msd_bias_standard_error + 1e300,
+            ),
+            "msd_bias: must be below 1e+100",
+        ),
         (found.assign(failed_runs=0 * found.failed_runs - 1), "failed_runs: must be a number of runs"),
     ):
         storage.write_dataset(stored / "tradeoff.nc", wrong)

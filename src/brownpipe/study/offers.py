@@ -1,6 +1,5 @@
 """The number of runs of each engine that meets a tolerance or fits a budget, with its error and cost: an offer."""
 
-import math
 import os
 from typing import NamedTuple
 
@@ -42,9 +41,8 @@ def offers(cases: list[CasePerformance], tolerance: float | None, budget: float 
         if engine != REFERENCE and sum(_seconds_per_run(cases, engine)) >= sum(_seconds_per_run(cases, REFERENCE)):
             continue
         if tolerance is None:
-            runs = _runs_for_budget(_seconds_per_run(cases, engine), budget)
-            if runs is not None and runs * min(each.share_sound for each in performances) < FEWEST_RUNS:
-                runs = None
+            share_sound = min(each.share_sound for each in performances)
+            runs = _runs_for_budget(_seconds_per_run(cases, engine), budget, share_sound)
         else:
             runs = _runs_for_tolerance(performances, tolerance)
         if runs:
@@ -83,20 +81,15 @@ def _runs_for_tolerance(performances: list[EnginePerformance], tolerance: float)
 
     None if a bias is too large, or for too many runs.
     """
-    needed = []
-    for performance in performances:
-        runs = runs_for(tolerance, performance.bias_square, performance.scatter)
-        if runs is None:
-            return None
-        needed.append(math.ceil(runs / performance.share_sound))
-    return max(needed) if max(needed) <= MOST_SEEDS else None
+    needed = [runs_for(tolerance, each.bias_square, each.scatter, each.share_sound) for each in performances]
+    return None if None in needed or max(needed) > MOST_SEEDS else max(needed)
 
 
-def _runs_for_budget(seconds_per_run: list[float], budget: float) -> int | None:
-    """Return the runs of each case that the budget pays for; None for fewer than FEWEST_RUNS."""
+def _runs_for_budget(seconds_per_run: list[float], budget: float, share_sound: float) -> int | None:
+    """Return the runs of each case that the budget pays for; None if fewer than FEWEST_RUNS of them do not fail."""
     left = budget - len(seconds_per_run) * forecast.START_UP
     runs = int(min(left / (sum(seconds_per_run) * (1 + 2 * forecast.START_UP / SHORTEST)), MOST_SEEDS))
-    return runs if runs >= FEWEST_RUNS else None
+    return runs if runs * share_sound >= FEWEST_RUNS else None
 
 
 def cores() -> int:

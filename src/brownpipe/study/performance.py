@@ -109,7 +109,7 @@ def _in_scene(
             raise FigureError(
                 f"{name}: must be between 0 and {LARGEST:g} for every engine in the dataset; make it again"
             )
-    if any(max(abs(performance.bias), abs(performance.bias_error)) >= LARGEST for performance in performances):
+    if any(abs(value) >= LARGEST for each in performances for value in (each.bias, each.bias_error)):
         raise FigureError(
             f"{PREFIX[target]}_bias: must be below {LARGEST:g} for every engine in the dataset; make it again"
         )

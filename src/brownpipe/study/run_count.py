@@ -82,10 +82,9 @@ def _runs_needed(scene: Scene, study: Study) -> int:
         except AnalysisError as error:
             raise RequestError(str(error)) from error
     if sound < LEAST_SOUND:
-        share = f"{100 * (1 - sound):.4g} % of the runs are expected to find no places"
+        share = f"{100 * (1 - sound):.4g} % of the runs are expected to fail"
         raise RequestError(f"{case_title(scene)}: {share}; must be fewer or smaller disks, or `placement: lattice`")
-    sound_runs = runs_for(study.tolerance, 0.0, scatter)
-    runs = math.ceil(sound_runs / sound * (1 - 1e-6))  # no run more where a share of 1e-9 is expected to fail
+    runs = runs_for(study.tolerance, 0.0, scatter, sound)
     if runs > MOST_SEEDS:
         needed = f"a tolerance of {study.tolerance:g} needs {runs} runs; at most {MOST_SEEDS}"
         raise RequestError(f"{case_title(scene)}: {needed}")

@@ -168,7 +168,7 @@ def refuse_repetition(scenes: Sequence[Scene], seeds: Sequence[int], entry: Entr
         refuse(entry or Entry(None, "", ("seeds",)), f"must be one seed, {why}; found {len(seeds)}")
 
 
-def without_errors(scenes: Sequence[Scene]) -> str | None:
+def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
     """Return why no number of runs has a relative error in one of the scenes; None if each has one."""
     for scene in scenes:
         if scene.disks or not scene.particles:
@@ -272,7 +272,7 @@ def _tolerance(entries: dict[str, Entry], cases: tuple[Scene, ...]) -> tuple[flo
         if target.value is not None:
             refuse(target, "must not be given without a tolerance, which is for it")
         return None, None
-    if reason := without_errors(cases):
+    if reason := why_no_relative_error(cases):
         refuse(tolerance, f"{reason}; must be seeds: 1")
     return read_tolerance(tolerance), read_target(target)
 

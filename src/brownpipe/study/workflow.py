@@ -27,13 +27,14 @@ from brownpipe.study.study_file import MOST_STUDY_BYTES, read_study
 WRITTEN = (".", "results", ".snakemake")  # folders that a study writes to
 PAGES = (".html", ".zip")  # suffixes of a report
 INTERRUPTED = 128 + signal.SIGINT
+# As `python -m snakemake`, but without a traceback if Ctrl-C comes before Snakemake is ready for it.
 SNAKEMAKE = f"""\
 import sys
 sys.argv[0] = "snakemake"
 try:
     from snakemake.cli import main
     main()
-except KeyboardInterrupt:  # before Snakemake is ready for it: a traceback otherwise
+except KeyboardInterrupt:
     sys.exit({INTERRUPTED})
 """
 

@@ -29,7 +29,7 @@ def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs
     for key in NOT_INHERITED:
         mapping.pop(key, None)
     if mapping.get("record") == "none":
-        mapping.pop("record")  # of which the planned quantity is calculated
+        del mapping["record"]  # the planned quantity is calculated from the tracer's path
     keys = {"engines": [{"name": engine.name, **dict(engine.settings)}], "seeds": runs}
     try:
         read_study(study_file, keys | {"batch": AUTO})

@@ -34,7 +34,7 @@ def plan(arguments: Namespace) -> int:
     from brownpipe.study import performance, read_study, writing
     from brownpipe.study import plan as planning
     from brownpipe.study.offers import offers
-    from brownpipe.study.study_file import without_errors
+    from brownpipe.study.study_file import why_no_relative_error
 
     study, budget = read_study(arguments.study), arguments.budget
     tolerance, target = study.tolerance, _target(arguments) or study.target or "msd"
@@ -42,7 +42,7 @@ def plan(arguments: Namespace) -> int:
         tolerance = planning.tolerance_of(arguments.tolerance)
     if tolerance is None and budget is None:
         raise RequestError("--tolerance: missing; must be given, or --budget")
-    if reason := without_errors(study.cases):
+    if reason := why_no_relative_error(study.cases):
         raise RequestError(f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan")
     if arguments.write is not None:
         read_name(Entry(Path(arguments.write).stem, "", ("--write",)))  # of the new study
