@@ -125,8 +125,9 @@ def _approximate_engines(scene: Scene) -> list[str]:
             continue
         options = engine.options.partition(" ")[2]
         model = f"{options}: {engine.model([scene])}" if options else engine.model([scene])
-        cost = f"some {in_time(engine.forecast(scene).seconds)} per run"
-        lines += [f"{name:<9} {model}; {cost}", *_cautions(engine, [scene])]
+        cost = engine.forecast(scene)
+        seconds = cost.seconds + cost.storing
+        lines += [f"{name:<9} {model}; some {in_time(seconds)} per run", *_cautions(engine, [scene])]
     return lines
 
 

@@ -11,17 +11,20 @@ from brownpipe.engines.timestep.settings import COLLISIONS, PRECISIONS, largest_
 from brownpipe.scene import reading
 from brownpipe.scene.scene import Scene
 
-SECONDS_PER_DISK_STEP = 8e-10  # CPU seconds per disk and time step
+SECONDS_PER_DISK_STEP = 1.5e-9  # CPU seconds per disk and time step
+SECONDS_PER_CROSSING = 5e-7  # CPU seconds for lists of pairs while a disk moves by the distance of neighbours
 TRIAL_STEPS = (0.5, 0.15, 0.05)  # that `brownpipe plan` tries, in units of the largest allowed step; to one digit
 
 
 def _forecast(
     scene: Scene, settings: dict, record: Collection[str], observables: Collection[str], average: str
 ) -> forecast.Cost:
-    """Return the cost of a run: that of an exact one, as a collision costs the same, plus that of the time steps."""
+    """Return the cost of a run: that of an exact one, plus that of the time steps and of the lists of pairs."""
     exact = forecast.of_run(scene, record, observables, average)
     steps = scene.duration / settings["time_step"]
-    return exact._replace(seconds=exact.seconds + SECONDS_PER_DISK_STEP * scene.particles * steps)
+    seconds = SECONDS_PER_DISK_STEP * scene.particles * steps
+    seconds += SECONDS_PER_CROSSING * scene.duration * forecast.crossing_rate(scene, forecast.mixture_of(scene))
+    return exact._replace(seconds=exact.seconds + seconds)
 
 
 TIMESTEP = Definition(
