@@ -1,5 +1,6 @@
 """The Python interface gives the numbers of the command line, to the bit, and names the argument that is wrong."""
 
+import dataclasses
 import math
 import subprocess
 import sys
@@ -76,6 +77,101 @@ def test_a_part_of_the_samples_is_not_taken_for_the_runs(runs, tmp_path, part):
         bp.save(selected, tmp_path / "part.h5")
 
 
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        (lambda runs: runs.sel(component=["x"]), r"its components are \['x'\]"),
+        (lambda runs: runs.sel(component=["y", "x"]), r"its components are \['y', 'x'\]"),
+        (lambda runs: runs.isel(seed=[]), "no seed is selected"),
+        (lambda runs: runs.isel(seed=[0, 0]), "seeds that are negative or repeated"),
+        (
+            lambda runs: runs.map_over_datasets(lambda node: node.assign_coords(seed=node.seed * 1.0)),
+            "values of another type than brownpipe writes .seeds",
+        ),
+        (lambda runs: runs.sel(seed=3), r"select seeds by a list, as in sel\(seed=\[3\]\)"),
+        (lambda runs: runs.isel(disk=slice(5)), "lacks disks"),
+        (lambda runs: runs.assign(position=runs.position * math.nan), "not finite in a run that did not fail"),
+    ],
+)
+def test_another_selection_is_neither_analysed_nor_saved(runs, tmp_path, part, message):
+    """Of one component, the displacement in a periodic box would count it twice."""
+    selected = part(runs)
+    with pytest.raises(RequestError, match=f"runs: must be what simulate or open returns.*{message}"):
+        bp.save(selected, tmp_path / "part.h5")
+    assert not (tmp_path / "part.h5").exists()
+    if "disk" not in message:
+        with pytest.raises(RequestError, match=message):
+            bp.analyse(selected)
+
+
+def test_periodic_runs_without_image_are_not_analysed():
+    scene = bp.Scene(**KEYS | {"box": KEYS["box"] | {"boundary": "periodic"}, "particles": 20})
+    runs = bp.simulate(scene, 2, quiet=True)
+    wrapped = xarray.DataTree(runs.to_dataset().drop_vars("image"), name=runs.name)
+    with pytest.raises(RequestError, match="lacks image"):
+        bp.analyse(wrapped)
+
+
+def test_variables_that_a_user_adds_are_not_analysed_and_saved_only_where_there_is_a_place(runs, result, tmp_path):
+    more = runs.assign(fastest=runs.failed + 0.5)
+    bp.save(more, tmp_path / "more.h5")
+    assert np.array_equal(bp.open(tmp_path / "more.h5").fastest, more.fastest)
+    heated = runs.copy()
+    heated["disks/energy"] = runs.disks.mass * 1
+    for name, added in (
+        ("unwrapped", runs.assign(unwrapped=runs.position * 1)),
+        ("disks/energy", heated),
+        ("speed", runs.assign(speed=runs.failed * 1)),
+    ):
+        assert bp.analyse(added).equals(result)
+        with pytest.raises(RequestError, match=f"^data: a trajectory file has no place for {name}"):
+            bp.save(added, tmp_path / "added.h5")
+
+
+def test_collisions_of_runs_in_any_order_are_those_of_each_run(runs, tmp_path):
+    backwards = runs.isel(seed=slice(None, None, -1))
+    shuffled = np.random.default_rng(1).permutation(10)
+    events = runs.events.to_dataset(inherit=False)
+    parts = [events.isel(event=np.flatnonzero(events.event_seed.values == seed)) for seed in shuffled]
+    backwards["events"] = xarray.DataTree(xarray.concat(parts, "event"))
+    bp.save(backwards, tmp_path / "backwards.h5")
+    found = bp.open(tmp_path / "backwards.h5")
+    for seed in range(10):
+        of_seed = [tree.events.event_time.values[tree.events.event_seed.values == seed] for tree in (found, runs)]
+        assert np.array_equal(*of_seed)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"duration": -1.0}, "scene: duration: must be a finite number > 0, not -1.0"),
+        ({"duration": math.nan}, "scene: duration: must be"),
+        ({"duration": "2"}, "scene: duration: must be"),
+        ({"sample_interval": 0.0}, "scene: sample_interval: must be"),
+        ({"placement": "latice"}, "scene: disks.placement: 'latice' is unknown; did you mean lattice"),
+        ({"equilibrate": -1.0}, "scene: equilibrate.time: must be"),
+        ({"name": "my scene"}, "scene: name: must be a name"),
+        ({"box": None}, "scene: must be one that Scene or read_scene returns"),
+    ],
+)
+def test_a_replaced_key_of_a_scene_is_checked(change, message):
+    with pytest.raises(RequestError, match=message):
+        bp.simulate(dataclasses.replace(bp.read_scene(SCENE), **change), quiet=True)
+
+
+def test_a_scene_with_a_replaced_key_is_simulated():
+    scene = dataclasses.replace(bp.read_scene(SCENE, np.int64(20)), duration=np.float64(0.5))
+    runs = bp.simulate(scene, 1, quiet=True)
+    expected = bp.simulate(bp.Scene(**KEYS | {"duration": 0.5, "particles": 20}, name="harrison2020"), 1, quiet=True)
+    assert runs.identical(expected)
+
+
+@pytest.mark.parametrize("stream", [None, type("Stream", (), {"write": print, "flush": print})()])
+def test_no_terminal_is_needed(monkeypatch, stream):
+    monkeypatch.setattr(sys, "stderr", stream)
+    assert bp.analyse(bp.simulate(SCENE, 2, particles=20)).sizes["seed"] == 2
+
+
 def test_a_tree_has_names_units_and_meanings(runs):
     assert runs.position.dims == ("time", "seed", "component")
     assert runs.disks.position.dims == ("time", "seed", "disk", "component")
@@ -115,7 +211,7 @@ def test_runs_that_failed_are_named(monkeypatch):
         bp.simulate(SCENE, 2, particles=20, quiet=True)
 
 
-@pytest.mark.parametrize("seeds", ["0-2", [2, 0, 1], range(3), np.arange(3), np.int64(3), {0, 1, 2}])
+@pytest.mark.parametrize("seeds", ["0-2", [2, 0, 1], range(3), range(2, -1, -1), np.arange(3), np.int64(3), {0, 1, 2}])
 def test_seeds_in_every_form(seeds):
     assert list(bp.simulate(SCENE, seeds, particles=20, quiet=True).seed.values) == [0, 1, 2]
 
@@ -139,6 +235,14 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, -3), "seeds: must be an integer from 1"),
         (lambda: bp.simulate(SCENE, np.array([-3, 4])), "seeds: must be"),
         (lambda: bp.simulate(SCENE, 2.5), "seeds: must be"),
+        (lambda: bp.simulate(SCENE, {1.5}), "seeds: must be"),
+        (lambda: bp.simulate(SCENE, {True}), "seeds: must be"),
+        (lambda: bp.simulate(SCENE, {"a"}), "seeds: must be"),
+        (lambda: bp.simulate(SCENE, {10**30}), "seeds: must be"),
+        (lambda: bp.simulate(SCENE, range(10**9)), "seeds: must be at most 10000000 seeds, not '0-999999999'"),
+        (lambda: bp.simulate(SCENE, range(0)), "seeds: must be"),
+        (lambda: bp.read_scene(None), "path: must be the path of a file, not None"),
+        (lambda: bp.open(3), "path: must be the path of a file, not 3"),
         (lambda: bp.simulate(SCENE, engine="exakt"), "engine: 'exakt' is unknown; did you mean exact"),
         (lambda: bp.simulate(SCENE, time_step=0.1), "time_step 0.1: the exact engine has no such setting"),
         (lambda: bp.simulate(SCENE, recrod="all"), "recrod all: no engine has such a setting; exact has no settings"),
@@ -157,7 +261,9 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, record="everything"), "record everything: must be one or several of tracer"),
         (lambda: bp.simulate(SCENE, observables=["msd"]), "observables: 'msd' is unknown"),
         (lambda: bp.simulate(bp.read_scene(SCENE), particles=3), "particles: must not be given with a scene"),
-        (lambda: bp.analyse(bp.read_scene(SCENE)), "runs: must be what simulate or open returns"),
+        (lambda: bp.analyse(bp.read_scene(SCENE)), "runs: must be what simulate or open returns, not a Scene"),
+        (lambda: bp.analyse(xarray.Dataset({"a": 1})), "runs: must be what simulate or open returns, not a Dataset"),
+        (lambda: bp.analyse({"a": 1}), "runs: must be what simulate or open returns, not a dict"),
         (lambda: bp.analyse([]), "no trajectory files"),
         (lambda: bp.analyse([xarray.DataTree()]), "runs: must be what simulate or open returns"),
         (lambda: bp.analyse("a.h5", fit_windows=[(1, 0.5)]), r"fit_windows\[0\]: must be two times"),
@@ -192,6 +298,10 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
         bp.plot(result, "velocity_autocorrelation")
     with pytest.raises(FigureError, match="result: has no dimension scene; plot it before squeeze or sel"):
         bp.plot(result.squeeze())
+    with pytest.raises(FigureError, match="result: has no dimension window; plot it before squeeze or sel"):
+        bp.plot(result.isel(window=0))
+    with pytest.raises(FigureError, match="result: the dimension scene is empty"):
+        bp.plot(result.isel(scene=[]))
     with pytest.raises(FigureError, match="particles: 7 is not in the dataset"):
         bp.plot(result, particles=7)
 

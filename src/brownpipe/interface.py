@@ -28,10 +28,11 @@ from brownpipe.inspection import read_contents
 from brownpipe.observables import refuse_unfit
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
-from brownpipe.scene import parse_scene, read_scene, reading
+from brownpipe.scene import parse_scene, reading, scene_file
 from brownpipe.scene.reading import Entry, must_be
+from brownpipe.scene.scene import as_mapping
 from brownpipe.scene.seeds import read_seeds, seed_text
-from brownpipe.storage import Trajectories, from_tree, to_tree, write_dataset, write_trajectories
+from brownpipe.storage import Trajectories, from_tree, refuse_foreign, to_tree, write_dataset, write_trajectories
 from brownpipe.study import refuse_repetition
 from brownpipe.study.study_file import read_rings
 
@@ -64,10 +65,20 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     equilibrate: {"time": t, "tracer": "free" or "pinned"}, simulated before t = 0.
     name: of the scene in datasets and figures.
 
+    `dataclasses.replace(scene, duration=5.0)` returns a scene with another duration, which `simulate` checks.
+
     Raises RequestError for anything that `read_scene` refuses.
     """
     keys = {key: _plain(value) for key, value in locals().items() if key != "name"}
     return parse_scene(keys, "Scene", name=name)
+
+
+def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
+    """Return the scene of a YAML file, with `particles` disks in total if that is given.
+
+    Raises RequestError for anything wrong with the file or the scene.
+    """
+    return scene_file.read_scene(_path("path", path), _plain(particles))
 
 
 def simulate(
@@ -104,9 +115,11 @@ def simulate(
     if not isinstance(scene, SceneRecord | str | Path):
         raise RequestError(f"scene: must be a scene or the path of a scene file, not {reprlib.repr(scene)}")
     if not isinstance(scene, SceneRecord):
-        scene = read_scene(scene, _plain(particles))
+        scene = read_scene(scene, particles)
     elif particles is not None:
         raise RequestError("particles: must not be given with a scene, which has its number of disks")
+    else:
+        scene = _checked(scene)
     chosen = requested(engine, {key: _plain(value) for key, value in settings.items()}, str)
     recorded = read_record(_words("record", record), "record")
     names = tuple(filter(None, _words("observables", observables).split(",")))
@@ -130,6 +143,7 @@ def analyse(
     fit_windows: Sequence[Sequence[float]] | None = None,
     rings: Mapping | None = None,
     displacement_times: Sequence[float] = (),
+    quiet: bool = False,
 ) -> Dataset:
     """Return mean squared displacements, fits, distributions and their errors over runs, as `brownpipe aggregate`.
 
@@ -139,16 +153,17 @@ def analyse(
     shortest run to its end.
     rings: {"dr": width [length], "count": number} of the displacement distribution, by default from the data.
     displacement_times: its times [time], by default the end of each run.
+    quiet: no progress on stderr.
 
     The variables have the dimensions scene, particles, engine, and time, seed, ring, ...; `result.msd.attrs` says what
     a variable means. Raises AnalysisError for runs that do not belong together, or for times outside them.
     """
-    several = runs if isinstance(runs, Sequence) and not isinstance(runs, str) else [runs]
-    sources = [each if isinstance(each, str | Path) else from_tree(each) for each in several]
+    several = list(runs) if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping) else [runs]
     windows = None if fit_windows is None else [_window(entry) for entry in _items("fit_windows", fit_windows)]
     width, count = read_rings(Entry(_plain(rings), "", ("rings",)))
     times = [reading.number(entry, above=0) for entry in _items("displacement_times", displacement_times)]
-    with progress.shown("analyse"):
+    with progress.shown("analyse", silent=quiet):
+        sources = [each if isinstance(each, str | Path) else from_tree(each, with_events=False) for each in several]
         return aggregate(sources, windows, width, count, times)
 
 
@@ -164,9 +179,11 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
     reading.choice(Entry(figure, "", ("figure",)), tuple(FIGURES))
     if not _is_analysis(result):
         raise FigureError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
-    for dim in ("scene", "particles", "engine"):
-        if dim not in result.dims:
+    for dim in ("scene", "particles", "engine", "window"):
+        if dim not in result.dims and (dim in result.coords or dim != "window"):
             raise FigureError(f"result: has no dimension {dim}; plot it before squeeze or sel, which remove it")
+        if result.sizes.get(dim) == 0:
+            raise FigureError(f"result: the dimension {dim} is empty; there is nothing to plot")
     drawn = draw(result, figure, _plain(particles))
     drawn._repr_png_ = partial(png_bytes, drawn)  # type: ignore[attr-defined]  # by which notebooks show an object
     return drawn
@@ -177,18 +194,23 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
 
     Raises StorageError, which says how to make a damaged file again, and WrongFileError for any other file.
     """
-    contents = read_contents(path)
+    contents = read_contents(_path("path", path))
     return to_tree(contents) if isinstance(contents, Trajectories) else contents
 
 
 def save(data: DataTree | Dataset, path: str | Path) -> None:
     """Write runs to a trajectory file, or an analysis to a dataset, as the command line does.
 
-    Raises RequestError for anything else, StorageError and OSError if the file cannot be written.
+    Raises RequestError for anything else and for variables that you have added to runs; StorageError and OSError if
+    the file cannot be written.
     """
+    path = _path("path", path)
     if isinstance(data, DataTree):
         _refuse_suffix(path, "runs", (".h5", ".hdf5"))
-        write_trajectories(path, *from_tree(data))
+        with progress.shown("save"):
+            trajectories = from_tree(data)
+            refuse_foreign(data)
+            write_trajectories(path, *trajectories)
     elif _is_analysis(data):
         _refuse_suffix(path, "datasets", (".nc",))
         write_dataset(path, data)
@@ -202,7 +224,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
 def _plain(value: Any) -> Any:
     """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's."""
     if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+        value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
@@ -222,13 +244,29 @@ def _words(name: str, value: Any) -> str:
     """Return names as one text with commas."""
     if not isinstance(value, Iterable):
         raise RequestError(f"{name}: must be a name or a list of names, not {value!r}")
-    return value if isinstance(value, str) else ",".join(map(str, value))
+    return ",".join(str(word).strip() for word in (value.split(",") if isinstance(value, str) else value))
+
+
+def _path(name: str, value: Any) -> str | Path:
+    if not isinstance(value, str | Path):
+        raise RequestError(f"{name}: must be the path of a file, not {reprlib.repr(value)}")
+    return value
+
+
+def _checked(scene: SceneRecord) -> SceneRecord:
+    """Return the same scene, checked: `dataclasses.replace` may have made it."""
+    try:
+        return parse_scene(_plain(as_mapping(scene)), "scene", name=scene.name)
+    except (AttributeError, TypeError) as error:
+        raise RequestError(f"scene: must be one that Scene or read_scene returns ({error})") from error
 
 
 def _seeds(value: Any) -> Sequence[int]:
-    """Return the seeds of a count, a text, a range, a list or an array."""
-    if isinstance(value, range | set | frozenset):
-        value = np.array(sorted(value), dtype=np.int64)
+    """Return the seeds of a count, a text, a range, a list, a set or an array."""
+    if isinstance(value, range) and value and value.step == 1 and value[0] >= 0:
+        value = f"{value[0]}-{value[-1]}"
+    elif isinstance(value, range | set | frozenset):
+        value = [*value]
     if isinstance(value, np.ndarray) and value.dtype.kind in "iu" and value.ndim == 1 and value.size:
         value = seed_text(np.unique(value)) if value.min() >= 0 else value
     return read_seeds(Entry(_plain(value), "", ("seeds",)))

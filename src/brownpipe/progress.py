@@ -42,9 +42,10 @@ def shown(title: str, silent: bool = False, output: str | None = None) -> Iterat
     """Show the progress of what is calculated in this context; `title` is its name, such as the verb.
 
     A study is told it with the file `output` that is made, so that it knows which of its jobs this is. Remarks on the
-    compiling of kernels are printed, too. If `silent`, or within another such context, nothing changes.
+    compiling of kernels are printed, too. If `silent`, within another such context, or without standard error, nothing
+    changes.
     """
-    if silent or stages.listeners:
+    if silent or stages.listeners or sys.stderr is None:
         yield
         return
     display = Display(title, output)
@@ -121,7 +122,7 @@ class Display:
     def __init__(self, title: str, output: str | None = None) -> None:
         self.title, self.output = title, output
         self.in_notebook = _in_notebook()
-        self.draws_bar = self.in_notebook or (sys.stderr.isatty() and os.environ.get("TERM") != "dumb")
+        self.draws_bar = self.in_notebook or (_is_terminal() and os.environ.get("TERM") != "dumb")
         self.bar: Any = None  # of tqdm, once it is drawn
         self.stage: Stage | None = None  # the last that was reported
         self.pace = Pace()  # of this stage
@@ -248,6 +249,13 @@ def _new_bar(text: str, done: float) -> Any:
         from tqdm.auto import tqdm
     style: dict[str, Any] = {"bar_format": "{desc} |{bar}|", "leave": False, "dynamic_ncols": True, "file": sys.stderr}
     return tqdm(desc=text, total=1.0, initial=done, **style)
+
+
+def _is_terminal() -> bool:
+    """Whether standard error is a terminal; an object in its place need not know."""
+    with suppress(AttributeError, ValueError):
+        return sys.stderr.isatty()
+    return False
 
 
 def _in_notebook() -> bool:

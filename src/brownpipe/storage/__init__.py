@@ -40,7 +40,7 @@ from brownpipe.storage.expected import Expected
 from brownpipe.storage.files import free_space, try_to_write, write_file
 from brownpipe.storage.origin import Origin, origin_attributes, read_options, read_origins, runs_record
 from brownpipe.storage.trajectories import Outline, Trajectories, read_outline, read_trajectories, write_trajectories
-from brownpipe.storage.tree import from_tree, to_tree
+from brownpipe.storage.tree import from_tree, refuse_foreign, to_tree
 
 __all__ = [
     "Expected",
@@ -57,6 +57,7 @@ __all__ = [
     "read_origins",
     "read_outline",
     "read_trajectories",
+    "refuse_foreign",
     "remove_checkpoint",
     "runs_record",
     "seal_of",

@@ -16,9 +16,10 @@ import numpy as np
 
 from brownpipe.engines import recorded
 from brownpipe.engines.state import Ensemble, Events, Track, blank
-from brownpipe.errors import RequestError
+from brownpipe.errors import RequestError, StorageError
 from brownpipe.observables import ARRAYS, AXES, axes
-from brownpipe.scene import parse_scene
+from brownpipe.scene import Scene, parse_scene
+from brownpipe.storage.consistency import refuse_values
 from brownpipe.storage.layout import MEANING
 from brownpipe.storage.trajectories import Trajectories
 
@@ -29,6 +30,8 @@ TRACER_DIMS = ("time", "seed", "component")
 DISK_DIMS = ("time", "seed", "disk", "component")
 BIN = {"velocity": "velocity_bin", "speed": "speed_bin"}  # dimensions of histograms; groups have variables `velocity`
 LOG = {"event_time": "time", "a": "a", "b": "b", "impulse": "impulse"}  # variable: field of Events
+
+PARTS = {*Track._fields, "stopped"}  # variables of the runs that are no observables
 
 Columns = dict[str, tuple[tuple[str, ...], np.ndarray]]  # name: (dimensions, values)
 
@@ -69,40 +72,81 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     return xarray.DataTree.from_dict(nodes, name=scene.name)
 
 
-def from_tree(tree: "DataTree") -> Trajectories:
-    """Return the runs of a tree that `to_tree` made, or of a selection of its seeds.
+def from_tree(tree: "DataTree", with_events: bool = True) -> Trajectories:
+    """Return the runs of a tree that `to_tree` made, or of a selection of its seeds; without events if so asked.
 
-    Raises RequestError for any other tree.
+    Variables that others have added are left out. Raises RequestError for any other tree.
     """
+    import xarray
+
+    if not isinstance(tree, xarray.DataTree):
+        raise RequestError(f"runs: must be what simulate or open returns, not a {type(tree).__name__}")
     try:
         attributes, root = tree.attrs, tree.to_dataset()
         scene = parse_scene(json.loads(attributes["scene"]), f"{attributes['scene_name']}.yaml")
         engine = recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
-        if root.sizes["time"] != len(scene.times):
-            samples = f"{root.sizes['time']} of its {len(scene.times)} samples"
-            raise ValueError(f"{samples}; select times from the analysis instead")
+        _refuse_part(scene, root)
         seeds = root.seed.values.tolist()
-        names = [str(name) for name in root.data_vars if name not in (*Track._fields, "stopped")]
+        names = [name for name in _names(root) if _is_observable(root, name)]
         observables = {name: root[name].transpose("seed", *_dims(name)).values for name in names}
         observables["failed"]  # every batch has it
         reasons = root["stopped"].values.tolist() if "stopped" in root else []
         stopped = {seed: reason for seed, reason in zip(seeds, reasons, strict=False) if reason}
         complete = [seed for seed in seeds if seed not in stopped]
+        has_events = with_events and "events" in tree.children
         ensemble = Ensemble(
             seeds=root.seed.values,
             times=root.time.values,
             tracer=_track(root, TRACER_DIMS) if "position" in root else None,
             observables=observables,
-            whole=_whole(tree["disks"].to_dataset(), seeds, complete) if "disks" in tree.children else {},
-            events=_events(tree["events"].to_dataset(), complete) if "events" in tree.children else {},
+            whole=_whole(scene, tree["disks"].to_dataset(), seeds, complete) if "disks" in tree.children else {},
+            events=_events(tree["events"].to_dataset(), complete) if has_events else {},
             average=attributes["average"],
             stopped=stopped,
         )
+        refuse_values(ensemble, scene)
         return Trajectories(scene, engine, ensemble, attributes["source_digest"])
-    except (AttributeError, KeyError, RequestError, ValueError) as error:
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError, RequestError, StorageError) as error:
         raise RequestError(
             f"runs: must be what simulate or open returns, or a selection of its seeds ({error})"
         ) from error
+
+
+def refuse_foreign(tree: "DataTree") -> None:
+    """Raise RequestError for a variable that a trajectory file has no place for."""
+    root = tree.to_dataset()
+    foreign = [name for name in _names(root) if name not in PARTS and not _is_observable(root, name)]
+    if "disks" in tree.children:
+        own = {*Track._fields, "radius", "mass"}
+        foreign += [f"disks/{name}" for name in _names(tree["disks"].to_dataset()) if name not in own]
+    if foreign:
+        raise RequestError(
+            f"data: a trajectory file has no place for {foreign[0]}; remove this variable, or save it apart"
+        )
+
+
+def _refuse_part(scene: Scene, root: "Dataset") -> None:
+    """Raise ValueError for a selection of other things than seeds."""
+    if "seed" not in root.dims:
+        raise ValueError("without the dimension seed; select seeds by a list, as in sel(seed=[3])")
+    if not root.sizes["seed"]:
+        raise ValueError("no seed is selected")
+    if root.sizes["time"] != len(scene.times):
+        samples = f"{root.sizes['time']} of its {len(scene.times)} samples"
+        raise ValueError(f"{samples}; select times from the analysis instead")
+    if (components := root.component.values.tolist()) != ["x", "y"]:
+        raise ValueError(f"its components are {components}; must be x and y in this order")
+    if scene.box.periodic and "position" in root and "image" not in root:
+        raise ValueError("lacks image, which a periodic box needs")
+
+
+def _names(dataset: "Dataset") -> list[str]:
+    return [str(name) for name in dataset.data_vars]
+
+
+def _is_observable(root: "Dataset", name: str) -> bool:
+    """Whether a variable is an observable of each run: known, or one number for each seed."""
+    return name not in PARTS and name not in AXES and {*root[name].dims} == {"seed", *_dims(name)}
 
 
 def _dims(name: str) -> tuple[str, ...]:
@@ -147,10 +191,20 @@ def _without_values(track: Track) -> Track:
     return Track(*(None if values is None else blank(values.shape, values.dtype) for values in track))
 
 
-def _whole(dataset: "Dataset", seeds: list[int], complete: list[int]) -> dict[int, Track]:
-    track = _track(dataset, DISK_DIMS)
-    return {seed: track.of(seeds.index(seed)) for seed in complete}
+def _whole(scene: Scene, dataset: "Dataset", seeds: list[int], complete: list[int]) -> dict[int, Track]:
+    if dataset.disk.values.tolist() != list(range(scene.particles)):
+        raise ValueError("lacks disks, or has them in another order")
+    track, columns = _track(dataset, DISK_DIMS), {seed: column for column, seed in enumerate(seeds)}
+    return {seed: track.of(columns[seed]) for seed in complete}
 
 
 def _events(dataset: "Dataset", seeds: list[int]) -> dict[int, Events]:
-    return {seed: Events(*(dataset[name].values[dataset.event_seed.values == seed] for name in LOG)) for seed in seeds}
+    """Return the collisions of each run, in the order in which they are listed."""
+    order = np.argsort(dataset.event_seed.values, kind="stable")
+    listed = dataset.event_seed.values[order]
+    first, end = (np.searchsorted(listed, seeds, side).tolist() for side in ("left", "right"))
+    columns = [dataset[name].transpose("event", ...).values[order] for name in LOG]
+    return {
+        seed: Events(*(column[begin:stop].copy() for column in columns))
+        for seed, begin, stop in zip(seeds, first, end, strict=True)
+    }
