@@ -17,6 +17,7 @@ from brownpipe.cli import main
 from brownpipe.engines.exact import recording
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
 from brownpipe.figures.origin import stamped
+from brownpipe.figures.summary import legend_of_estimates
 from synthetic import RECORD, render
 
 SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
@@ -102,6 +103,17 @@ def test_another_selection_is_neither_analysed_nor_saved(runs, tmp_path, part, m
     if "disk" not in message:
         with pytest.raises(RequestError, match=message):
             bp.analyse(selected)
+
+
+@pytest.mark.parametrize(("average", "whose"), [("runs", "the tracer"), ("disks", "all disks")])
+def test_a_dataset_says_whose_displacement_it_is(average, whose):
+    scene = bp.read_scene(Path(SCENE).with_name("dense.yaml"))
+    scene = dataclasses.replace(scene, duration=0.05, equilibrate=0.01)
+    runs = bp.simulate(scene, 2, observables=["square_displacement"], average=average, quiet=True)
+    result = bp.analyse(runs, quiet=True)
+    assert result.attrs["average"] == average
+    assert f"MSD: mean squared displacement of {whose}." in "\n".join(legend_of_estimates(result))
+    assert result.msd.long_name == "mean squared displacement of the tracer (with average: disks, of all disks)"
 
 
 def test_periodic_runs_without_image_are_not_analysed():

@@ -98,7 +98,8 @@ def aggregate(
     times = [*options.displacement_times]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
-    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, ATTRIBUTES | made, ascending=EACH)
+    attributes = ATTRIBUTES | {"average": ", ".join(sorted({one.average for one in outlines}))} | made
+    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ascending=EACH)
 
 
 def _refuse_same(options: Options) -> None:

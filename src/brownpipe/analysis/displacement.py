@@ -13,7 +13,7 @@ from brownpipe.analysis import resampling
 from brownpipe.analysis.conditions import initial_square_speed
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled, with_error, with_interval
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import AREA, EACH, RATE, TIME, Variable, error_of, estimate_of, kept_always
+from brownpipe.analysis.variables import AREA, EACH, FOLLOWED, RATE, TIME, Variable, error_of, estimate_of, kept_always
 from brownpipe.observables import displacement as of_a_run
 
 
@@ -188,7 +188,7 @@ ESTIMATOR = Estimator(
     _estimate,
     kept_always(
         {
-            **estimate_of("msd", TIME, AREA, "mean squared displacement of the tracer"),
+            **estimate_of("msd", TIME, AREA, f"mean squared displacement {FOLLOWED}"),
             **estimate_of("msd_over_4t", TIME, RATE, "mean squared displacement over 4 t"),
             **estimate_of("slope", WINDOW, RATE, "least-squares slope of the mean squared displacement in the window"),
             **error_of("intercept", WINDOW, AREA, "intercept of the least-squares line in the window"),
@@ -201,7 +201,7 @@ ESTIMATOR = Estimator(
             **estimate_of("diffusion_coefficient", WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
         }
     )
-    | estimate_of("diffusion_running", TIME, RATE, "half of <v(t).(r(t) - r(0))> of the tracer, d<r^2>/dt / 4")
+    | estimate_of("diffusion_running", TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4")
     | estimate_of("msd_controlled", TIME, AREA, "mean squared displacement with the known <v0^2> as control variate")
     | {"control_variance_ratio": Variable(TIME, "1", "variance of msd_controlled over that of msd")},
     _axes,

@@ -13,7 +13,7 @@ from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, int
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
-from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, SPEED2, TIME, Variable, estimate_of
+from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Variable, estimate_of
 from brownpipe.scene import Scene
 
 CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
@@ -160,13 +160,13 @@ ESTIMATOR = Estimator(
     _columns,
     _estimate,
     {
-        **estimate_of("velocity_autocorrelation", TIME, SPEED2, "velocity autocorrelation v(0).v(t) of the tracer"),
+        **estimate_of("velocity_autocorrelation", TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
         **estimate_of("bath_velocity_autocorrelation", TIME, SPEED2, "velocity autocorrelation v(0).v(t) in the bath"),
         **estimate_of(
             "green_kubo",
             TIME,
             RATE,
-            "half of <v(0).(r(t) - r(0))> of the tracer, half of the integral of its autocorrelation from 0 to t",
+            f"half of <v(0).(r(t) - r(0))> {FOLLOWED}, half of the integral of the autocorrelation from 0 to t",
         ),
         **estimate_of(
             "vacf_initial_slope",
