@@ -293,6 +293,8 @@ def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
     short = write(tmp_path, make_runs(make_scene("short", duration=0.5), range(10)))
     with pytest.raises(AnalysisError, match=r"^short: has other sample times than full"):
         tradeoff.measure([*files, short], {"full": ["short"]}, seconds_per_run=cost)
+    with pytest.raises(AnalysisError, match=r"^nothing to compare: there must be runs of the exact engine and of ano"):
+        tradeoff.measure(files[:2], seconds_per_run=cost)
 
 
 class Clocked(NamedTuple):

@@ -37,8 +37,8 @@ def measure(
     seconds_per_run: CPU seconds of a run of an engine in a scene; by default measured, in turn with the exact engine
         (`timing.ratio_to`).
 
-    Raises AnalysisError for a scene without exact runs, for stand-ins without runs or with other sample times, and what
-    `read_runs` raises.
+    Scenes with exact runs alone are left out. Raises AnalysisError for a scene without exact runs, for exact runs
+    alone, for stand-ins without runs or with other sample times, and what `read_runs` raises.
     """
     groups = groups_of(paths)
     all_runs = read_runs(groups)
@@ -47,9 +47,14 @@ def measure(
     lacking = set(labels.values()) - {labels[exact.case] for exact in references}
     if lacking:
         raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
+    pairs = [
+        (exact, _compared(exact, all_runs, labels, (instead_of or {}).get(exact.scene.name, ()))) for exact in references
+    ]
+    pairs = [(exact, compared) for exact, compared in pairs if len(compared) > 1]
+    if not pairs:
+        raise AnalysisError("nothing to compare: there must be runs of the exact engine and of another one in a scene")
     parts = []
-    for exact in tracked(references, "cases"):
-        compared = _compared(exact, all_runs, labels, (instead_of or {}).get(exact.scene.name, ()))
+    for exact, compared in tracked(pairs, "cases"):
         fitted = window or (exact.times[-1] / 10, exact.times[-1])
         settings, of_scene = _settings(exact, compared, fitted, seconds_per_run), _scene(exact, fitted)
         for label, values in settings.items():
