@@ -19,7 +19,7 @@ from scipy.optimize import isotonic_regression
 from brownpipe import provenance, storage
 from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine, state
-from brownpipe.errors import FigureError, StorageError
+from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
 from brownpipe.figures.cases import of_whole_dataset
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
@@ -352,18 +352,6 @@ def test_an_empty_dimension_is_named_before_anything_is_calculated(dataset):
 def test_an_error_is_not_put_down_to_a_dimension_that_no_dataset_of_brownpipe_has(dataset):
     with pytest.raises(FigureError, match=r"^ValueError: invalid literal"):
         of_whole_dataset(lambda _: int("ten"))(dataset.assign(notes=("page", [])))
-
-
-def test_a_disk_that_is_full_leaves_no_new_summary(dataset, tmp_path, monkeypatch, no_pictures):
-    def full(path, _):
-        if path.suffix == ".svg":
-            raise StorageError("full")
-        path.touch()
-
-    monkeypatch.setattr("brownpipe.report.products.write_file", full)
-    with pytest.raises(StorageError):
-        render(dataset, tmp_path, ["health"])
-    assert not (tmp_path / "summary.csv").exists()
 
 
 @pytest.mark.slow

@@ -141,6 +141,19 @@ def test_any_limit_gives_the_same_bytes_or_one_line(kind, expected, faults):
 
 
 @LIMITED
+def test_figures_that_cannot_all_be_written_replace_none(expected):
+    """They would be of another dataset than the rest of the folder."""
+    words = ["figures", f"{expected}/a.nc", "--output", "figures", "--figures"]
+    assert main([*words, "health"]) == DONE
+    before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in Path("figures").iterdir()}
+    least = max(len(contents) for _, contents in before.values())
+    done = limited({"RLIMIT_FSIZE": least - 1}, [*words, "health", "msd"])
+    assert done.returncode != DONE
+    assert "not written: File too large" in done.stderr
+    assert before == {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in Path("figures").iterdir()}
+
+
+@LIMITED
 @pytest.mark.parametrize(
     "error",
     [

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from brownpipe.errors import StorageError
 from brownpipe.quoting import printable
-from brownpipe.storage import made_by, runs_record, write_file
+from brownpipe.storage import made_by, runs_record
 from brownpipe.storage.origin import UNSAID
 from brownpipe.storage.trajectories import whole_seed
 
@@ -102,12 +102,9 @@ def dataset_attributes(record: Record) -> dict[str, Any]:
     return {key: json.dumps(stated[key]) if key in IN_JSON else stated[key] for key in stated}
 
 
-def write_record(folder: str | Path, record: Record, names: Iterable[str]) -> Path:
-    """Write `provenance.json`: the record, and the files in the folder that it belongs to. Return its path."""
-    text = json.dumps({"files": sorted(names)} | record, indent=1, sort_keys=True)
-    path = Path(folder) / RECORD
-    write_file(path, f"{text}\n".encode())
-    return path
+def record_text(record: Record, names: Iterable[str]) -> str:
+    """Return the text of `provenance.json`: the record, and the files in the folder that it belongs to."""
+    return json.dumps({"files": sorted(names)} | record, indent=1, sort_keys=True) + "\n"
 
 
 def closing_lines(record: Record) -> str:

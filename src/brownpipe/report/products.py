@@ -9,7 +9,7 @@ from brownpipe.errors import FigureError, StorageError
 from brownpipe.figures import render, tradeoff
 from brownpipe.figures.cases import of_whole_dataset
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.figures.origin import Record, closing_lines, record_of, stamped, write_record
+from brownpipe.figures.origin import RECORD, Record, closing_lines, record_of, record_text, stamped
 from brownpipe.figures.style import import_libraries
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.figures.tables import to_csv
@@ -18,7 +18,7 @@ from brownpipe.report import study as study_page
 from brownpipe.report import tradeoff as tradeoff_page
 from brownpipe.report.parts import figure
 from brownpipe.report.tradeoff import CAPTION
-from brownpipe.storage import read_dataset, seal_of, write_file
+from brownpipe.storage import read_dataset, seal_of, write_files
 from brownpipe.tradeoff import is_tradeoff
 
 if TYPE_CHECKING:
@@ -71,9 +71,9 @@ def write(
     """Write the products of a record into a folder; of the figures only `names`, if given. Return the paths.
 
     page: file of the page with all of them. replay: one run, replayed in the page of a study. cores: on which figures
-    of a study are drawn at the same time. Figures of a study that are in the folder but not among the products are
-    removed, as they may belong to another dataset. Raises FigureError as `render.cases_shown` does, and for a variable
-    that the dataset lacks.
+    of a study are drawn at the same time. No file is replaced before all are written; then figures of a study that are
+    in the folder but not among the products are removed, as they may belong to another dataset. Raises FigureError as
+    `render.cases_shown` does, and for a variable that the dataset lacks.
     """
     folder = Path(folder)
     if is_tradeoff(dataset):
@@ -86,14 +86,10 @@ def write(
         shown = _figures(cases, record, page is not None, cores)
         tables = {f"{one.name}.csv": one.table for one in shown} | {"summary.csv": to_csv(summary_table(dataset))}
         texts = {SUMMARY: summary(dataset)}
-        for name in FIGURES.keys() - {one.name for one in shown}:
-            for suffix in FILE_TYPES:
-                (folder / f"{name}.{suffix}").unlink(missing_ok=True)
     files = {name: picture for one in shown for name, picture in one.pictures.items()} | tables
     files |= {name: (text + closing_lines(record)).encode() for name, text in texts.items()}
-    for name, contents in files.items():
-        write_file(folder / name, contents)
-    paths = [*(folder / name for name in files), write_record(folder, record, files)]
+    products: dict[str | Path, bytes] = {folder / name: contents for name, contents in files.items()}
+    products[folder / RECORD] = record_text(record, files).encode()
     if page is not None:
         name, sections = Path(page).name, {one.name: one.section for one in shown}
         if is_tradeoff(dataset):
@@ -101,9 +97,13 @@ def write(
         else:
             record = record | ({} if replay is None else {"replay": replay.run})
             contents = study_page.page(dataset, sections, record, name, replay and replay.text)
-        write_file(page, stamped(contents, name, record))
-        paths.append(Path(page))
-    return paths
+        products[Path(page)] = stamped(contents, name, record)
+    write_files(products)
+    if not is_tradeoff(dataset):
+        for name in FIGURES.keys() - {one.name for one in shown}:
+            for suffix in FILE_TYPES:
+                (folder / f"{name}.{suffix}").unlink(missing_ok=True)
+    return [Path(path) for path in products]
 
 
 def _figures(cases: Mapping[str, list[Dataset]], record: Record, on_page: bool, cores: int) -> list[FigureProducts]:

@@ -37,7 +37,7 @@ same installation gives the same bytes of the same runs.
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.datasets import made_by, read_dataset, seal_of, write_dataset
 from brownpipe.storage.expected import Expected
-from brownpipe.storage.files import free_space, try_to_write, write_file
+from brownpipe.storage.files import free_space, try_to_write, write_file, write_files
 from brownpipe.storage.origin import Origin, origin_attributes, read_options, read_origins, runs_record
 from brownpipe.storage.trajectories import Outline, Trajectories, read_outline, read_trajectories, write_trajectories
 from brownpipe.storage.tree import from_tree, refuse_foreign, to_tree
@@ -66,5 +66,6 @@ __all__ = [
     "write_checkpoint",
     "write_dataset",
     "write_file",
+    "write_files",
     "write_trajectories",
 ]

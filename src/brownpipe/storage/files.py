@@ -21,8 +21,8 @@ import os
 import re
 import resource
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -53,8 +53,14 @@ def write_file(path: str | Path, contents: bytes) -> None:
 
     Raises StorageError if the disk is full, the folder cannot be written to, or the file reads back differently.
     """
-    with replacing(path) as part:
-        _write_through(part, contents)
+    write_files({path: contents})
+
+
+def write_files(files: Mapping[str | Path, bytes]) -> None:
+    """Write files that belong together, as `write_file`; none is replaced before all of them are on the disk."""
+    with ExitStack() as parts:
+        for path, contents in files.items():
+            _write_through(parts.enter_context(replacing(path)), contents)
 
 
 class _TriedError(Exception):

@@ -47,10 +47,9 @@ def measure(
     lacking = set(labels.values()) - {labels[exact.case] for exact in references}
     if lacking:
         raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
-    pairs = [
-        (exact, _compared(exact, all_runs, labels, (instead_of or {}).get(exact.scene.name, ()))) for exact in references
-    ]
-    pairs = [(exact, compared) for exact, compared in pairs if len(compared) > 1]
+    instead_of = instead_of or {}
+    every = ((exact, _compared(exact, all_runs, labels, instead_of.get(exact.scene.name, ()))) for exact in references)
+    pairs = [(exact, compared) for exact, compared in every if len(compared) > 1]
     if not pairs:
         raise AnalysisError("nothing to compare: there must be runs of the exact engine and of another one in a scene")
     parts = []
@@ -61,7 +60,7 @@ def measure(
             axes: Axes = {"scene": ("scene", [labels[exact.case]]), "setting": ("setting", [label])}
             axes["sample"] = ("sample", range(CURVE))
             parts.append(Part(of_scene | values, axes))
-    stand_ins = {scene: [*others] for scene, others in (instead_of or {}).items()}
+    stand_ins = {scene: [*others] for scene, others in instead_of.items()}
     options = {"instead_of": stand_ins, "fit_window": window}
     made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in groups), options)
     return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, ascending=COORDINATES)
