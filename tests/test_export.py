@@ -12,6 +12,7 @@ import gsd.hoomd
 import numpy as np
 import pytest
 
+import brownpipe as bp
 from brownpipe.analysis.dataset import aggregate
 from brownpipe.cli import main
 from brownpipe.engines import Engine
@@ -303,12 +304,15 @@ def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks
 
 
 def test_refusals(walled, tmp_path, capsys, monkeypatch):
-    tracer, empty, bare = (tmp_path / name for name in ("tracer.h5", "empty.h5", "bare.h5"))
+    names = ("tracer.h5", "empty.h5", "bare.h5", "bare_empty.h5")
+    tracer, empty, bare, bare_empty = (tmp_path / name for name in names)
     runs = make_runs(make_scene(), [1])
     write_trajectories(tracer, make_scene(), Engine("exact"), runs.ensemble)
     write_trajectories(empty, make_scene(), Engine("exact"), runs.ensemble._replace(tracer=None))
     bath = {"species": [{"name": "bath", "count": 0, "radius": 0.1, "mass": 0.4}]}
     written(bare, make_scene("bare", 0, disks=bath), [2])
+    without = bp.simulate(make_scene("bare", 0, disks=bath), [2], record="all", quiet=True)
+    bp.save(without, bare_empty)
     monkeypatch.chdir(tmp_path)
     asked = {
         "tracer.h5: holds no whole runs; make it again: brownpipe simulate SCENE --record all": (tracer, "gsd"),
@@ -316,6 +320,7 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
         "tracer.h5: seed 17 is not in it; its runs have the seeds 1": (tracer, "csv", "--seed", 17),
         "empty.h5: holds no trajectories; make it again: brownpipe simulate SCENE --record all": (empty, "csv"),
         "bare.h5: its scene has no disks": (bare, "csv"),
+        "bare_empty.h5: its scene has no disks": (bare_empty, "csv"),
         "run.xyz: the output must end in .gsd, not '.xyz'": (walled, "gsd", "--output", "run.xyz"),
         "is an input": (walled, "gsd", "--output", walled),
     }
@@ -324,7 +329,7 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "gsd", None)
     message = refused(capsys, walled, "--to", "gsd")
     assert "--to gsd: needs the package gsd (" in message and "install it by pip install gsd, or choose xyz" in message
-    assert sorted(tmp_path.iterdir()) == [bare, empty, tracer]
+    assert sorted(tmp_path.iterdir()) == [bare, bare_empty, empty, tracer]
 
 
 @pytest.mark.parametrize("length", [1e-40, 1e40])

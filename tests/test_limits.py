@@ -238,7 +238,9 @@ def test_a_file_larger_than_the_disk_is_refused_before_the_work(expected, no_wor
     monkeypatch.setattr("brownpipe.storage.free_space", lambda _: 1e6)
     assert main(["simulate", f"{expected}/crowd.yaml", "--seeds", "0-99999", "--output", "a.h5"]) == FAILED
     err = capsys.readouterr().err
-    assert re.fullmatch(r"brownpipe: a\.h5: some \d+ MB are expected, and there is room for 1 MB; must be .*\n", err)
+    assert re.fullmatch(
+        r"brownpipe: a\.h5: some [0-9.]+ MB are expected, and there is room for 1 MB; must be .*\n", err
+    )
 
 
 # -- workers --------------------------------------------------------------------------------------------------------

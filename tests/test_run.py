@@ -261,6 +261,11 @@ def test_other_batches_versions_and_sources_are_named(simulated, monkeypatch):
     assert simulated()[:2] == ["engine exact: its source code", f"engine exact: numba {numba} -> 99"]
 
 
+def test_what_is_recorded_and_measured_is_compared(simulated):
+    edit("mine.yaml", ("seeds: 4", "observables: [square_displacement]\nrecord: none\nseeds: 4"))
+    assert simulated() == ["record [tracer] -> []", "observables [] -> [square_displacement]"]
+
+
 def test_ten_million_seeds_are_compared_by_their_ranges(study, monkeypatch):
     """Overlapping files of old divisions count each seed once, and no seed is listed: that took 1.2 GB."""
     folder = Path("results/first/simulate/first_scene/N200/exact")
@@ -269,7 +274,7 @@ def test_ten_million_seeds_are_compared_by_their_ranges(study, monkeypatch):
         (folder / f"{name}.h5").touch()
     monkeypatch.setattr(changes, "_in_files", lambda *_: [])
     found = changes.changes(read_study(study, {"seeds": 10**7, "particles": 200}))
-    assert found == ["seeds 5000000 -> 10000000"]
+    assert found == ["seeds: 5000000 of 10000000 have been run"]
 
 
 def test_a_study_without_results_differs_in_nothing(study):

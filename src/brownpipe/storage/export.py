@@ -28,7 +28,7 @@ from brownpipe.scene import Scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import replacing, sync
 from brownpipe.storage.origin import runs_record
-from brownpipe.storage.trajectories import Trajectories, refuse_stopped, whole_seed
+from brownpipe.storage.trajectories import Trajectories, refuse_empty, refuse_stopped, whole_seed
 
 GSD_SCHEMA = (1, 4)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
 GSD_NUMBERS = np.finfo(np.float32)
@@ -79,6 +79,7 @@ def _tables(trajectories: Trajectories, path: str, seed: int | None) -> dict[int
     """Return all whole runs or, if there are none, the track of the tracer (T, 1, 2) of each run; or that of a seed."""
     ensemble = trajectories.ensemble
     tracer, whole = ensemble.tracer, ensemble.whole
+    refuse_empty(trajectories, path)
     if whole:
         run = _whole_run(trajectories, path, seed)
         return whole if seed is None else run

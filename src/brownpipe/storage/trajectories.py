@@ -153,14 +153,19 @@ def whole_seed(trajectories: Trajectories, path: str, seed: int | None) -> int:
     """
     whole = trajectories.ensemble.whole
     refuse_stopped(trajectories, path, seed)
+    refuse_empty(trajectories, path)
     if not whole:
         raise RequestError(f"{path}: holds no whole runs; make it again: brownpipe simulate SCENE --record all")
     if seed is not None and seed not in whole:
         seeds = seed_text(sorted(whole))
         raise RequestError(f"{path}: seed {seed} is not in it; its whole runs have the seeds {seeds}")
+    return min(whole) if seed is None else seed
+
+
+def refuse_empty(trajectories: Trajectories, path: str) -> None:
+    """Raise RequestError for runs of a scene without disks."""
     if not trajectories.scene.particles:
         raise RequestError(f"{path}: its scene has no disks")
-    return min(whole) if seed is None else seed
 
 
 def refuse_stopped(trajectories: Trajectories, path: str, seed: int | None) -> None:

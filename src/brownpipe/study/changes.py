@@ -10,7 +10,7 @@ from brownpipe.provenance import NAME, UNKNOWN, modules_of, source_digest, versi
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import Entry
 from brownpipe.scene.scene import as_mapping
-from brownpipe.storage.trajectories import read_header, read_outline
+from brownpipe.storage.trajectories import Outline, read_header, read_outline
 from brownpipe.study.run_count import settle
 from brownpipe.study.study import SimulationJob, Study
 
@@ -31,7 +31,7 @@ def changes(study: Study) -> list[str]:
         files = {Path(f"results/{study.name}/simulate") / job.file: job for job in jobs}
         folder = next(iter(files)).parent
         there += folder.is_dir()
-        for line in (*_in_files(list(files), scenes[scene, particles]), *_in_seeds(folder, files)):
+        for line in (*_in_files(list(files), scenes[scene, particles], study), *_in_seeds(folder, files)):
             found[line].append(cases[-1])
     lines = [
         line if _is_common(line, names, cases) else f"{line} ({', '.join(names)})" for line, names in found.items()
@@ -43,7 +43,7 @@ def _is_common(line: str, names: list[str], cases: list[str]) -> bool:
     return names == cases or line.startswith(("scene ", "engine "))
 
 
-def _in_files(files: list[Path], scene: Scene) -> Iterator[str]:
+def _in_files(files: list[Path], scene: Scene, study: Study) -> Iterator[str]:
     """Yield what differs between the oldest of some files and what would be written now."""
     present = [file for file in files if file.is_file()]
     if not present:
@@ -60,12 +60,29 @@ def _in_files(files: list[Path], scene: Scene) -> Iterator[str]:
         yield f"scene {scene.name}: {key} {_shown(before.get(key))} -> {_shown(now.get(key))}"
     if len(keys) > MOST_KEYS:
         yield f"scene {scene.name}: {len(keys) - MOST_KEYS} more keys"
+    yield from _in_recording(outline, study)
     if outline.source != source_digest(*modules_of("simulate", outline.engine.name)):
         yield f"engine {outline.engine.name}: its source code"
     for key, new in versions().items():
         old, name = header.get(key, UNKNOWN), key.removesuffix("_version")
         if old != new and name != NAME:
             yield f"engine {outline.engine.name}: {name} {old} -> {new}"
+
+
+def _in_recording(outline: Outline, study: Study) -> Iterator[str]:
+    """Yield what differs between what a file's runs record and measure and what the study asks for."""
+    if outline.observables is None or not outline.scene.particles:  # no run came to its end, or nothing is recorded
+        return
+    record, asked, average = study.recording
+    observables, average = outline.engine.definition.measured(asked, average)
+    pairs = {
+        "record": (outline.record, record - {"none"}),
+        "observables": (set(outline.observables), set(observables)),
+        "average": ({outline.average}, {average}),
+    }
+    for key, (before, now) in pairs.items():
+        if before != now:
+            yield f"{key} {_shown(sorted(before))} -> {_shown(sorted(now))}"
 
 
 def _in_seeds(folder: Path, files: dict[Path, SimulationJob]) -> Iterator[str]:
@@ -76,8 +93,10 @@ def _in_seeds(folder: Path, files: dict[Path, SimulationJob]) -> Iterator[str]:
     in_both = _number_in(run) + _number_in(wanted) - _number_in(run + wanted)
     if in_both == _number_in(wanted):
         yield "batch: the same seeds in other jobs"
-    elif in_both:
+    elif in_both and in_both == _number_in(run):
         yield f"seeds {in_both} -> {_number_in(wanted)}"
+    elif in_both:
+        yield f"seeds: {in_both} of {_number_in(wanted)} have been run"
     else:
         yield "no runs yet"
 

@@ -6,7 +6,7 @@ from itertools import chain
 from typing import NamedTuple
 
 from brownpipe.engines import Engine, forecast
-from brownpipe.formatting import in_bytes, in_time
+from brownpipe.formatting import counted, in_bytes, in_time
 from brownpipe.scene import Scene
 from brownpipe.study.study import EngineUse, SimulationJob, Study
 
@@ -118,5 +118,6 @@ def describe_workload(study: Study) -> str:
     count = sum(len(part.batches) for part in parts)
     seconds = in_time(sum(part.seconds for part in parts))
     size = in_bytes(sum(len(part.seeds) * part.cost.recorded for part in parts))
-    jobs = f"{runs:,} runs in {count} jobs of up to {max(part.most_seeds for part in parts):,} seeds"
+    most = counted(max(part.most_seeds for part in parts), "seed")
+    jobs = f"{counted(runs, 'run')} in {counted(count, 'job')} of up to {most}"
     return f"{jobs}: some {seconds} of CPU, {size} in results/{study.name}"

@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from brownpipe.errors import RequestError, StorageError
+from brownpipe.formatting import in_bytes
 from brownpipe.quoting import in_lines, printable
 
 HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
@@ -62,7 +63,7 @@ def refuse_if_too_large(path: str, size: float) -> None:
 
     free = free_space(Path(path).parent)
     if size / 2 > free:
-        room = f"some {size / 1e6:,.0f} MB are expected, and there is room for {free / 1e6:,.3g} MB"
+        room = f"some {in_bytes(size)} are expected, and there is room for {in_bytes(free)}"
         raise StorageError(f"{path}: {room}; must be more space, fewer seeds, or less to record")
 
 
