@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from brownpipe.formatting import in_time
 from validation.comparison import Comparison
 
-HEAD = "| quantity | published | brownpipe | difference | source |\n|---|---|---|---|---|\n"
+HEAD = "| quantity | reference | brownpipe | difference | source |\n|---|---|---|---|---|\n"
 
 
 def with_table(page: str, name: str, comparisons: Sequence[Comparison], seconds: float) -> str:
@@ -57,6 +57,6 @@ def closing(comparisons: Sequence[Comparison], seconds: float) -> str:
     most = max(abs(one.z) for one in tested)
     chance = 1 - math.erf(most / math.sqrt(2)) ** len(tested)
     return (
-        f"{len(tested)} values tested; largest difference {most:.1f} standard errors, which chance alone exceeds with"
-        f" probability {chance:.2g} if they are independent. {took}"
+        f"{len(tested)} values tested; largest difference {most:.1f} standard errors. Of as many independent values one is as"
+        f" far off or farther with probability {chance:.2g}. {took}"
     )

@@ -22,7 +22,7 @@ def add_arguments(add: Callable) -> None:
     add("--profile", metavar="NAME", help=places).words = ("slurm",)
     listed = "only say which jobs would run, and what differs from the results that exist"
     add("-n", "--dry-run", action="store_true", help=listed)
-    page = "afterwards write a page with all results (default: report.html)"
+    page = "afterwards write Snakemake's report, with commands and run times (default: report.html)"
     add("--report", nargs="?", const="report.html", metavar="FILE", help=page)
     add("--verify", action="store_true", help="afterwards verify all results, as `brownpipe verify` does")
 

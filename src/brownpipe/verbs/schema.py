@@ -18,7 +18,7 @@ def schema(arguments: Namespace) -> int:
     """Print the JSON Schema of scene or study files, with which editors complete and check their keys.
 
     An editor with a YAML language server reads it if the file begins with a comment that says where it is:
-    # yaml-language-server: $schema=study.schema.json
+    # yaml-language-server: $schema=study.json
     """
     from brownpipe.scene.schema import scene_schema
     from brownpipe.study.schema import study_schema
