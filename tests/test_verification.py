@@ -225,6 +225,24 @@ def test_from_another_folder_the_cure_goes_there_first(study, monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("start", "path"), [("results", "mine"), ("results/mine", "."), ("results/mine/figures", "../../mine//")]
+)
+def test_a_relative_path_is_as_good_as_any_other(study, start, path, monkeypatch, capsys):
+    (RESULTS / "simulate/hot/N6/exact/2-3.h5").unlink()
+    (RESULTS / "figures/health.csv").write_text("edited")
+    monkeypatch.chdir(start)
+    assert main(["verify", path]) == FAILED
+    *problems, count, cure = capsys.readouterr().out.splitlines()
+    files = (
+        "figures/health.csv: was damaged or edited after it was written",
+        "simulate/hot/N6/exact/2-3.h5: is missing",
+    )
+    assert problems == [f"{Path(path) / file}" for file in files]
+    assert count == f"{Path(path)}: 11 files intact, 2 not; to make these again:"
+    assert cure == f"cd {study} && rm -rf -- results/mine/figures/health.csv && brownpipe run mine.yaml"
+
+
+@pytest.mark.parametrize(
     ("file", "cure"),
     [
         (

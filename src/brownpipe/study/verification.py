@@ -58,7 +58,7 @@ class Verdict(NamedTuple):
 class Results(NamedTuple):
     """The results of a study that are there, and those that it promises."""
 
-    folder: Path
+    folder: Path  # absolute: the study is two folders above
     files: tuple[str, ...]  # that are there, relative to the folder
     record: RunRecord | None  # None: unknown
     study: Study | None  # None: unknown
@@ -74,10 +74,9 @@ def verify_results(folder: str | Path) -> Verdict:
 
     Raises WrongFileError if there is none. Nothing is written.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise WrongFileError(f"{folder}: cannot be read: no such folder")
-    results = _results(folder)
+    results = _results(Path(os.path.abspath(folder)))
     problems = dict.fromkeys(results.promised.difference(results.files), MISSING_FILE)
     remarks: dict[str, list[str]] = {key: [] for key in REMARKS}
     sealed = list(_sealed(results))

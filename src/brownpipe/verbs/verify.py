@@ -36,13 +36,14 @@ def verify(arguments: Namespace) -> int:
     return status
 
 
-def report(folder: str) -> int:
+def report(path: str) -> int:
     """Verify the results of a study and print what is found; return the exit status."""
     from brownpipe.study.verification import verify_results
 
+    folder = Path(path)
     verdict = verify_results(folder)
     for file, what in verdict.problems:
-        show(f"{folder}/{file}: {what}")
+        show(f"{folder / file}: {what}")
     for remark in verdict.remarks:
         show(f"{folder}: {remark}")
     if verdict.cure is not None:
