@@ -214,7 +214,49 @@ def test_without_a_record_the_study_of_that_name_is_taken(study):
     (RESULTS / "simulate/hot/N6/exact/0-1.h5").rename(RESULTS / "simulate/hot/N6/exact/2-3.h5")
     verdict = verify_results(RESULTS)
     assert dict(verdict.problems)["simulate/hot/N6/exact/2-3.h5"] == "holds the runs of simulate/hot/N6/exact/0-1.h5"
-    assert verdict.cure == "rm -rf -- results/mine/simulate/hot/N6/exact/2-3.h5 && brownpipe run STUDY"
+    nothing = "run.yaml: cannot be read: No such file or directory, and there is no study file mine.yaml"
+    assert verdict.unknown == f"results/mine/{nothing}"
+    assert verdict.cure is None, "nothing is to be deleted that no known command makes again"
+
+
+def rename(study):
+    (study / "mine.yaml").rename(study / "renamed.yaml")
+    return "results/mine", "mine.yaml: cannot be read: No such file or directory"
+
+
+def spoil(study):
+    (study / "mine.yaml").write_text(f"{(study / 'mine.yaml').read_text()}bogus: 1\n")
+    return "results/mine", "mine.yaml: line 5: unknown key 'bogus'"
+
+
+def copy_elsewhere(study):
+    shutil.copytree(study / "results", study / "backup/kept/results")
+    return "backup/kept/results/mine", "backup/kept/mine.yaml: cannot be read: No such file or directory"
+
+
+@pytest.mark.parametrize("lose", [rename, spoil, copy_elsewhere])
+def test_without_its_study_results_are_not_called_complete(study, lose, capsys):
+    folder, why = lose(study)
+    (study / folder / "simulate/hot/N6/exact/2-3.h5").unlink()
+    assert main(["verify", folder]) == FAILED
+    unknown, count = capsys.readouterr().out.splitlines()
+    assert unknown.startswith(f"{folder}: completeness was not checked: {why}")
+    assert count == f"{folder}: 12 files intact"
+    for file in ("figures/health.png", "report.html", "aggregate/mine.nc"):
+        (study / folder / file).unlink()
+    assert main(["verify", folder]) == FAILED
+    *missing, unknown, count = capsys.readouterr().out.splitlines()
+    files = ("aggregate/mine.nc", "figures/health.png", "report.html")
+    assert missing == [f"{folder}/{file}: is missing" for file in files]
+    assert count == f"{folder}: 9 files intact, 3 not"
+
+
+def test_a_study_that_was_renamed_with_its_results_is_found(study):
+    Path("mine.yaml").rename("yours.yaml")
+    RESULTS.rename("results/yours")
+    verdict = verify_results("results/yours")
+    assert verdict.problems == (("aggregate/yours.nc", "is missing"),)
+    assert verdict.cure == "brownpipe run yours.yaml" and verdict.unknown is None
 
 
 def test_from_another_folder_the_cure_goes_there_first(study, monkeypatch):

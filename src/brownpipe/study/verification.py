@@ -52,7 +52,8 @@ class Verdict(NamedTuple):
     intact: int  # number of files
     problems: tuple[tuple[str, str], ...]  # file, relative to the folder of the results, and what is wrong with it
     remarks: tuple[str, ...]  # on files that are no problem
-    cure: str | None  # command that makes again what is missing or damaged
+    cure: str | None  # command that makes again what is missing or damaged, as far as the study is known
+    unknown: str | None = None  # why the study is unknown, so that files may be missing that no list names
 
 
 class Results(NamedTuple):
@@ -62,6 +63,7 @@ class Results(NamedTuple):
     files: tuple[str, ...]  # that are there, relative to the folder
     record: RunRecord | None  # None: unknown
     study: Study | None  # None: unknown
+    unknown: str | None  # why the study is unknown
     requests: Mapping[str, Request]  # of its trajectory files
     promised: frozenset[str]  # all files that the study makes, as far as they are known
 
@@ -89,7 +91,7 @@ def verify_results(folder: str | Path) -> Verdict:
     intact = len({*results.files}.difference(problems, remarks[FOREIGN]))
     lines = tuple(REMARKS[key].format(_some(files)) for key, files in remarks.items() if files)
     cure = _cure(results, problems) if problems else None
-    return Verdict(intact, tuple(sorted(problems.items())), lines, cure)
+    return Verdict(intact, tuple(sorted(problems.items())), lines, cure, results.unknown)
 
 
 def verify_file(path: str | Path) -> None:
@@ -126,18 +128,18 @@ def verify_file(path: str | Path) -> None:
 def _results(folder: Path) -> Results:
     """Return the results in a folder, with their study if that is known."""
     files = tuple(sorted(_files(folder)))
-    record = _record(folder)
-    study, requests = None, {}
-    if record is not None:
-        try:
-            study = read_settled(folder.parent.parent / record.study, record.config, folder.parent)
-        except RequestError:
-            record = None
+    record, study, unknown, requests = None, None, None, {}
+    try:
+        record = _record(folder)
+        study_file = os.path.relpath(folder.parent.parent / record.study)
+        study = read_settled(study_file, record.config, folder.parent)
+    except RequestError as error:
+        unknown = str(error)
     if study is not None:
         start = f"results/{study.name}/"
         expected = [*expected_files(study), *replay_files(study)]
         requests = {str(path).removeprefix(start): request for path, request in expected}
-    return Results(folder, files, record, study, requests, _promised(study, requests, files))
+    return Results(folder, files, record, study, unknown, requests, _promised(study, requests, files))
 
 
 def _files(folder: Path) -> Iterator[str]:
@@ -147,13 +149,20 @@ def _files(folder: Path) -> Iterator[str]:
         yield from (Path(place, name).relative_to(folder).as_posix() for name in names)
 
 
-def _record(folder: Path) -> RunRecord | None:
-    """Return how the study was run; if there is no record of it, by the study file of the same name."""
+def _record(folder: Path) -> RunRecord:
+    """Return how the study was run, with the study file of the same name if there is no record or not its study file.
+
+    Raises RequestError, which says what is wrong with the record, if there is neither.
+    """
+    likely = likely_study(folder)
     try:
-        return read_run_record(folder)
-    except RequestError:
-        study = likely_study(folder)
-        return None if study is None else RunRecord(study)
+        record = read_run_record(os.path.relpath(folder))
+    except RequestError as error:
+        if likely is None:
+            raise RequestError(f"{error}, and there is no study file {folder.name}.yaml") from error
+        return RunRecord(likely)
+    is_there = os.path.isfile(folder.parent.parent / record.study)
+    return record if is_there or likely is None else record._replace(study=likely)
 
 
 def _promised(study: Study | None, requests: Mapping[str, Request], files: tuple[str, ...]) -> frozenset[str]:
@@ -183,11 +192,12 @@ def _sealed(results: Results) -> Findings:
     """Verify trajectory files, datasets, plan and record by their seals, and whether they are of this study."""
     parts = ("figures", "tradeoff")
     listed = {os.path.normpath(f"{part}/{name}") for part in parts for name in _checksums(results.folder / part)}
+    own = results.promised | listed | {f"{part}/{CHECKSUMS}" for part in parts}
     for file in tracked(results.files, "files"):
         path = results.folder / file
         try:
             if not path.is_file():
-                yield file, "is no ordinary file" if file in results.promised else FOREIGN
+                yield file, "is no ordinary file" if file in own else FOREIGN
             elif file in (RECORD, PLAN):
                 read_sealed_text(path)
                 if not (is_run_record if file == RECORD else is_plan)(path):
@@ -196,10 +206,10 @@ def _sealed(results: Results) -> Findings:
                 yield file, _trajectories(results, file)
             elif path.suffix == ".nc":
                 yield file, _dataset(results, file)
-            elif file not in listed and file not in results.promised:
+            elif file not in own:
                 yield file, FOREIGN
         except WrongFileError as error:
-            yield file, _cause(error) if file in results.promised else FOREIGN
+            yield file, _cause(error) if file in own else FOREIGN
         except StorageError as error:
             yield file, _cause(error)
 
@@ -298,6 +308,7 @@ def _listed(results: Results, broken: Set[str]) -> Findings:
         promised = {file for file in results.promised if file.startswith(of_part)} - {sums}
         files = {name: os.path.normpath(f"{part}/{name}") for name in listed}
         yield from ((file, "has no checksum") for file in promised.difference(files.values()))
+        yield from ((files[name], MISSING_FILE) for name in listed if not os.path.lexists(folder / name))
         there = [name for name in listed if files[name] not in broken and (folder / name).is_file()]
         differing = [name for name in there if digest_of(folder / name) != listed[name]]
         datasets = {name for name in differing if name.endswith(".nc")}
@@ -320,17 +331,17 @@ def _checksums(folder: Path) -> Mapping[str, str]:
 # -- what makes it again --------------------------------------------------------------------------------------------
 
 
-def _cure(results: Results, problems: Mapping[str, str]) -> str:
-    """Return the command that deletes what is wrong and makes again all that the study promises."""
+def _cure(results: Results, problems: Mapping[str, str]) -> str | None:
+    """Return the command that deletes what is wrong and makes again all that the study promises, if that is known."""
+    if results.record is None or results.study is None:
+        return None
     root = results.folder.parent.parent
     steps = [] if root.resolve() == Path.cwd() else [f"cd {shell_path(root.resolve())}"]
     if wrong := sorted(file for file, what in problems.items() if what != MISSING_FILE):
         paths = " ".join(shell_path(f"results/{results.folder.name}/{file}") for file in wrong)
         steps.append(f"rm -rf -- {paths}")
-    if results.record is None:
-        return " && ".join([*steps, "brownpipe run STUDY"])
     of_tradeoff = [file.startswith("tradeoff/") for file in problems]
-    has_figures = results.study is None or f"figures/{CHECKSUMS}" in results.promised
+    has_figures = f"figures/{CHECKSUMS}" in results.promised
     if has_figures and not all(of_tradeoff):
         steps.append(results.record.command())
     if any(of_tradeoff) or not has_figures:

@@ -19,8 +19,9 @@ def verify(arguments: Namespace) -> int:
     """Verify all that a study has made, byte by byte, and that each file holds what the study asks for.
 
     Names every file that is missing, damaged or exchanged, and the command that makes them again; then the exit status
-    is 1. Files of another version of brownpipe and files that it did not make are named, too, and do not change the
-    exit status. Nothing is written. `brownpipe run STUDY --verify` does the same after a run.
+    is 1. It is 1, too, if the study file is not found or not valid: then nobody knows what else is missing. Files of
+    another version of brownpipe and files that it did not make are named, too, and do not change the exit status.
+    Nothing is written. `brownpipe run STUDY --verify` does the same after a run.
     """
     from brownpipe import progress
     from brownpipe.study.verification import verify_file
@@ -46,9 +47,10 @@ def report(path: str) -> int:
         show(f"{folder / file}: {what}")
     for remark in verdict.remarks:
         show(f"{folder}: {remark}")
+    if verdict.unknown is not None:
+        show(f"{folder}: completeness was not checked: {verdict.unknown}")
+    others = f", {len(verdict.problems)} not" if verdict.problems else ""
+    show(f"{folder}: {verdict.intact} files intact{others}{'' if verdict.cure is None else '; to make these again:'}")
     if verdict.cure is not None:
-        show(f"{folder}: {verdict.intact} files intact, {len(verdict.problems)} not; to make these again:")
         show(verdict.cure)
-        return FAILED
-    show(f"{folder}: {verdict.intact} files intact")
-    return DONE
+    return FAILED if verdict.problems or verdict.unknown is not None else DONE
