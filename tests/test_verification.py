@@ -308,7 +308,35 @@ def test_a_single_file(study, capsys, file, cure):
 
 @pytest.mark.parametrize("path", ["absent", "hot.yaml", "."])
 def test_what_brownpipe_did_not_make_is_no_result(study, path, capsys):
-    assert main(["verify", path]) == (FAILED if path == "." else WRONG_REQUEST)
+    assert main(["verify", path]) == WRONG_REQUEST
+
+
+def test_all_studies_of_a_folder_are_verified(study, capsys):
+    shutil.copytree(RESULTS, "results/tradeoff")
+    Path("results/notes").mkdir()
+    (RESULTS / "figures/health.png").unlink()
+    assert main(["verify", "results/"]) == FAILED
+    assert capsys.readouterr().out.splitlines()[:3] == [
+        "results/mine/figures/health.png: is missing",
+        "results/mine: 12 files intact, 1 not; to make these again:",
+        "brownpipe run mine.yaml",
+    ]
+
+
+PART = "is a part of results/mine, which can only be verified as a whole"
+OTHER = "is not the folder of a study's results (results/STUDY); single trajectory files, datasets, figures and tables"
+
+
+@pytest.mark.parametrize(
+    ("folder", "why"),
+    [("results/mine/simulate", PART), ("results/mine/figures//", PART), ("drawn", OTHER), (".", OTHER)],
+)
+def test_a_folder_that_is_not_that_of_one_study_is_refused(study, folder, why, capsys):
+    shutil.copytree(RESULTS / "figures", "drawn")
+    shutil.copy("mine.yaml", "run.yaml")  # the name of the record of a study
+    assert main(["verify", folder]) == WRONG_REQUEST
+    printed, said = capsys.readouterr()
+    assert printed == "" and said.startswith(f"brownpipe: {Path(folder)}: {why}") and said.count("\n") == 1
 
 
 def test_a_product_alone_is_verified_where_it_was_made(study, tmp_path, capsys):

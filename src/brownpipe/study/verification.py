@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 NO_RESULTS = ("logs", "benchmarks")  # folders
+PARTS = ("simulate", "aggregate", "figures", "tradeoff")  # folders, of which each study has one at least
 MISSING_FILE = "is missing"
 FOREIGN, SURPLUS, OLDER = "foreign", "surplus", "older"
 REMARKS = {
@@ -69,6 +70,34 @@ class Results(NamedTuple):
 
 
 Findings = Iterator[tuple[str, str | None]]  # file; what is wrong with it, or a key of REMARKS, or None
+
+
+def results_in(path: str | Path) -> list[Path]:
+    """Return the folder with the results of a study, or each of those in a folder of results.
+
+    Raises WrongFileError, which says what can be verified instead, for any other folder.
+    """
+    path = Path(path)
+    if _is_of_study(path):
+        return [path]
+    if found := sorted(folder for folder in path.iterdir() if folder.is_dir() and _is_of_study(folder)):
+        return found
+    absolute = Path(os.path.abspath(path))
+    whole = next((folder for folder in absolute.parents if is_run_record(folder / RECORD)), None)
+    if whole is not None:
+        raise WrongFileError(f"{path}: is a part of {os.path.relpath(whole)}, which can only be verified as a whole")
+    of_files = "single trajectory files, datasets, figures and tables can be verified by their names"
+    raise WrongFileError(f"{path}: is not the folder of a study's results (results/STUDY); {of_files}")
+
+
+def _is_of_study(folder: Path) -> bool:
+    """Whether a folder has the record of a study, or all that a damaged or missing record leaves of its results."""
+    if is_run_record(folder / RECORD):
+        return True
+    absolute, has_parts = Path(os.path.abspath(folder)), any((folder / part).is_dir() for part in PARTS)
+    if absolute.parent.name == "results":
+        return has_parts or likely_study(absolute) is not None
+    return has_parts and os.path.lexists(folder / RECORD)
 
 
 def verify_results(folder: str | Path) -> Verdict:

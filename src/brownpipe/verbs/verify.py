@@ -11,7 +11,7 @@ EXAMPLE = "results/small"
 
 
 def add_arguments(add: Callable) -> None:
-    what = "folder with the results of a study, or single files: trajectories, datasets, figures, tables"
+    what = "folder with the results of a study or of several, or single files: trajectories, datasets, figures, tables"
     add("paths", nargs="+", metavar="RESULTS", help=what)
 
 
@@ -24,20 +24,20 @@ def verify(arguments: Namespace) -> int:
     Nothing is written. `brownpipe run STUDY --verify` does the same after a run.
     """
     from brownpipe import progress
-    from brownpipe.study.verification import verify_file
+    from brownpipe.study.verification import results_in, verify_file
 
     status = DONE
     with progress.shown("verify"):
         for path in arguments.paths:
             if Path(path).is_dir():
-                status = max(status, report(path))
+                status = max(status, *map(report, results_in(path)))
             else:
                 verify_file(path)
                 show(f"{path}: intact")
     return status
 
 
-def report(path: str) -> int:
+def report(path: str | Path) -> int:
     """Verify the results of a study and print what is found; return the exit status."""
     from brownpipe.study.verification import verify_results
 
