@@ -14,7 +14,7 @@ from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, StorageError
 from brownpipe.storage import read_dataset, write_dataset
 from brownpipe.storage.checksums import read_checksums, write_checksums
-from brownpipe.study import run_count
+from brownpipe.study import read_study, run_count
 from brownpipe.study.expectation import expected_files, read_settled
 from brownpipe.study.run_record import RunRecord, write_run_record
 from brownpipe.study.verification import Verdict, verify_file, verify_results
@@ -249,6 +249,29 @@ def test_without_its_study_results_are_not_called_complete(study, lose, capsys):
     files = ("aggregate/mine.nc", "figures/health.png", "report.html")
     assert missing == [f"{folder}/{file}: is missing" for file in files]
     assert count == f"{folder}: 9 files intact, 3 not"
+
+
+@pytest.mark.parametrize("place", ["results/other", "old/mine"])
+def test_no_command_is_printed_for_results_in_another_place(study, place, capsys):
+    Path("old").mkdir()
+    RESULTS.rename(place)
+    (Path(place) / "figures/health.png").write_text("edited")
+    assert main(["verify", place]) == FAILED
+    assert capsys.readouterr().out.splitlines() == [
+        f"{place}/figures/health.png: was damaged or edited after it was written",
+        f"{place}: is not named results/mine, after its study: brownpipe run mine.yaml makes files again only there",
+        f"{place}: 12 files intact, 1 not",
+    ]
+
+
+def test_the_plan_is_that_in_the_folder_also_if_that_was_renamed(study):
+    """Four runs, which no tolerance of this scene needs."""
+    Path("mine.yaml").write_text("scenes: hot.yaml\ntolerance: 20 %\ntarget: displacement_distribution\nbatch: 2\n")
+    plan = RESULTS / "plan.yaml"
+    needed = len(run_count.settle(read_study("mine.yaml"), plan, print).seeds)
+    plan.write_text(plan.read_text().replace(f": {needed}", ": 4"))
+    RESULTS.rename("results/other")
+    assert not any(file.startswith("simulate/") for file, _ in verify_results("results/other").problems)
 
 
 def test_a_study_that_was_renamed_with_its_results_is_found(study):

@@ -10,15 +10,15 @@ from brownpipe.study.study_file import from_command_line, read_study
 
 
 def read_settled(
-    study_file: str | Path, overrides: Mapping[str, object] | None = None, results: str | Path = "results"
+    study_file: str | Path, overrides: Mapping[str, object] | None = None, plan: str | Path | None = None
 ) -> Study:
     """Return a study with its number of runs; `overrides` replaces keys, as `snakemake --config` does.
 
-    For a tolerance the number is that which the workflow has determined and stored in the folder `results`. Raises
-    RequestError like `read_study`.
+    For a tolerance the number is that which the workflow has determined and stored in the file `plan`, by default that
+    of the study in the folder `results`. Raises RequestError like `read_study`.
     """
     study = read_study(study_file, from_command_line(overrides or {}))
-    return settle(study, Path(results) / study.name / PLAN, lambda _: None, dry_run=True)
+    return settle(study, plan or f"results/{study.name}/{PLAN}", lambda _: None, dry_run=True)
 
 
 def expected_files(study: Study) -> list[Expected]:

@@ -53,7 +53,7 @@ class Verdict(NamedTuple):
     intact: int  # number of files
     problems: tuple[tuple[str, str], ...]  # file, relative to the folder of the results, and what is wrong with it
     remarks: tuple[str, ...]  # on files that are no problem
-    cure: str | None  # command that makes again what is missing or damaged, as far as the study is known
+    cure: str | None  # command that makes again what is missing or damaged; None if none is known for this folder
     unknown: str | None = None  # why the study is unknown, so that files may be missing that no list names
 
 
@@ -119,7 +119,11 @@ def verify_results(folder: str | Path) -> Verdict:
             problems.setdefault(file, what)
     intact = len({*results.files}.difference(problems, remarks[FOREIGN]))
     lines = tuple(REMARKS[key].format(_some(files)) for key, files in remarks.items() if files)
-    cure = _cure(results, problems) if problems else None
+    cure, misplaced = None, _misplaced(results)
+    if misplaced is not None:
+        lines += (misplaced,)
+    elif problems:
+        cure = _cure(results, problems)
     return Verdict(intact, tuple(sorted(problems.items())), lines, cure, results.unknown)
 
 
@@ -161,7 +165,7 @@ def _results(folder: Path) -> Results:
     try:
         record = _record(folder)
         study_file = os.path.relpath(folder.parent.parent / record.study)
-        study = read_settled(study_file, record.config, folder.parent)
+        study = read_settled(study_file, record.config, folder / PLAN)
     except RequestError as error:
         unknown = str(error)
     if study is not None:
@@ -358,6 +362,16 @@ def _checksums(folder: Path) -> Mapping[str, str]:
 
 
 # -- what makes it again --------------------------------------------------------------------------------------------
+
+
+def _misplaced(results: Results) -> str | None:
+    """Return in words that a folder is not the one in which the study makes its results; None if it is, or unknown."""
+    if results.record is None or results.study is None:
+        return None
+    place = f"results/{results.study.name}"
+    if results.folder.parts[-2:] == Path(place).parts:
+        return None
+    return f"is not named {place}, after its study: {results.record.command()} makes files again only there"
 
 
 def _cure(results: Results, problems: Mapping[str, str]) -> str | None:
