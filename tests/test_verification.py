@@ -329,6 +329,19 @@ def test_a_single_file(study, capsys, file, cure):
     assert capsys.readouterr().err.startswith(f"brownpipe: {path}: was damaged or edited after it was written; {cure}")
 
 
+def test_every_bad_file_of_several_is_named(study, capsys):
+    sound, edited, cut_short = (RESULTS / file for file in ("aggregate/mine.nc", "report.html", REPLAYED))
+    with open(edited, "a") as file:
+        file.write("x")
+    os.truncate(cut_short, 100)
+    assert main(["verify", "absent.h5", *map(str, (edited, sound, cut_short)), "hot.yaml", str(RESULTS)]) == FAILED
+    printed, said = capsys.readouterr()
+    bad = ("absent.h5", edited, cut_short, "hot.yaml")
+    assert [line.split(": ")[1] for line in said.splitlines()] == [*map(str, bad)]
+    assert printed.startswith(f"{sound}: intact\n") and printed.count("\n") == 5
+    assert main(["verify", "absent.h5", str(sound)]) == WRONG_REQUEST
+
+
 @pytest.mark.parametrize("path", ["absent", "hot.yaml", "."])
 def test_what_brownpipe_did_not_make_is_no_result(study, path, capsys):
     assert main(["verify", path]) == WRONG_REQUEST

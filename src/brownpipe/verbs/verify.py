@@ -4,8 +4,8 @@ from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 
-from brownpipe.errors import DONE, FAILED
-from brownpipe.verbs.output import show
+from brownpipe.errors import DONE, FAILED, StorageError
+from brownpipe.verbs.output import say, show
 
 EXAMPLE = "results/small"
 
@@ -26,15 +26,18 @@ def verify(arguments: Namespace) -> int:
     from brownpipe import progress
     from brownpipe.study.verification import results_in, verify_file
 
-    status = DONE
+    statuses: set[int] = set()
     with progress.shown("verify"):
         for path in arguments.paths:
-            if Path(path).is_dir():
-                status = max(status, *map(report, results_in(path)))
-            else:
-                verify_file(path)
-                show(f"{path}: intact")
-    return status
+            try:
+                if Path(path).is_dir():
+                    statuses.update(map(report, results_in(path)))
+                else:
+                    verify_file(path)
+                    show(f"{path}: intact")
+            except StorageError as error:
+                statuses.add(say(str(error), error.exit_status))
+    return FAILED if FAILED in statuses else max(statuses, default=DONE)
 
 
 def report(path: str | Path) -> int:
