@@ -375,6 +375,15 @@ def test_a_folder_that_is_not_that_of_one_study_is_refused(study, folder, why, c
     assert printed == "" and said.startswith(f"brownpipe: {Path(folder)}: {why}") and said.count("\n") == 1
 
 
+@pytest.mark.parametrize(("file", "name"), [("aggregate/mine.nc", "noext"), (REPLAYED, "traj.nc")])
+def test_the_name_of_a_file_does_not_decide_whether_it_is_intact(study, file, name, capsys):
+    shutil.copy(RESULTS / file, name)
+    assert main(["verify", name]) == DONE
+    with open(name, "ab") as stream:
+        stream.write(b"x")
+    assert main(["verify", name]) == FAILED
+
+
 def test_a_product_alone_is_verified_where_it_was_made(study, tmp_path, capsys):
     for file in sorted(SHOWN):
         path = shutil.copy(RESULTS / file, tmp_path)

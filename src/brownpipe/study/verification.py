@@ -15,6 +15,7 @@ from brownpipe.analysis.variables import MISSING
 from brownpipe.engines.request import Request
 from brownpipe.errors import FigureError, RequestError, StorageError, WrongFileError
 from brownpipe.figures.cases import cases_of, of_whole_dataset
+from brownpipe.inspection import read_contents
 from brownpipe.provenance import made_with, modules_of, source_digest
 from brownpipe.quoting import printable, shell_path
 from brownpipe.stages import tracked
@@ -147,12 +148,10 @@ def verify_file(path: str | Path) -> None:
             if path.name == PAGE:  # it may replay a run that is not in the dataset
                 again = "delete it and run the study again"
             raise StorageError(f"{path}: was damaged or edited after it was written; {again}")
-    elif path.suffix == ".nc":
-        read_dataset(path)
     elif path.is_file() and path.suffix.lower() in PRODUCTS:
         raise WrongFileError(f"{path}: must be verified where the study made it, as {CHECKSUMS} there lists it")
     else:
-        read_trajectories(path)
+        read_contents(path)
 
 
 # -- what there is --------------------------------------------------------------------------------------------------
