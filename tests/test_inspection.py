@@ -303,6 +303,13 @@ def test_a_dataset_has_no_runs(option, capsys):
     assert said(capsys, "small.nc", option, *more) == (WRONG_REQUEST, "", wrong)
 
 
+@pytest.mark.parametrize("name", ["absent.png", "absent.html", "absent.h5", "absent.nc"])
+@pytest.mark.parametrize("more", [[], ["--reproduce"]])
+def test_a_file_that_does_not_exist_is_said_not_to(name, more, capsys):
+    wrong = f"brownpipe: {name}: cannot be read: No such file or directory\n"
+    assert said(capsys, name, *more) == (WRONG_REQUEST, "", wrong)
+
+
 def test_a_trajectory_file_has_no_variables(folder):
     with pytest.raises(WrongFileError, match=r"whole.h5: is a trajectory file; --variables works on datasets \(of"):
         inspection.variables(folder / "whole.h5")

@@ -145,12 +145,14 @@ def _replay_of(path: Path, record: Record) -> tuple[Origin, ...]:
 def _record_of(path: Path) -> Record:
     """Return the record of a figure, table or summary. Raises WrongFileError if there is none."""
     try:
-        if not path.is_file() or path.stat().st_size > MOST_BYTES:
+        if path.stat().st_size > MOST_BYTES or not path.is_file():
             raise WrongFileError(f"{path}: cannot be read: is no file, or larger than {MOST_BYTES >> 20} MiB")
         record = read_record(path)
         if record is not None and record_in(path.read_bytes()) is None and path.name not in (*record["files"], RECORD):
             record = None
-    except (OSError, KeyError, TypeError) as error:
+    except OSError as error:
+        raise WrongFileError(f"{path}: cannot be read: {error.strerror}") from error
+    except (KeyError, TypeError) as error:
         raise WrongFileError(f"{path}: cannot be read: {error}") from error
     if record is not None and "movie" in record:
         raise WrongFileError(f"{path}: is of brownpipe movie, from a single run; make that again and compare its file")
