@@ -310,6 +310,14 @@ def test_a_file_that_does_not_exist_is_said_not_to(name, more, capsys):
     assert said(capsys, name, *more) == (WRONG_REQUEST, "", wrong)
 
 
+@pytest.mark.parametrize("name", ["foreign.nc", "foreign.h5"])
+def test_a_file_of_another_program_is_not_simply_to_be_deleted(name, capsys):
+    xarray.Dataset({"x": ("i", [1.0, 2.0])}).to_netcdf(name, engine="h5netcdf")
+    status, _, err = said(capsys, name)
+    assert status == FAILED
+    assert f"{name}: is cut short, damaged, or not a file of brownpipe; if brownpipe wrote it, delete it and run" in err
+
+
 def test_a_trajectory_file_has_no_variables(folder):
     with pytest.raises(WrongFileError, match=r"whole.h5: is a trajectory file; --variables works on datasets \(of"):
         inspection.variables(folder / "whole.h5")

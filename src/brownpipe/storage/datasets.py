@@ -66,8 +66,13 @@ def read_values(path: str | Path, names: Iterable[str]) -> dict[str, np.ndarray]
         return {name: node.value for name, node in nodes_of(contents, contents.some(present)).items()}
 
 
-def _remedy(_: str | Path) -> str:
-    return "delete it and run the study, brownpipe aggregate or brownpipe tradeoff again"
+def _remedy(path: str | Path) -> str:
+    """Return how to make a damaged file again, if it is one of brownpipe: other programs write netCDF, too."""
+    again = "delete it and run the study, brownpipe aggregate or brownpipe tradeoff again"
+    try:
+        return again if seal_of(path) else f"if brownpipe wrote it, {again}"
+    except OSError:
+        return "check that it is there and can be read"
 
 
 def _to_bytes(dataset: "xarray.Dataset") -> bytes:
