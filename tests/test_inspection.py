@@ -318,6 +318,14 @@ def test_a_file_of_another_program_is_not_simply_to_be_deleted(name, capsys):
     assert f"{name}: is cut short, damaged, or not a file of brownpipe; if brownpipe wrote it, delete it and run" in err
 
 
+@pytest.mark.parametrize("verb", ["inspect", "verify"])
+def test_a_checkpoint_is_said_to_be_one(verb, capsys):
+    storage.write_checkpoint("runs.h5.checkpoint", {"seeds": "0-3"}, {"done": np.array(2)})
+    status = main([verb, "runs.h5.checkpoint"])
+    why = "is the checkpoint of unfinished runs; repeat the command that wrote it, and they continue from there"
+    assert (status, *capsys.readouterr()) == (WRONG_REQUEST, "", f"brownpipe: runs.h5.checkpoint: {why}\n")
+
+
 def test_a_trajectory_file_has_no_variables(folder):
     with pytest.raises(WrongFileError, match=r"whole.h5: is a trajectory file; --variables works on datasets \(of"):
         inspection.variables(folder / "whole.h5")

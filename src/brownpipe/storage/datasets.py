@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import xarray
 
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."  # the name of its scale begins with this
+CHECKPOINT = "is the checkpoint of unfinished runs; repeat the command that wrote it, and they continue from there"
 MOST_VARIABLES = 1000  # of a dataset; the analysis makes some 150
 MOST_DECLARED, MOST_COMPRESSED = 2**28, 16  # bytes of all variables, and more for each byte of the file
 NETCDF_ATTRIBUTES = {"_NCProperties", "_Netcdf4Coordinates", "_Netcdf4Dimid"}  # of files written by netCDF libraries
@@ -106,7 +107,8 @@ def _from_bytes(image: bytes) -> "xarray.Dataset":
     with opened(image) as contents:
         attributes = _attributes(contents, contents.file)
         if attributes.pop("seal", None) is None:
-            raise WrongFileError("is a file of brownpipe, but not a dataset (of `brownpipe aggregate`)")
+            other = "is a file of brownpipe, but not a dataset (of `brownpipe aggregate`)"
+            raise WrongFileError(CHECKPOINT if "checkpoint" in contents.file else other)
         if len(contents.file) > MOST_VARIABLES:
             raise StorageError(f"has {len(contents.file)} variables; must have at most {MOST_VARIABLES}")
         names = tuple(name for name in contents.file if not _is_without_coordinates(contents.file, name))
