@@ -384,6 +384,23 @@ def test_the_name_of_a_file_does_not_decide_whether_it_is_intact(study, file, na
     assert main(["verify", name]) == FAILED
 
 
+@pytest.mark.parametrize("verb", ["inspect", "verify"])
+def test_texts_and_logs_are_not_called_damaged(study, verb, capsys):
+    Path("logs").mkdir()
+    logs = [Path("logs/empty.log"), Path("logs/long.log")]
+    for log, text in zip(logs, ("", "brownpipe: compiling\n"), strict=True):
+        log.write_text(text)
+    readable = "trajectory files, datasets, figures and tables can be inspected and verified"
+    sealed = f"is text that is verified with its study, by brownpipe verify results/STUDY; {readable} alone"
+    kinds = dict.fromkeys(logs, f"is a log; {readable}")
+    kinds |= {RESULTS / file: sealed for file in ("run.yaml", "figures/SHA256SUMS")}
+    for path, kind in kinds.items():
+        assert main([verb, str(path)]) == WRONG_REQUEST
+        assert capsys.readouterr().err == f"brownpipe: {path}: {kind}\n"
+    Path("empty.h5").touch()
+    assert main([verb, "empty.h5"]) == FAILED
+
+
 def test_a_product_alone_is_verified_where_it_was_made(study, tmp_path, capsys):
     for file in sorted(SHOWN):
         path = shutil.copy(RESULTS / file, tmp_path)

@@ -37,6 +37,9 @@ PREFIX = "brownpipe-sha256:"
 NO_RESULTS = (
     "is YAML, not HDF5; brownpipe simulate makes trajectory files of a scene, brownpipe run the results of a study"
 )
+READABLE = "trajectory files, datasets, figures and tables can be inspected and verified"
+LOG = f"is a log; {READABLE}"
+SEALED_TEXT = f"is text that is verified with its study, by brownpipe verify results/STUDY; {READABLE} alone"
 WRONG_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL, errno.ENXIO)
 BLANK_SEAL = PREFIX + 64 * "0"
 BLOCK = 4096  # bytes that a disk hands out at once
@@ -222,10 +225,8 @@ def read_sealed(path: str | Path) -> bytes:
         raise problem(f"cannot be read: {error.strerror}") from error
     except ValueError as error:  # a path that no system allows
         raise WrongFileError(f"cannot be read: {error}") from None
-    if contents and not contents.startswith(HDF5) and PREFIX.encode() not in contents:
-        raise WrongFileError(NO_RESULTS if Path(path).suffix in (".yaml", ".yml") else "is not an HDF5 file")
     if not contents.startswith(HDF5):
-        raise StorageError("is not an HDF5 file")
+        raise _not_hdf5(contents, Path(path).suffix)
     seals = [*islice(SEAL.finditer(contents), 2)]
     if len(seals) != 1:
         raise StorageError("is cut short, damaged, or not a file of brownpipe")
@@ -236,6 +237,18 @@ def read_sealed(path: str | Path) -> bytes:
     if total.hexdigest() != seals[0].group().decode().removeprefix(PREFIX):
         raise StorageError("was damaged or edited after it was written")
     return contents
+
+
+def _not_hdf5(contents: bytes, suffix: str) -> StorageError:
+    """Return the error for a file that is not HDF5; it may have been if it is empty or has a seal outside a comment."""
+    if f"# {PREFIX}".encode() in contents:
+        return WrongFileError(SEALED_TEXT)
+    if suffix == ".log":
+        return WrongFileError(LOG)
+    if not contents or PREFIX.encode() in contents:
+        return StorageError("is not an HDF5 file")
+    is_yaml = suffix in (".yaml", ".yml")
+    return WrongFileError(NO_RESULTS if is_yaml else "is not an HDF5 file, as trajectory files and datasets are")
 
 
 @contextmanager
