@@ -11,9 +11,9 @@ import pytest
 HEAD = """\
 # What can go wrong, and what is promised
 
-Each promise is tested; the last column says by how many random faults. `make soak` runs the tests with many of them from
-a new seed and writes this page; `make test` runs the same tests with fewer. A failing test prints the seed of its faults,
-and `pytest TEST --fault-seed SEED` repeats them.
+Each promise is tested; the last column says by how many random faults. `make soak` runs the tests with many of them
+from a new seed and writes this page; `make test` runs the same tests with fewer. A failing test prints the seed of its
+faults, and `pytest TEST --fault-seed SEED` repeats them.
 
 | Hazard | Promise | Tests | Result |
 |---|---|---|---|

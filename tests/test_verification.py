@@ -13,7 +13,7 @@ import forked
 from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, StorageError
 from brownpipe.storage import read_dataset, write_dataset
-from brownpipe.storage.checksums import read_checksums, write_checksums
+from brownpipe.storage.checksums import read_checksums, write_checksums, write_sealed_text
 from brownpipe.study import read_study, run_count
 from brownpipe.study.expectation import expected_files, read_settled
 from brownpipe.study.run_record import RunRecord, write_run_record
@@ -423,6 +423,22 @@ def test_any_name_is_listed_as_sha256sum_does(tmp_path):
     assert read_checksums(tmp_path).keys() == {*names}
     words = ["sha256sum", "--check", "--strict", "SHA256SUMS"]
     assert subprocess.run(words, cwd=tmp_path, capture_output=True, timeout=60).returncode == 0
+
+
+def test_checksums_of_files_outside_the_results_do_not_count(study):
+    """The command that is printed would delete them."""
+    listed = f"{'0' * 64}  ../../../mine.yaml\n{'0' * 64}  ../../absent\n"
+    write_sealed_text(RESULTS / "tradeoff" / "SHA256SUMS", listed)
+    verdict = verify_results(RESULTS)
+    assert not any(".." in file or "mine.yaml" in file for file, _ in verdict.problems)
+    assert ".." not in (verdict.cure or "")
+
+
+def test_a_trade_off_without_figures_lacks_nothing(study):
+    """As brownpipe tradeoff makes it."""
+    (RESULTS / "tradeoff").mkdir()
+    shutil.copy(RESULTS / "aggregate" / "mine.nc", RESULTS / "tradeoff" / "mine.nc")
+    assert {file for file, _ in verify_results(RESULTS).problems} == {"tradeoff/mine.nc"}  # no trade-off, but alone
 
 
 def test_a_plan_that_contradicts_itself_is_not_used(tmp_path):

@@ -205,14 +205,16 @@ def _promised(study: Study | None, requests: Mapping[str, Request], files: tuple
         return frozenset({RECORD})
     if study.tolerance is not None:
         promised.add(PLAN)
-    has_tradeoff = any(file.startswith("tradeoff/") for file in files)
-    if not has_tradeoff or any(file.startswith(("aggregate/", "figures/")) for file in files):
+    of_tradeoff = {file for file in files if file.startswith("tradeoff/")}
+    if not of_tradeoff or any(file.startswith(("aggregate/", "figures/")) for file in files):
         shown = [f"{name}.{kind}" for name in study.figures for kind in ("png", "svg", "csv")]
         promised |= {f"aggregate/{study.name}.nc", PAGE, *requests}  # with the run that the page replays
         promised |= {f"figures/{name}" for name in ("summary.txt", "summary.csv", "provenance.json", CHECKSUMS, *shown)}
-    if has_tradeoff:
+    if of_tradeoff:
+        promised.add(f"tradeoff/{study.name}.nc")
+    if of_tradeoff - promised:  # brownpipe tradeoff makes only that file
         shown = [f"tradeoff_{name}.{kind}" for name in study.tradeoff_cases for kind in ("png", "svg")]
-        names = (f"{study.name}.nc", PAGE, "tradeoff.txt", "tradeoff.csv", "provenance.json", CHECKSUMS)
+        names = (PAGE, "tradeoff.txt", "tradeoff.csv", "provenance.json", CHECKSUMS)
         promised |= {f"tradeoff/{name}" for name in (*names, *shown)}
     return frozenset(promised)
 
@@ -330,7 +332,7 @@ def _listed(results: Results, broken: Set[str]) -> Findings:
         folder = results.folder / part
         sums = f"{part}/{CHECKSUMS}"
         try:
-            listed = read_checksums(folder)
+            listed = _within(read_checksums(folder))
         except WrongFileError:
             continue  # without the file, which is missing
         except StorageError as error:
@@ -353,11 +355,16 @@ def _listed(results: Results, broken: Set[str]) -> Findings:
 
 
 def _checksums(folder: Path) -> Mapping[str, str]:
-    """Return the checksums in a folder, none if they cannot be read."""
+    """Return the checksums in a folder of the results, none if they cannot be read."""
     try:
-        return read_checksums(folder)
+        return _within(read_checksums(folder))
     except StorageError:
         return {}
+
+
+def _within(checksums: Mapping[str, str]) -> dict[str, str]:
+    """Return the checksums of files within the results, given those in one of their folders."""
+    return {name: digest for name, digest in checksums.items() if not os.path.normpath(f"part/{name}").startswith("..")}
 
 
 # -- what makes it again --------------------------------------------------------------------------------------------

@@ -59,8 +59,8 @@ def simulate(arguments: Namespace) -> int:
     """Run a scene once for every seed and write the trajectories.
 
     The tracer is always recorded, except with `--record none`. Runs that fail their health check or cannot go on are
-    named, marked in the file with the reason and left out of every average. The exit status is 1 if all of them fail, or
-    with `--allow-failed N` if more than N do. A scene in which nearly every run finds no places is refused.
+    named, marked in the file with the reason and left out of every average. The exit status is 1 if all of them fail,
+    or with `--allow-failed N` if more than N do. A scene in which nearly every run finds no places is refused.
     `--observables` measures quantities at the end of each run, while the tracks of all disks are in memory, so that
     only the results need to be written.
     `--checkpoint-every` stores the state of the batch in FILE.h5.checkpoint: after this many seconds, when the next
