@@ -67,6 +67,28 @@ def test_animation_has_the_frames_asked_for_and_it_says_so(path, capsys):
             assert (animation.n_frames, animation.info["duration"], animation.info["loop"]) == (count, pause, 0)
 
 
+def test_rate_of_an_animation_is_the_one_asked_for_or_it_says_which(path, capsys):
+    """A GIF counts hundredths of a second from one frame to the next."""
+    for fps, pause, rate in (("10", 100, ""), ("33.3", 30, ""), ("40", 20, "50"), ("24", 40, "25"), ("50", 20, "")):
+        contents = made(path, ".gif", "--frames", "2", "--fps", fps)
+        with Image.open(io.BytesIO(contents)) as animation:
+            assert animation.info["duration"] == pause
+        said = capsys.readouterr().err
+        assert said.count("\n") == bool(rate) and said.startswith(
+            f"brownpipe: --fps: {rate} frames a second instead of {fps}" if rate else ""
+        )
+
+
+@pytest.mark.parametrize("fps", ["1e-9", "0.0015", "50.0001", "60", "1e300"])
+def test_rate_that_a_gif_cannot_have_is_refused_before_anything_is_drawn(path, tmp_path, capsys, monkeypatch, fps):
+    monkeypatch.setattr("brownpipe.figures.movie._frames", None)
+    assert main(["movie", str(path), "--output", str(tmp_path / "a.gif"), "--fps", fps]) == WRONG_REQUEST
+    error, found = capsys.readouterr().err, f"{float(fps):.10g}"
+    allowed = "from 0.00153 to 50 frames a second for a .gif"
+    assert error == f"brownpipe: --fps: must be {allowed}, not {found}; a .mp4 can have any rate\n"
+    assert not (tmp_path / "a.gif").exists()
+
+
 def test_it_says_what_it_made(path, capsys):
     size = in_bytes(len(made(path, ".png")))
     assert capsys.readouterr().out == f"{path.with_suffix('.png')}: 1 frame, {size}\n"

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.errors import FigureError
+from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.snapshot import COLOURS, WholeRun, scenery_of, snapshot, whole_run
 from brownpipe.figures.style import drawing
-from brownpipe.stages import tracked
+from brownpipe.stages import remark, tracked
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".gif", ".mp4", ".png")
 DOTS = 100  # per inch, of an animation
-LEAST_PAUSE = 2  # between frames of a GIF [0.01 s]: viewers slow down faster ones
+PAUSES = (2, 65535)  # of a frame of a GIF [0.01 s], two bytes: viewers slow down shorter ones
 
 
 def movie(
@@ -41,19 +41,20 @@ def movie(
     """Return the bytes of a picture (`.png`), an animation (`.gif`) or else a video (`.mp4`) of one whole run.
 
     `path` is the file of the trajectories, for messages. A picture shows the run at its end. An animation shows
-    `frames` of its samples (default: all), equally spaced and ending with the last, at `fps` per second, which a GIF
-    rounds to hundredths of a second per frame. `comment` goes into the metadata of a video. The same run gives the same
-    bytes, except for a video, which ffmpeg encodes.
+    `frames` of its samples (default: all), equally spaced and ending with the last, at `fps` per second. A GIF
+    rounds the time per frame to hundredths of a second; a remark says which rate that gives. `comment` goes into the
+    metadata of a video. The same run gives the same bytes, except for a video, which ffmpeg encodes.
 
-    Raise RequestError for a file without this run; for a video, FigureError if ffmpeg is not installed and OSError if
-    it fails.
+    Raise RequestError for a file without this run, and for a rate that a GIF cannot have; for a video, FigureError if
+    ffmpeg is not installed and OSError if it fails.
     """
+    pause = _pause(fps) if suffix == ".gif" else 0
     run = whole_run(trajectories, path, seed)
     if suffix == ".png":
         return snapshot(run)
     with drawing():
         pictures = _frames(run, samples_shown(len(run.times), frames))
-        return _gif(pictures, fps) if suffix == ".gif" else _video(pictures, fps, comment)
+        return _gif(pictures, pause) if suffix == ".gif" else _video(pictures, fps, comment)
 
 
 def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
@@ -80,15 +81,27 @@ def _frames(run: WholeRun, shown: np.ndarray) -> Iterator[np.ndarray]:
         yield np.array(canvas.buffer_rgba())[..., :3]
 
 
-def _gif(frames: Iterator[np.ndarray], fps: float) -> bytes:
-    """The bytes of an animation that repeats forever."""
+def _pause(fps: float) -> int:
+    """Return for how long a GIF shows each frame [0.01 s]; remark on a rate that differs from `fps`."""
+    least, most = PAUSES
+    if not 100 / most <= fps <= 100 / least:
+        allowed = f"from {100 / most:.3g} to {100 / least:g} frames a second for a .gif"
+        raise RequestError(f"--fps: must be {allowed}, not {fps:.10g}; a .mp4 can have any rate")
+    pause = round(100 / fps)
+    if f"{100 / pause:.3g}" != f"{fps:.3g}":
+        rate = f"{100 / pause:.3g} frames a second instead of {fps:g}"
+        remark(f"--fps: {rate}, because a .gif shows each frame for a whole number of hundredths of a second")
+    return pause
+
+
+def _gif(frames: Iterator[np.ndarray], pause: int) -> bytes:
+    """The bytes of an animation that repeats forever and shows each frame for a time `pause` [0.01 s]."""
     from PIL import Image
 
     palette = _palette()
     buffer = io.BytesIO()
     pictures = (Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    pause = 10 * max(LEAST_PAUSE, round(100 / fps))  # [ms]
-    next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, duration=pause, loop=0)
+    next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, duration=10 * pause, loop=0)
     return buffer.getvalue()
 
 
