@@ -18,6 +18,7 @@ from scipy.optimize import isotonic_regression
 
 from brownpipe import provenance, storage
 from brownpipe.analysis import aggregate
+from brownpipe.analysis.variables import FAILED
 from brownpipe.engines import Engine, state
 from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
@@ -552,11 +553,12 @@ def words(figure):
     texts = []
     for axes in (axes for axes in figure.axes if axes.get_visible() and axes.axison):
         for axis in (axes.xaxis, axes.yaxis):
-            low, high = sorted(axis.get_view_interval())
+            place = axis.get_transform().transform
+            low, high = sorted(place(axis.get_view_interval()))
             near = 1e-9 * (high - low)
             ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
             texts += [
-                tick.label1 for tick in ticks if low - near <= tick.get_loc() <= high + near
+                tick.label1 for tick in ticks if low - near <= place(tick.get_loc()) <= high + near
             ]  # others stay hidden
             texts.append(axis.label)
         texts += [*axes.texts, *([title(axes)] if title(axes) else [])]
@@ -611,6 +613,18 @@ def test_no_words_touch_with_few_and_many_scenes(in_scenes, name, count):
     """Every scene has a row of its own in `particle_counts`; all scenes are in the same panels of `thermodynamics`."""
     figure, _ = in_scenes(name, count)
     assert not touching(figure)
+
+
+@pytest.mark.parametrize("names", [("equal_disks_dense_periodic", "equal_disks_dilute_periodic"), ("s", "a_name_" * 9)])
+def test_health_has_room_for_long_names(plain, names):
+    """Panels keep their width, also with bounds at the left of their axes and many seeds of failed runs to be named."""
+    data = plain.assign_coords(scene=list(names), engine=["timestep-0.01-single-late"])
+    second = (data.scene == names[1]) & (data.particles == 10)
+    status = data.run_status.where(~second | (data.seed % 2 > 0), FAILED)
+    data = data.assign(worst_overlap=data.worst_overlap.where(data.scene == names[0], 0.02), run_status=status)
+    figure, panels = drawn("health", data)
+    assert not touching(figure)
+    assert min(axes.get_position().width for axes in panels) * figure.get_figwidth() > 2.1  # inches
 
 
 @pytest.mark.parametrize(

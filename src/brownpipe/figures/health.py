@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +24,15 @@ MEASURES = {
     "momentum_residual": ("residual of the momentum balance", 1e-12),
 }  # axis label, and the bound below which round-off is expected; a run fails only at state.HEALTH_BOUND
 LEFT_END = 1e-17  # left end of the axis, where smaller values and zeros are drawn
+WIDTH = 3.4  # of a panel, with its share of the labels beside the panels [inch]
+ROOM = 2.2  # for these labels [inch]; longer ones widen the figure
+LABEL = 36  # characters of a line of such a label, unless a word is longer
+BESIDE = 0.75  # width of the words on a bound, as a fraction of a panel
 LINE = 0.16  # height of a line of text [inch]
+ABOVE = 22  # the panels begin the lines over them [point],
+SMALL = 9  # in this size [point]
+BLANK = 1.4  # distance of blank lines that are as far apart as lines with words
+HEADING = 96  # characters of a line above the panels
 MOST_LINES = 8  # of cases with failed runs
 QUANTILES = (0.05, 0.5, 0.95)
 VARIABLES = ()
@@ -31,25 +40,59 @@ LACKING = "there are no runs"
 
 
 def draw(cases: list[Dataset]) -> Figure:
-    """Draw one panel per measure, one line per case: all runs (thin), the central 90 % (thick), the median (dot)."""
+    """Draw one panel per measure, one line per case: all runs (thin), the central 90 % (thick), the median (dot).
+
+    Panels keep their width: the figure is wider for long labels, and higher for labels of several lines.
+    """
     lines = [f"dot: median; thick: central 90 % of the runs; thin: all runs (zeros are drawn at {LEFT_END:g})"]
-    lines += failed_of(cases)
-    height = 1.3 + 0.28 * len(cases) + LINE * (len(lines) - 1)
-    figure, axes = grid(1, len(MEASURES), 3.4, height, sharex=True, sharey=True)
+    lines += [part for line in failed_of(cases) for part in textwrap.wrap(line, HEADING)]
+    labels = [_label(case) for case in cases]
+    wider = max(0.0, _width(labels) - ROOM)
+    each = 0.28 + LINE * max(label.count("\n") for label in labels)
+    height = 1.3 + each * len(cases) + LINE * (len(lines) - 1)
+    figure, axes = grid(1, len(MEASURES), WIDTH + wider / len(MEASURES), height, sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         for row, case in enumerate(cases):
             _range(panel, row, sizes_of(case, name))
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
-        place = {"ha": "right", "va": "bottom", "transform": panel.get_xaxis_transform()}
-        panel.text(bound, 1.0, f"expected below {bound:g} ", color=FIT, **place)
         panel.set_xscale("log")
         panel.minorticks_off()
         panel.set_xlabel(label)
-    axes[0, 0].set_title("\n".join(lines), pad=22, fontweight="normal", fontsize=9)
-    axes[0, 0].set_yticks(range(len(cases)), map(title_of, cases))
+    low, high = axes[0, 0].get_xlim()
+    for panel, (_, bound) in zip(axes[0], MEASURES.values(), strict=True):
+        end = max(bound, low * (high / low) ** BESIDE)  # so that the words begin within the panel
+        place = {"ha": "right", "va": "bottom", "transform": panel.get_xaxis_transform()}
+        panel.text(end, 1.0, f"expected below {bound:g} ", color=FIT, **place)
+    _head(axes[0, 0], lines)
+    axes[0, 0].set_yticks(range(len(cases)), labels)
     axes[0, 0].set_ylim(len(cases) - 0.4, -0.6)
     axes[0, 0].tick_params(axis="y", length=0)
     return figure
+
+
+def _head(axes: Axes, lines: list[str]) -> None:
+    """Put lines above all panels, beginning at the first.
+
+    A title would take room beside its panel if its middle is there; a blank one keeps the height for the lines.
+    """
+    axes.set_title("\n".join(" " * len(lines)), pad=ABOVE, fontsize=SMALL, linespacing=BLANK)
+    at: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "fontsize": SMALL}
+    axes.annotate("\n".join(lines), (0, 1), (0, ABOVE), **at).set_in_layout(False)
+
+
+def _label(case: Dataset) -> str:
+    """Return scene, number of disks and engine of a case, in lines of LABEL characters and never within a word."""
+    title = title_of(case).replace(" = ", "\u00a0=\u00a0")  # no break in N = 150
+    return textwrap.fill(title, LABEL, break_long_words=False, break_on_hyphens=False)
+
+
+def _width(labels: list[str]) -> float:
+    """Return the width of the longest line [inch]."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    lines = [line for label in labels for line in label.splitlines()]
+    return max(text_to_path.get_text_width_height_descent(line, FontProperties(), False)[0] for line in lines) / 72
 
 
 def _range(axes: Axes, row: int, sizes: np.ndarray) -> None:
