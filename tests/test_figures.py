@@ -20,8 +20,9 @@ from brownpipe import provenance, storage
 from brownpipe.analysis import aggregate
 from brownpipe.analysis.variables import FAILED
 from brownpipe.engines import Engine, state
+from brownpipe.engines.timestep.recording import ENERGY_BOUND
 from brownpipe.errors import FigureError
-from brownpipe.figures import cases, displacement_distribution, pair_distribution, style
+from brownpipe.figures import cases, displacement_distribution, health, pair_distribution, style
 from brownpipe.figures.cases import of_whole_dataset
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import cases_shown, draw, module_of
@@ -187,6 +188,15 @@ def test_every_figure_decides_what_the_figures_are_made_with():
     """The catalogue names its modules as text, which the digest of the sources cannot follow."""
     known = {path.stem for path in provenance.sources("figures.*") if path.parent.name == "figures"}
     assert {*NAMES, "catalogue", "render", "summary", "style"} <= known
+
+
+def test_the_caption_of_health_has_the_bounds_of_the_engines():
+    caption = " ".join((provenance.PACKAGE / "figures" / "health.rst").read_text().split())
+    bounds = (state.HEALTH_BOUND, ENERGY_BOUND[np.float64], ENERGY_BOUND[np.float32], health.LEFT_END)
+    exact, double, single, least = (f"{bound:.0e}".replace("e-0", "e-") for bound in bounds)
+    assert f"exact engine has failed if it exceeds {exact} in any panel" in caption
+    assert f"energy drifts by more than {double}, in single precision by more than {single}," in caption
+    assert f"values below {least}, zeros among them, are drawn at {least}" in caption
 
 
 def test_names_of_figures_are_there_before_anything_heavy():

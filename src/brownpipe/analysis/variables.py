@@ -71,8 +71,8 @@ VARIABLES = {  # numbers and health of the runs; every estimator has a table of 
     "failed_runs": Variable(
         EACH,
         "1",
-        "number of runs left out: overlap, energy drift or momentum residual beyond its bound, a number not finite, or "
-        "a run that could not go on",
+        "number of runs left out: energy drift beyond its bound (exact engine: also overlap or momentum residual; time "
+        "steps: also a disk that has left the box), a number not finite, or a run that could not go on",
         np.int64,
         0,
     ),

@@ -1,4 +1,4 @@
-"""Figure `health`: energy drift, deepest overlap and momentum balance of every run, which should all be round-off."""
+"""Figure `health`: energy drift, deepest overlap and momentum balance of every run, in the exact engine round-off."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MEASURES = {
     "energy_drift": ("relative energy drift", 1e-13),
     "worst_overlap": ("deepest overlap (contact distances)", 1e-12),
     "momentum_residual": ("residual of the momentum balance", 1e-12),
-}  # axis label, and the bound below which round-off is expected; a run fails only at state.HEALTH_BOUND
+}  # axis label, and the bound below which round-off is expected; a run fails only far beyond (figures/health.rst)
 LEFT_END = 1e-17  # left end of the axis, where smaller values and zeros are drawn
 WIDTH = 3.4  # of a panel, with its share of the labels beside the panels [inch]
 ROOM = 2.2  # for these labels [inch]; longer ones widen the figure
@@ -44,7 +44,8 @@ def draw(cases: list[Dataset]) -> Figure:
 
     Panels keep their width: the figure is wider for long labels, and higher for labels of several lines.
     """
-    lines = [f"dot: median; thick: central 90 % of the runs; thin: all runs (zeros are drawn at {LEFT_END:g})"]
+    words = "dot: median; thick: central 90 % of the runs; thin: all runs"
+    lines = [f"{words}; values below {LEFT_END:g} are drawn at {LEFT_END:g}"]
     lines += [part for line in failed_of(cases) for part in textwrap.wrap(line, HEADING)]
     labels = [_label(case) for case in cases]
     wider = max(0.0, _width(labels) - ROOM)
