@@ -17,12 +17,12 @@ from matplotlib.text import Text
 from scipy.optimize import isotonic_regression
 
 from brownpipe import provenance, storage
-from brownpipe.analysis import aggregate
+from brownpipe.analysis import aggregate, velocity
 from brownpipe.analysis.variables import FAILED
 from brownpipe.engines import Engine, state
 from brownpipe.engines.timestep.recording import ENERGY_BOUND
 from brownpipe.errors import FigureError
-from brownpipe.figures import cases, displacement_distribution, health, pair_distribution, style
+from brownpipe.figures import cases, displacement_distribution, health, pair_distribution, style, velocity_distribution
 from brownpipe.figures.cases import of_whole_dataset
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import cases_shown, draw, module_of
@@ -493,6 +493,31 @@ def test_no_marker_of_a_velocity_distribution_is_cut_off(as_it_is):
     for axes in as_it_is["velocity_distribution"][1]:
         markers = [line.get_ydata() for line in axes.lines if line.get_marker() in ("o", "s")]
         assert np.concatenate(markers).max() < axes.get_ylim()[1]
+
+
+@pytest.mark.parametrize("correlated", [1, 30])
+def test_residuals_of_velocities_that_follow_the_model_are_standard_normal(correlated):
+    """Samples of a run repeat a velocity `correlated` times on average: whether a bin is shown must not depend on it.
+
+    Of 100 data sets of 40 runs; the bounds are four standard errors of independent residuals. Each has at least five
+    independent counts expected, so that its distribution is not far from normal.
+    """
+    rng, name, width = np.random.default_rng(1), "velocity_density", 0.1
+    centres = np.arange(-5.95, 6, width)
+    _, expected = velocity_distribution._expected(centres, name)
+    shown = []
+    for _ in range(100):
+        times = rng.geometric(1 / correlated, (40, 3000 // correlated))
+        bins = np.clip((rng.standard_normal(times.shape) + 6) / width, 0, centres.size - 1).astype(int)
+        counts = [np.bincount(*of_run, minlength=centres.size) for of_run in zip(bins, times, strict=True)]
+        density = velocity.density(np.array(counts)[:, None], width)[:, 0]
+        error = density.std(axis=0, ddof=1) / np.sqrt(len(density))
+        residuals = velocity_distribution._residuals(density.mean(axis=0), error, expected)
+        shown += residuals[np.isfinite(residuals)].tolist()
+    assert len(shown) > 3000
+    assert abs(np.mean(shown)) < 4 / np.sqrt(len(shown))
+    outside = np.mean(np.abs(shown) > style.LIKELY)
+    assert outside == pytest.approx(0.0455, abs=4 * np.sqrt(0.0455 / len(shown)))
 
 
 def test_residuals_only_where_theory_expects_something(dataset):

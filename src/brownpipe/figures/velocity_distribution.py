@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-FEWEST_COUNTS = 5  # expected counts of a bin whose residual is shown
+FEWEST_COUNTS = 5  # expected independent counts of a bin whose residual is shown
+NEIGHBOURS = 5  # bins on either side whose errors are pooled with those of a bin
 LOWEST_DENSITY = 1e-6  # expected density of the outermost bins shown
 LABELS = ("probability density", "(observed - expected)\n/ standard error")
 HEIGHTS = (3.6, 1.4)  # of a density and its residuals [inch]
@@ -84,14 +85,32 @@ def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
         error = part[f"{name}_standard_error"].values
         looks = {"color": colour, "markersize": 3, "markerfacecolor": "none", "label": part.species.item()}
         main.plot(case[dim], observed, marker, **looks)
-        # A bin of relative error e has 1/e^2 independent counts; residuals are in standard errors of those expected.
-        enough = (error > 0) & (expected * observed >= FEWEST_COUNTS * error**2)
-        deviation = (error * np.sqrt(expected / np.where(enough, observed, 1)))[enough]
-        low.plot(case[dim][enough], (observed - expected)[enough] / deviation, marker, color=colour, markersize=2.5)
+        residuals = _residuals(observed, error, expected)
+        shown = np.isfinite(residuals)
+        low.plot(case[dim][shown], residuals[shown], marker, color=colour, markersize=2.5)
     seen = expected > LOWEST_DENSITY
     for axes in (main, low):
         axes.set_xlim(edges[:-1][seen][0], edges[1:][seen][-1])
     main.tick_params(labelbottom=False)
+
+
+def _residuals(observed: np.ndarray, error: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Return the residuals (V,) of a density (V,) in standard errors of the expected one, NaN with too few counts.
+
+    Of independent counts, each of which adds c to a density, the variance is c times the density. Samples of a run are
+    correlated and c depends on v, so it is the ratio of the sums of both over some bins. With its own error alone, a
+    bin that happens to be low would have too small a c, and would be shown more often than one that happens to be high.
+    """
+    variance, density = (_with_neighbours(values) for values in (error**2, observed))
+    known = (variance > 0) & (density > 0)
+    of_count = np.where(known, variance, np.inf) / np.where(known, density, 1)
+    enough = expected >= FEWEST_COUNTS * of_count
+    return np.where(enough, (observed - expected) / np.sqrt(expected * np.where(enough, of_count, 1)), np.nan)
+
+
+def _with_neighbours(values: np.ndarray) -> np.ndarray:
+    """Return the sums (V,) of values (V,) over each bin and NEIGHBOURS bins on either side of it."""
+    return np.lib.stride_tricks.sliding_window_view(np.pad(values, NEIGHBOURS), 2 * NEIGHBOURS + 1).sum(axis=1)
 
 
 def _expected(centres: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
