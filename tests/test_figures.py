@@ -988,6 +988,8 @@ def test_few_runs_draw_without_a_warning(runs, tmp_path, run_through):
         dataset = aggregate([write(tmp_path, trajectories)])
         assert len(render(dataset, tmp_path)) == len(OF_ALL) + 3 * len(OF_TRAJECTORIES)
     assert "plain" in summary(dataset)
+    legends = [axes.get_legend() for name in OF_TRAJECTORIES for axes in made(name, dataset)[1]]
+    assert not any("nan" in text.get_text() for legend in legends if legend for text in legend.get_texts())
 
 
 @pytest.mark.slow

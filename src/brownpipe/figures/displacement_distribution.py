@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.analysis.variables import EACH
-from brownpipe.figures.cases import distributions_of, parts_of, plus_minus, title_of
+from brownpipe.figures.cases import distributions_of, has, parts_of, plus_minus, title_of
 from brownpipe.figures.style import (
     DASHED,
     DATA,
@@ -135,11 +135,11 @@ def _overflow_strip(axes: Axes, case: Dataset) -> None:
 
 
 def _legend(model: Dataset, source: str) -> str:
-    """The D of a model, its chi-square over the degrees of freedom, and the runs it expects beyond the rings."""
+    """The D of a model, chi-square over the degrees of freedom if tested, and the runs expected beyond the rings."""
     diffusion = float(model.model_diffusion_coefficient)
     beyond = float(model.expected_overflow)
-    test = f"$\\chi^2$/dof = {float(model.chi_square):.1f}/{int(model.degrees_of_freedom)}"
-    return f"{SOURCES[source]} = {diffusion:.3g}: {test}; {beyond:.0f} beyond"
+    test = f"$\\chi^2$/dof = {float(model.chi_square):.1f}/{int(model.degrees_of_freedom)}; "
+    return f"{SOURCES[source]} = {diffusion:.3g}: {test if has(model, 'chi_square') else ''}{beyond:.0f} beyond"
 
 
 def _residuals(axes: Axes, case: Dataset) -> None:
