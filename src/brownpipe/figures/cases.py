@@ -6,7 +6,7 @@ A case is one scene with one particle count and one engine: the dataset without 
 from __future__ import annotations
 
 import re
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
 from pathlib import Path
 from traceback import extract_tb
@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Concatenate, ParamSpec, SupportsFloat, TypeVar
 import numpy as np
 
 from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
-from brownpipe.errors import BrownpipeError, FigureError, RequestError
+from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import NAME
+from brownpipe.storage.origin import read_origins
 from brownpipe.tradeoff import is_tradeoff
 from brownpipe.tradeoff.variables import COORDINATES, VARIABLES
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from xarray import DataArray, Dataset
+
+    from brownpipe.scene import Scene
 
 LABEL = re.compile(r"[ -#%-~]{1,200}")  # of engines, windows, models, ...: ASCII without $, by which formulae begin
 NOTE_PARTICLES = 150  # of the 2020 note
@@ -212,6 +215,15 @@ def title_of(case: Dataset) -> str:
 
 def _engine_suffix(case: Dataset) -> str:
     return "" if case.engine == "exact" else f", {case.engine.item()}"
+
+
+def scene_of(case: Dataset) -> Scene | None:
+    """Return the scene of a case, by the attributes of its dataset; None if they do not have it."""
+    with suppress(StorageError):
+        for origin in read_origins("", case.attrs):
+            if origin.scene is not None and (origin.name, origin.scene.particles) == (case.scene, case.particles):
+                return origin.scene
+    return None
 
 
 def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
