@@ -481,11 +481,30 @@ def test_green_kubo_needs_a_temperature(dataset, tmp_path, no_pictures):
 
 def test_band_of_the_diffusion_coefficient_is_not_cut_off_unless_it_is_very_wide(dataset):
     """It is that of MSD/4t; far above the curves, it would leave them no room."""
-    data = dataset.drop_vars([name for name in dataset.data_vars if name.startswith("diffusion_running")])
+    others = ("diffusion_running", "green_kubo")
+    data = dataset.drop_vars([name for name in dataset.data_vars if name.startswith(others)])
     for times, shown in ((1.1, 1.25), (1.6, 1.6 * 1.03), (9.0, 2.0)):
         (panel, _) = made("diffusion", data.assign(msd_over_4t_high=times * data.msd_over_4t))[1]
         top = data.msd_over_4t.sel(scene="hot", particles=20).max().item()
         assert panel.get_ylim()[1] == pytest.approx(shown * top)
+
+
+def test_what_the_legend_of_diffusion_names_is_in_the_panel_or_said_not_to_be(dataset):
+    """Far beyond the curves of the MSD, the Green-Kubo integral and Enskog's D would leave these no room."""
+    one = dataset.sel(scene=["hot"], particles=[20])
+    top = max(float(one[name].max()) for name in ("msd_over_4t", "diffusion_running"))
+    integral = one.green_kubo / one.green_kubo.max()
+    cases = {(2.9, 2.5): 2.9, (2.5, 2.9): 2.9, (3.1, 2.5): 2.5, (2.5, 3.1): 2.5}
+    for (enskog, highest), shown in cases.items():
+        data = one.assign(enskog_diffusion=0 * one.enskog_diffusion + enskog * top, green_kubo=highest * top * integral)
+        (panel,) = made("diffusion", data)[1]
+        assert panel.get_ylim()[1] == pytest.approx(1.03 * shown * top)
+        labels = [line.get_label() for line in panel.lines]
+        assert any("Enskog" in label and "above the panel" in label for label in labels) == (enskog > 3)
+        assert any("Green-Kubo" in label and "leaves the panel" in label for label in labels) == (highest > 3)
+        below = data.assign(green_kubo=-0.5 * top * integral)
+        (panel,) = made("diffusion", below)[1]
+        assert panel.get_ylim()[0] == pytest.approx(-1.03 * 0.5 * top)
 
 
 @pytest.mark.slow

@@ -25,9 +25,11 @@ ROUTES = {
     "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
 }  # variable: label
 FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
+OTHERS = ("green_kubo", "enskog_diffusion")  # shown in equilibrium; they extend the axis up to a point
 HEADROOM = 1.25  # the axis ends at least at this times the largest mean,
 BAND = 2.0  # at most at this times it,
-MARGIN = 1.03  # and between the two at this times the upper end of the band of MSD/4t
+MARGIN = 1.03  # and between the two at this times the upper end of the band of MSD/4t;
+REACH = 3.0  # other curves are contained if they are within this times the largest mean, otherwise the legend says so
 VARIABLES = ("msd",)
 LACKING = "no run with a tracer was kept"
 
@@ -36,29 +38,41 @@ def draw(cases: list[Dataset]) -> Figure:
     """Draw one column per case: D(t) by each route with its 95 % band, Enskog's D, and slope/4 across its window."""
     figure, axes = columns(["diffusion coefficient $D(t)$, 95 % bands"], len(cases), [4.6], sharey=False)
     for case, panel in zip(map(over_time, cases), axes[0], strict=True):
-        _routes(panel, case)
+        extent = _extent(case)
+        _routes(panel, case, extent)
         for fit in fits_of(case)[:1]:
             _window(panel, fit)
         if _in_equilibrium(case):
-            panel.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=_enskog(case))
+            panel.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=_enskog(case, extent))
         time_axis(panel, case.time.values)
-        panel.set_ylim(*_extent(case))
+        panel.set_ylim(*extent)
     heads(axes[0], map(title_of, cases))
     return figure
 
 
 def _extent(case: Dataset) -> tuple[float, float]:
-    """Limits of the vertical axis: they contain the means from the MSD, and the band of MSD/4t up to BAND of them."""
-    means = [case[name].values for name in FROM_MSD if has(case, name)]
-    top = max(map(np.nanmax, means))
+    """Limits of the vertical axis.
+
+    They contain the means from the MSD, the band of MSD/4t up to BAND of them, and of the Green-Kubo integral and
+    Enskog's D what does not exceed REACH of them, on either side of 0.
+    """
+    means = np.concatenate([case[name].values for name in FROM_MSD if has(case, name)])
+    largest = np.nanmax(means)
     band_end = float(case.msd_over_4t_high.max()) if has(case, "msd_over_4t_high") else 0.0
-    return min(0.0, *map(np.nanmin, means)), max(HEADROOM * top, min(MARGIN * band_end, BAND * top)) or 1.0
+    low, high = min(0.0, np.nanmin(means)), max(HEADROOM * largest, min(MARGIN * band_end, BAND * largest))
+    further = [case[name].values for name in OTHERS if has(case, name) and _in_equilibrium(case)]
+    for end in (pick(values) for values in further for pick in (np.nanmin, np.nanmax)):
+        if abs(end) <= REACH * largest:
+            low, high = min(low, MARGIN * end), max(high, MARGIN * end)
+    return low, high or 1.0
 
 
-def _routes(axes: Axes, case: Dataset) -> None:
+def _routes(axes: Axes, case: Dataset, extent: tuple[float, float]) -> None:
     later = case.isel(time=case.time.values > 0)
     for (name, label), (colour, line, _) in zip(ROUTES.items(), SERIES, strict=False):
         if has(case, name) and (name in FROM_MSD or _in_equilibrium(case)):
+            values = later[name].values
+            label += ", leaves the panel" if ((values < extent[0]) | (values > extent[1])).any() else ""
             band(axes, later.time.values, later, name, colour, linestyle=line, label=label)
 
 
@@ -76,8 +90,13 @@ def _window(axes: Axes, fit: Dataset) -> None:
     axes.plot(ends, [diffusion, diffusion], color=INK, linewidth=1.2, marker="|", markersize=9, label=label)
 
 
-def _enskog(case: Dataset) -> str:
-    """Legend of D = kT/zeta by Enskog's friction zeta, with chi, the contact value of g between tracer and bath."""
+def _enskog(case: Dataset, extent: tuple[float, float]) -> str:
+    """Legend of D = kT/zeta by Enskog's friction zeta, with chi, the contact value of g between tracer and bath.
+
+    If D is not in the panel, this is said instead.
+    """
+    if float(case.enskog_diffusion) > extent[1]:
+        return f"$kT/\\zeta$ with Enskog's friction: {float(case.enskog_diffusion):.4g}, above the panel"
     contact = f" ($\\chi$ = {float(case.enskog_contact_value):.4g})" if has(case, "enskog_contact_value") else ""
     return f"$kT/\\zeta$ with Enskog's friction: {float(case.enskog_diffusion):.4g}{contact}"
 
