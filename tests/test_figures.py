@@ -684,6 +684,14 @@ def test_no_words_touch_with_few_and_many_scenes(in_scenes, name, count):
     assert not touching(figure)
 
 
+@pytest.mark.parametrize("name", ["thermodynamics", "energy"])
+def test_long_names_in_a_legend_do_not_touch_the_next_panel(dataset, name):
+    labels = [f"a_name_of_60_characters_of_a_scene_or_of_a_species_of_disks_{k}" for k in range(3)]
+    data = dataset.assign_coords(scene=labels[:2], species=["tracer", labels[2]], engine=["timestep-0.01-single-late"])
+    figure, _ = drawn(name, data)
+    assert not touching(figure)
+
+
 @pytest.mark.parametrize("names", [("equal_disks_dense_periodic", "equal_disks_dilute_periodic"), ("s", "a_name_" * 9)])
 def test_health_has_room_for_long_names(plain, names):
     """Panels keep their width, also with bounds at the left of their axes and many seeds of failed runs to be named."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from brownpipe.analysis.variables import EACH, FAILED
 from brownpipe.figures.cases import title_of
-from brownpipe.figures.style import DASHED, DATA, FIT, grid
+from brownpipe.figures.style import DASHED, DATA, FIT, FONT_SIZE, grid, text_width
 from brownpipe.figures.tables import Table
 from brownpipe.scene.seeds import brief_seed_text
 
@@ -48,7 +48,7 @@ def draw(cases: list[Dataset]) -> Figure:
     lines = [f"{words}; values below {LEFT_END:g} are drawn at {LEFT_END:g}"]
     lines += [part for line in failed_of(cases) for part in textwrap.wrap(line, HEADING)]
     labels = [_label(case) for case in cases]
-    wider = max(0.0, _width(labels) - ROOM)
+    wider = max(0.0, text_width("\n".join(labels).splitlines(), FONT_SIZE) - ROOM)
     each = 0.28 + LINE * max(label.count("\n") for label in labels)
     height = 1.3 + each * len(cases) + LINE * (len(lines) - 1)
     figure, axes = grid(1, len(MEASURES), WIDTH + wider / len(MEASURES), height, sharex=True, sharey=True)
@@ -85,15 +85,6 @@ def _label(case: Dataset) -> str:
     """Return scene, number of disks and engine of a case, in lines of LABEL characters and never within a word."""
     title = title_of(case).replace(" = ", "\u00a0=\u00a0")  # no break in N = 150
     return textwrap.fill(title, LABEL, break_long_words=False, break_on_hyphens=False)
-
-
-def _width(labels: list[str]) -> float:
-    """Return the width of the longest line [inch]."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
-    lines = [line for label in labels for line in label.splitlines()]
-    return max(text_to_path.get_text_width_height_descent(line, FontProperties(), False)[0] for line in lines) / 72
 
 
 def _range(axes: Axes, row: int, sizes: np.ndarray) -> None:

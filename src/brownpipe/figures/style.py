@@ -39,6 +39,9 @@ MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis
 BETWEEN = 0.09  # padding on each side of a panel [inch]
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
+FONT_SIZE = 10  # of words in general [point]
+KEY_SIZE = 8.8  # of the words of a legend [point]
+KEY = 3.65  # width of these words that fits above a panel [inch]; longer ones are set smaller
 FILL = 0.22  # opacity of a band
 LIKELY = 2.0  # half-height of the grey band of likely residuals, in standard errors
 STATED_X = "stated_x"  # attribute of error bars: where they belong
@@ -50,7 +53,7 @@ SAVE: dict[str, dict] = {
 
 _STYLE: dict[RcKeyType, object] = {
     "font.family": "DejaVu Sans",
-    "font.size": 10,
+    "font.size": FONT_SIZE,
     "mathtext.fontset": "dejavusans",
     "text.color": INK,
     "axes.labelcolor": INK,
@@ -71,7 +74,7 @@ _STYLE: dict[RcKeyType, object] = {
     "xtick.labelcolor": INK,
     "ytick.labelcolor": INK,
     "legend.frameon": False,
-    "legend.fontsize": 8.8,
+    "legend.fontsize": KEY_SIZE,
     "lines.linewidth": 1.8,
     "svg.hashsalt": "brownpipe",
     "svg.fonttype": "path",
@@ -280,11 +283,20 @@ def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
     for axes, title in zip(panels, titles, strict=True):
         axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / len(title)))
-        if axes.get_legend_handles_labels()[1]:
+        if labels := axes.get_legend_handles_labels()[1]:
             above = axes.transAxes + ScaledTranslation(0, (pad - 5) / 72, axes.figure.dpi_scale_trans)
-            axes.legend(
-                loc="upper left", bbox_to_anchor=(-0.02, 1.0), bbox_transform=above, borderaxespad=0, labelspacing=0.35
-            ).set_in_layout(False)
+            place = {"loc": "upper left", "bbox_to_anchor": (-0.02, 1.0), "bbox_transform": above, "borderaxespad": 0}
+            size = KEY_SIZE * min(1, KEY / text_width(labels, KEY_SIZE))
+            axes.legend(**place, labelspacing=0.35, fontsize=size).set_in_layout(False)
+
+
+def text_width(lines: Iterable[str], size: float) -> float:
+    """Return the width of the longest line [inch] in a size [point]; what is between dollar signs is a formula."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(size=size)
+    return max(text_to_path.get_text_width_height_descent(line, font, "$" in line)[0] for line in lines) / 72
 
 
 def residual_panel(axes: Axes) -> None:
