@@ -29,8 +29,8 @@ QUICK = 1e5  # of them in a quick pass
 TITLE = """# Cost of the exact engine and of time steps against the number of disks
 
 One core of an {}. Periodic boxes of equal disks, packing fraction 0.14. CPU time for one unit of
-time of the note's scene by the exact engine, and the cost of time steps relative to it, medians of five; without drawing
-states and reporting, which the cost-accuracy trade-off includes. Steps are fractions of the largest step allowed."""
+time of the note's scene by the exact engine, and the cost of time steps relative to it, medians of five. States are not
+drawn and runs not reported, unlike in the cost-accuracy trade-off. Steps are fractions of the largest step allowed."""
 
 
 def scene_of(n, duration):

@@ -56,7 +56,5 @@ def closing(comparisons: Sequence[Comparison], seconds: float) -> str:
         return took
     most = max(abs(one.z) for one in tested)
     chance = 1 - math.erf(most / math.sqrt(2)) ** len(tested)
-    return (
-        f"{len(tested)} values tested; largest difference {most:.1f} standard errors. Of as many independent values one is as"
-        f" far off or farther with probability {chance:.2g}. {took}"
-    )
+    largest = f"{len(tested)} values tested; largest difference {most:.1f} standard errors."
+    return f"{largest} Of as many independent values one is as far off or farther with probability {chance:.2g}. {took}"

@@ -50,7 +50,7 @@ def _tell(nested: list[Stage]) -> None:
 
 
 def remark(text: str) -> None:
-    """Tell the listeners a sentence on what takes time now, such as the compiling of kernels."""
+    """Tell the listeners a sentence for the user, such as that kernels are compiled."""
     for listener in remark_listeners:
         listener(text)
 

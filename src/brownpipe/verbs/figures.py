@@ -24,7 +24,8 @@ def add_arguments(add: Callable) -> None:
     add("--replay", metavar="RUN.h5", help="one run (simulate --record all,events), replayed in this page")
     names = f"some of {', '.join(FIGURES)} (default: all)"
     add("--figures", nargs="+", choices=FIGURES, metavar="NAME", help=names)
-    add("--particles", type=integer, metavar="N", help="show the runs with this many disks (default: 150 or, without these, the most)")
+    count = "show the runs with this many disks (default: 150 or, if there are none, the most)"
+    add("--particles", type=integer, metavar="N", help=count)
     cores = "draw so many figures at the same time (default: 1); the files are the same"
     add("--cores", type=partial(integer, least=1), metavar="N", default=1, help=cores)
 

@@ -22,7 +22,7 @@ def add_arguments(add: Callable) -> None:
     add("--to", choices=KINDS, metavar="KIND", help="gif, mp4, png or html (default: that of the output, or gif)")
     add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: name of the file, in this folder)")
     add("--frames", type=partial(integer, least=1), metavar="COUNT", help="samples to show (default: all)")
-    add("--fps", type=positive, help="frames a second (default: 25)")
+    add("--fps", type=positive, help="frames a second (default: 25); of a .gif at most 50")
 
 
 def movie(arguments: Namespace) -> int:
