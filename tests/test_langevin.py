@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import brownpipe as bp
 from brownpipe import theory
 from brownpipe.analysis import thermodynamics
 from brownpipe.engines import friction
@@ -285,7 +286,10 @@ def test_friction_of_the_note():
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.yaml")))
 def test_enskogs_diffusion_and_the_friction_of_the_engine_are_one_number(name):
-    """D = kT/(m gamma), to the last bit; a scene without a temperature is taken at that of its bath."""
+    """D = kT/(m gamma), to the last bit, unless the total momentum stays zero.
+
+    A scene without a temperature is taken at that of its bath.
+    """
     scene = read_scene(SCENES / f"{name}.yaml")
     hot = replace(scene, velocities=Velocities(None, friction.bath_of(scene).temperature))
     assert scene.velocities.temperature in (None, hot.velocities.temperature)
@@ -293,6 +297,29 @@ def test_enskogs_diffusion_and_the_friction_of_the_engine_are_one_number(name):
     gamma = friction.friction_rate(scene, "enskog")
     assert expected["enskog_diffusion"] == hot.velocities.temperature / (scene.mass[0] * gamma)
     assert expected["enskog_tracer_collision_rate"] == friction.partners_of(scene).rate.sum()
+
+
+@pytest.mark.slow
+def test_a_bath_without_other_momentum_recoils():
+    """With half of the mass in the tracer of a thin gas D is a quarter of kT/(m gamma), as measured by exact runs."""
+    given = {
+        "box": {"x": [0, 30], "y": [0, 30], "boundary": "periodic"},
+        "disks": {
+            "tracer": {"radius": 1.0, "mass": 30.0},
+            "species": [{"name": "bath", "count": 30, "radius": 0.3, "mass": 1.0}],
+        },
+        "velocities": {"temperature": 1.0, "zero_momentum": True},
+        "equilibrate": {"time": 200.0, "tracer": "free"},
+    }
+    scene = bp.Scene(**given, duration=1500.0, sample_interval=10.0)
+    runs = bp.simulate(scene, 100, observables=["square_displacement"], average="origins", quiet=True)
+    found = bp.analyse(runs, fit_windows=[(300, 700)], quiet=True).squeeze()
+    free = 1.0 / (30.0 * friction.friction_rate(scene, "enskog"))
+    assert found.enskog_diffusion == pytest.approx(free / 4, rel=1e-12)
+    error = found.diffusion_coefficient_standard_error
+    assert error < 0.15 * free / 4
+    assert abs(found.diffusion_coefficient - free / 4) < 4 * error
+    assert "the tracer has 50 % of the mass, and D will be 4 times as large as with the zero" in caution(scene)
 
 
 def test_a_tagged_disk_has_the_friction_of_one_fluid():

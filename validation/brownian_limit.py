@@ -98,7 +98,7 @@ def _autocorrelation(tracer: Tracer, case: Dataset) -> tuple[np.ndarray, np.ndar
     known = case.dropna("time", subset=[name])
     share = _share(case, tracer.mass)
     start = 2 * (1 - share) / tracer.mass
-    gamma = 1 / (tracer.mass * float(case.enskog_diffusion))
+    gamma = (1 - share) ** 2 / (tracer.mass * float(case.enskog_diffusion))
     decay = gamma * known.time.values / (1 - share)
     return decay, known[name].values / start, known[f"{name}_standard_error"].values / start
 
@@ -120,7 +120,7 @@ def _in_boxes(data: Dataset) -> list[Comparison]:
     for side, case in cases.items():
         slope = case.sel(window=WINDOW)
         d[side] = float(slope.diffusion_coefficient), float(slope.diffusion_coefficient_standard_error)
-        enskog[side] = float(case.enskog_diffusion) * (1 - _share(case, MASS_OF_BOX)) ** 2
+        enskog[side] = float(case.enskog_diffusion)
     bath = fluid(0.25)
     growth = np.log(2) / (4 * np.pi * bath.density * bath.viscosity) + enskog[40] - enskog[20]
     rows = [_collision_rate(f"{name}, $\\phi = 0.25$, $L = {side}$", cases[side]) for side in SIDES]

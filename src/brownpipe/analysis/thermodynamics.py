@@ -87,8 +87,8 @@ def enskog(scene: Scene) -> dict[str, float]:
     """Return collision rates, contact value, compressibility and the tracer's diffusion coefficient by Enskog's theory.
 
     At the mean density of the box, with or without walls; {} without a temperature or beyond the packing fraction
-    DENSEST. The tracer's rate, contact value and diffusion coefficient kT/(m gamma) are those of the langevin engine
-    (`friction.partners_of`).
+    DENSEST. The tracer's rate and contact value are those of the langevin engine (`friction.partners_of`), and so is
+    its diffusion coefficient kT/(m gamma), unless the total momentum stays zero (`friction.bath_share`).
     """
     kt = scene.velocities and scene.velocities.temperature
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
@@ -103,7 +103,7 @@ def enskog(scene: Scene) -> dict[str, float]:
         "enskog_tracer_collision_rate": partners.rate.sum(),
         "enskog_contact_value": partners.contact_value[np.argmax(friction.bath_of(scene).number)],
         "enskog_compressibility": theory.mixture_compressibility(n, 2 * radius),
-        "enskog_diffusion": kt / (mass[0] * partners.friction.sum()),
+        "enskog_diffusion": friction.bath_share(scene) ** 2 * kt / (mass[0] * partners.friction.sum()),
     }
 
 
@@ -184,8 +184,10 @@ ESTIMATOR = Estimator(
             EACH, "1", "theoretical contact value of the tracer and the most numerous species of its bath"
         ),
         "enskog_compressibility": Variable(
-            EACH, "1", "compressibility factor of a periodic box, from Enskog's contact values"
+            EACH, "1", "compressibility factor of infinitely many disks, from Enskog's contact values"
         ),
-        "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient of the tracer, Enskog's theory"),
+        "enskog_diffusion": Variable(
+            EACH, RATE, "diffusion coefficient of the tracer, Enskog's theory, at the scene's total momentum"
+        ),
     },
 )

@@ -14,6 +14,7 @@ from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
 from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Variable, estimate_of
+from brownpipe.engines.friction import partners_of
 from brownpipe.scene import Scene
 
 CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
@@ -24,9 +25,8 @@ DENSITIES = {"velocity_density": "velocity_counts", "speed_density": "speed_coun
 
 
 def enskog_rate(scene: Scene) -> float:
-    """Return the friction rate kT/(m D) [1/time] of the tracer by Enskog's theory; 0 where that does not apply."""
-    predictions = enskog(scene)
-    return scene.velocities.temperature / (scene.mass[0] * predictions["enskog_diffusion"]) if predictions else 0.0
+    """Return the friction rate gamma [1/time] of the tracer by Enskog's theory; 0 where that does not apply."""
+    return float(partners_of(scene).friction.sum()) if enskog(scene) else 0.0
 
 
 def fastest_rate(scene: Scene) -> float:

@@ -49,6 +49,19 @@ def bath_of(scene: Scene) -> Bath:
     return Bath(number, radius, mass, temperature)
 
 
+def bath_share(scene: Scene) -> float:
+    """Return the bath's share of the mass of all disks, 1 - m/M, where their total momentum stays zero; otherwise 1.
+
+    In such a box the bath recoils: in equilibrium <v^2> of the tracer is 2kT/m times this share, its friction rate is
+    gamma over it, and its diffusion coefficient kT/(m gamma) times its square. docs/theory.md, section 3.
+    """
+    if not (scene.box.periodic and scene.velocities and scene.velocities.zero_momentum):
+        return 1.0
+    tracer, bath = followed(scene), bath_of(scene)
+    others = float((bath.number * (bath.mass / tracer.mass)).sum())
+    return others / (1.0 + others)
+
+
 def friction_rate(scene: Scene, friction: str, measured: float | None = None) -> float:
     """Return the tracer's friction rate gamma = zeta/m [1/time], dv/dt = -gamma v + noise.
 

@@ -91,14 +91,14 @@ def _window(axes: Axes, fit: Dataset) -> None:
 
 
 def _enskog(case: Dataset, extent: tuple[float, float]) -> str:
-    """Legend of D = kT/zeta by Enskog's friction zeta, with chi, the contact value of g between tracer and bath.
+    """Legend of D by Enskog's theory, with chi, the contact value of g between tracer and bath.
 
     If D is not in the panel, this is said instead.
     """
     if float(case.enskog_diffusion) > extent[1]:
-        return f"$kT/\\zeta$ with Enskog's friction: {float(case.enskog_diffusion):.4g}, above the panel"
+        return f"Enskog's theory: D = {float(case.enskog_diffusion):.4g}, above the panel"
     contact = f" ($\\chi$ = {float(case.enskog_contact_value):.4g})" if has(case, "enskog_contact_value") else ""
-    return f"$kT/\\zeta$ with Enskog's friction: {float(case.enskog_diffusion):.4g}{contact}"
+    return f"Enskog's theory: D = {float(case.enskog_diffusion):.4g}{contact}"
 
 
 def table(cases: list[Dataset]) -> Table:

@@ -14,7 +14,7 @@ from typing import NoReturn
 
 from brownpipe.engines import forecast
 from brownpipe.engines.definition import Definition, one_of
-from brownpipe.engines.friction import DENSEST, bath_of, followed, friction_rate, partners_of
+from brownpipe.engines.friction import DENSEST, bath_of, bath_share, followed, friction_rate, partners_of
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables import of_tracer
@@ -24,6 +24,7 @@ LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision 
 # The caution is given below this mass ratio. A higher ratio does not ensure a small error, since density and the finite
 # box matter, too: with a ratio of 50 at phi = 0.3 the MSD by Enskog's friction is 34 % too small (docs/decisions.md).
 HEAVY = 10.0
+LARGEST_SHARE = 0.05  # of the tracer in the mass of all disks, above which a caution is given if their momentum is zero
 RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
 RATE_RUNS = 8  # of the exact engine that share these collisions
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
@@ -59,12 +60,19 @@ def refuse_unfit(scene: Scene, settings: dict, record: Collection[str] = frozens
 
 
 def caution(scene: Scene) -> str | None:
-    """Return one line of caution if the tracer has less than HEAVY times the mass of a bath disk; otherwise None."""
-    ratio = _mass_ratio(scene)
-    if ratio >= HEAVY:
-        return None
-    few = f"the tracer has only {ratio:.3g} times the mass of a bath disk (less than {HEAVY:g})"
-    return f"{scene.name}: langevin is rough here: {few}; compare with --engine exact"
+    """Return one line of caution if the tracer is too light, or has too large a share of the mass; otherwise None.
+
+    Too light: less than HEAVY times the mass of a bath disk. Too large: more than LARGEST_SHARE of the mass of all
+    disks where these keep their total momentum at zero, which the Langevin equation does not know.
+    """
+    ratio, share = _mass_ratio(scene), 1.0 - bath_share(scene)
+    rough = []
+    if ratio < HEAVY:
+        rough.append(f"the tracer has only {ratio:.3g} times the mass of a bath disk (less than {HEAVY:g})")
+    if share > LARGEST_SHARE:
+        more = f"{1 / (1 - share) ** 2:.3g} times as large as with the zero total momentum of the scene"
+        rough.append(f"the tracer has {100 * share:.2g} % of the mass, and D will be {more}")
+    return f"{scene.name}: langevin is rough here: {'; '.join(rough)}; compare with --engine exact" if rough else None
 
 
 def _mass_ratio(scene: Scene) -> float:
