@@ -1012,6 +1012,10 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
     text = summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
     assert "plain, N = 20, timestep-0.01-late: missing: 4 of 20 seeds (5-8)" in text
     assert "engine" in text.splitlines()[1]
+    fewer = full._replace(ensemble=make_runs(make_scene(), range(12)).ensemble)
+    dataset = aggregate([write(tmp_path, fewer), write(tmp_path, coarse)])
+    assert dataset.missing_seeds.squeeze().values.tolist() == [0, 4], "an engine may have fewer seeds than another"
+    assert "missing: 4 of 20" in summary(dataset) and "missing: 8" not in summary(dataset)
 
 
 @pytest.mark.slow

@@ -251,6 +251,29 @@ def test_achieved_error_is_the_tolerance(study_file, tmp_path):
     assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000
 
 
+@pytest.mark.slow
+def test_an_average_within_runs_needs_fewer_of_them(study_file, tmp_path):
+    """Over twelve equal disks, which hardly know of each other: some twelfth of the runs of one disk."""
+    text = """\
+box: {x: [0.0, 6.0], y: [0.0, 6.0], boundary: periodic}
+disks:
+  species: [{name: gas, count: 12, radius: 0.1, mass: 1.0}]
+velocities: {temperature: 1.0}
+equilibrate: {time: 1.0, tracer: free}
+duration: 4.0
+sample_interval: 0.5
+"""
+    (tmp_path / "scenes" / "few.yaml").write_text(text)
+    keys = {"tolerance": 0.05, "observables": ["square_displacement"]}
+    runs = {}
+    for average in ("runs", "disks"):
+        study = read_study(study_file(**keys, average=average))
+        runs[average] = len(run_count.settle(study, tmp_path / "plan.yaml", print).seeds)
+        (case,) = performance.performance_of(study, "msd", tmp_path / "nothing")
+        assert case.engines[EXACT].scatter == pytest.approx(0.05 * math.sqrt(runs[average]), rel=0.05)
+    assert 5 < runs["runs"] / runs["disks"] < 15
+
+
 def test_a_dry_run_assumes_a_number_and_writes_nothing(study_file, tmp_path, monkeypatch):
     said = []
     study = read_study(study_file(tolerance=0.1))

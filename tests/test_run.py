@@ -274,7 +274,9 @@ def test_ten_million_seeds_are_compared_by_their_ranges(study, monkeypatch):
         (folder / f"{name}.h5").touch()
     monkeypatch.setattr(changes, "_in_files", lambda *_: [])
     found = changes.changes(read_study(study, {"seeds": 10**7, "particles": 200}))
-    assert found == ["seeds: 5000000 of 10000000 have been run"]
+    assert found == [
+        "seeds: 5000000 of 10000000 have been run; 5000000 of them again, in other jobs (not with the key batch: N)"
+    ]
 
 
 def test_a_study_without_results_differs_in_nothing(study):

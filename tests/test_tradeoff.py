@@ -74,6 +74,20 @@ def test_pairs_and_more_exact_runs_sharpen_the_bias():
     assert paired == pytest.approx(math.sqrt(1.02**2 * 0.02 / 500 + 0.02**2 / 5000), rel=0.25)
 
 
+def test_many_approximate_runs_count_where_few_have_partners():
+    """Pairs that are hardly correlated, of a twentieth of the approximate runs."""
+    rng = np.random.default_rng(3)
+    exact, approximate = rng.exponential(1.0, (100, 1)), rng.exponential(0.6, (2000, 1))
+    few = np.arange(100)
+    found = bias.relative_bias(approximate, exact, (few, few))
+    alone = bias.relative_bias(approximate[:100], exact, (few, few))
+    assert found.standard_error < 0.8 * alone.standard_error
+    assert abs(found.mean + 0.4) < 3 * found.standard_error
+    partners = 0.6 * exact + 0.01 * rng.standard_normal((100, 1))
+    close = bias.relative_bias(np.concatenate([partners, approximate[100:]]), exact, (few, few))
+    assert close.standard_error < 0.01, "pairs that are correlated give the smaller error"
+
+
 def test_equal_runs_have_no_bias_and_a_vanishing_mean_has_none_that_is_defined():
     exact = np.random.default_rng(3).exponential(size=(50, 2)) * [1.0, 0.0]
     one = bias.relative_bias(exact.copy(), exact, (np.arange(50),) * 2)

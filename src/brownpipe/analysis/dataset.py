@@ -93,8 +93,10 @@ def aggregate(
         goodness.import_scipy()  # here and not in every process
     parts = calculated(_results, [*zip(cases, groups, strict=True)], [len(one.seeds) for one in groups], "runs", cores)
     seeds = np.unique(np.concatenate([group.seeds for group in groups]))
-    for part, group in zip(parts, groups, strict=True):
-        part.values["missing_seeds"] = len(seeds) - len(group.seeds)
+    for part, case, group in zip(parts, cases, groups, strict=True):
+        ends = [other.seeds[[0, -1]] for like, other in zip(cases, groups, strict=True) if like.engine == case.engine]
+        asked = (seeds >= np.min(ends)) & (seeds <= np.max(ends))
+        part.values["missing_seeds"] = np.count_nonzero(asked) - len(group.seeds)
     times = [*options.displacement_times]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)

@@ -85,9 +85,9 @@ def _line(axes: Axes, fit: Dataset, end: float) -> None:
 def _diffusing(case: Dataset) -> Iterator[tuple[float, str]]:
     """Yield the diffusion coefficient whose MSD is drawn, and its legend; nothing where there is no diffusion yet.
 
-    D is that of the last fit window, where the initial velocity is forgotten most. Once walls have stopped the
-    spreading (MSD above half of its limit, 2/3 of the squared accessible half-width), the slope there says nothing of
-    D, which then follows from the last MSD below that half. There is no D if no line could be fitted, if it does not
+    D is that of the fit window that begins last, where the initial velocity is forgotten most. Once walls have stopped
+    the spreading (MSD above half of its limit, 2/3 of the squared accessible half-width), the slope there says nothing
+    of D, which then follows from the last MSD below that half. There is no D if no line could be fitted, if it does not
     rise, or if the tracer still moves ballistically where the window begins.
     """
     stopped = np.flatnonzero(_walled(case) and case.msd > float(case.accessible_half_width) ** 2 / 3)
@@ -97,7 +97,8 @@ def _diffusing(case: Dataset) -> Iterator[tuple[float, str]]:
         diffusion = theory.reflecting_square_diffusion(msd, t, float(case.accessible_half_width))
         yield diffusion, f"diffusion between walls: D from MSD({t:.3g}) = {diffusion:.3g}"
         return
-    for fit in [fit for fit in fits_of(case) if _diffuses(case, float(fit.window_start))][-1:]:
+    fits = [fit for fit in fits_of(case) if _diffuses(case, float(fit.window_start))]
+    for fit in sorted(fits, key=lambda fit: float(fit.window_start))[-1:]:
         value = plus_minus(fit.diffusion_coefficient, fit.diffusion_coefficient_standard_error)
         model = "diffusion between walls" if _walled(case) else "free diffusion, $4Dt$"
         if fit.diffusion_coefficient > 0:

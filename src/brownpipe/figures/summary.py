@@ -109,13 +109,18 @@ def legend_of_estimates(dataset: Dataset) -> list[str]:
 
 
 def missing_runs(cases: list[Dataset]) -> Iterator[str]:
-    """Lines that name the seeds whose runs failed or are missing, why runs could not go on, and the risk of a bias."""
+    """Lines that name the seeds whose runs failed or are missing, why runs could not go on, and the risk of a bias.
+
+    Missing are seeds from the first to the last of the same engine: engines may have seeds of their own.
+    """
     for case in cases:
+        run = np.any([other.run_status.values != MISSING for other in cases if other.engine == case.engine], axis=0)
+        asked = np.logical_or.accumulate(run) & np.logical_or.accumulate(run[::-1])[::-1]
         for status, fate in ((FAILED, "failed and left out"), (MISSING, "missing")):
-            seeds = case.seed.values[case.run_status.values == status]
+            seeds = case.seed.values[(case.run_status.values == status) & asked]
             if seeds.size:
                 reason = f"; {stopped_in_words(stopped)}" if status == FAILED and (stopped := stopped_of(case)) else ""
-                which = f"{seeds.size} of {case.seed.size} seeds ({brief_seed_text(seeds)})"
+                which = f"{seeds.size} of {np.count_nonzero(asked)} seeds ({brief_seed_text(seeds)})"
                 yield f"{title_of(case)}: {fate}: {which}{reason}"
     if failed := sum(int(case.failed_runs) for case in cases):
         runs = "1 failed run" if failed == 1 else f"{failed} failed runs"

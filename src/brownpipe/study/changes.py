@@ -90,15 +90,23 @@ def _in_seeds(folder: Path, files: dict[Path, SimulationJob]) -> Iterator[str]:
     if all(file.is_file() for file in files):
         return
     run, wanted = list(_ranges(folder)), [(job.first, job.last) for job in files.values()]
-    in_both = _number_in(run) + _number_in(wanted) - _number_in(run + wanted)
-    if in_both == _number_in(wanted):
+    in_both, asked = _number_in_both(run, wanted), _number_in(wanted)
+    if in_both == asked:
         yield "batch: the same seeds in other jobs"
-    elif in_both and in_both == _number_in(run):
-        yield f"seeds {in_both} -> {_number_in(wanted)}"
-    elif in_both:
-        yield f"seeds: {in_both} of {_number_in(wanted)} have been run"
+        return
+    again = _number_in_both(run, [(job.first, job.last) for file, job in files.items() if not file.is_file()])
+    remark = f"; {again} of them again, in other jobs (not with the key batch: N)" if again else ""
+    if in_both and in_both == _number_in(run):
+        yield f"seeds {in_both} -> {asked}{remark}"
+    elif run:
+        yield f"seeds: {in_both} of {asked} have been run{remark}"
     else:
         yield "no runs yet"
+
+
+def _number_in_both(some: list[tuple[int, int]], others: list[tuple[int, int]]) -> int:
+    """Return how many seeds are in both of two lists of ranges."""
+    return _number_in(some) + _number_in(others) - _number_in(some + others)
 
 
 def _number_in(ranges: list[tuple[int, int]]) -> int:

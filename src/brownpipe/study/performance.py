@@ -14,7 +14,7 @@ from brownpipe.figures.cases import of_file, of_whole_dataset
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
 from brownpipe.storage import read_dataset
-from brownpipe.study.pilot import pilot_runs, run_pilot
+from brownpipe.study.pilot import average_of_msd, pilot_runs, run_pilot
 from brownpipe.study.study import REFERENCE, Study
 from brownpipe.tradeoff import compare, timing
 
@@ -53,11 +53,14 @@ class CasePerformance(NamedTuple):
 def performance_of(study: Study, target: str, results: str | Path = "results") -> list[CasePerformance]:
     """Return the performance of the engines in each case of a study, for one of study_file.TARGETS.
 
-    Taken from a trade-off stored below `results` if it has the same scene, otherwise from pilot runs.
+    Taken from a trade-off stored below `results` if it has the same scene, otherwise, and for an average within runs,
+    from pilot runs.
     """
     window = study.fit_windows[0]
+    average = "runs" if target == "displacement_distribution" else average_of_msd(study)
     return [
-        stored_performance(scene, target, window, results) or pilot_performance(scene, target, window)
+        (stored_performance(scene, target, window, results) if average == "runs" else None)
+        or pilot_performance(scene, target, window, average)
         for scene in tracked(study.cases, "cases")
     ]
 
@@ -118,20 +121,20 @@ def _in_scene(
     return performances
 
 
-def pilot_performance(scene: Scene, target: str, window: tuple[float, float]) -> CasePerformance:
+def pilot_performance(scene: Scene, target: str, window: tuple[float, float], average: str = "runs") -> CasePerformance:
     """Measure the exact engine and the candidates by pilot runs; a candidate that costs more is not compared."""
     performances: list[EnginePerformance] = []
     for engine in tracked([REFERENCE, *candidates(scene)], "engines"):
         seconds = timing.seconds_per_run(engine, scene, repeats=TIMING_REPEATS)
         if engine == REFERENCE:
-            exact, exact_seconds = run_pilot(scene, engine), seconds
+            exact, exact_seconds = run_pilot(scene, engine, average), seconds
             performances.append(_performance(engine, compare(exact, exact, window, seconds), target))
         elif seconds < exact_seconds:
-            values = compare(run_pilot(scene, engine), exact, window, seconds)
+            values = compare(run_pilot(scene, engine, average), exact, window, seconds)
             performances.append(_performance(engine, values, target))
         else:
             performances.append(EnginePerformance(engine, np.nan, np.nan, performances[0].scatter, seconds))
-    return _case(scene, f"a pilot of {pilot_runs(scene)} runs", performances)
+    return _case(scene, f"a pilot of {pilot_runs(scene, average)} runs", performances)
 
 
 def _case(scene: Scene, source: str, performances: list[EnginePerformance]) -> CasePerformance:

@@ -13,7 +13,7 @@ from brownpipe.scene import Scene
 from brownpipe.scene.seeds import MOST_SEEDS
 from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.storage.checksums import write_sealed_text
-from brownpipe.study.pilot import pilot_seconds, run_pilot
+from brownpipe.study.pilot import average_of_msd, pilot_seconds, run_pilot
 from brownpipe.study.study import REFERENCE, Study
 from brownpipe.study.study_file import MOST_JOBS, RENAMED_TARGETS
 from brownpipe.tradeoff import bias, runs_for, spread_of
@@ -40,9 +40,12 @@ def settle(study: Study, path: str | Path, say: Callable[[str], object], dry_run
         "window": list(study.fit_windows[0]),
         "scenes": {case_title(case): case.digest for case in study.cases},
     }
+    average = average_of_msd(study)
+    if average != "runs" and study.target != DISTRIBUTION:
+        request["average"] = average
     plan = _stored_plan(path)
     if {key: plan.get(key) for key in request} != request:
-        seconds = 0.0 if study.target == DISTRIBUTION else sum(map(pilot_seconds, study.cases))
+        seconds = 0.0 if study.target == DISTRIBUTION else sum(pilot_seconds(case, average) for case in study.cases)
         goal = f"a tolerance of {100 * study.tolerance:g} % of {study.target} needs"
         pilots = f"pilot runs, some {in_time(seconds)} of CPU once kernels are compiled,"
         if seconds and dry_run:
@@ -76,7 +79,7 @@ def _runs_needed(scene: Scene, study: Study) -> int:
     if study.target == DISTRIBUTION:
         scatter, sound = bias.spread_of_shares(), 1.0 - share_failing(scene)
     else:
-        pilot = run_pilot(scene, REFERENCE)
+        pilot = run_pilot(scene, REFERENCE, average_of_msd(study))
         try:
             scatter, sound = spread_of(pilot, study.target, study.fit_windows[0]), pilot.share_sound
         except AnalysisError as error:
