@@ -28,9 +28,9 @@ WORK = 2e6  # disks times steps of a stretch, or collisions, about
 QUICK = 1e5  # of them in a quick pass
 TITLE = """# Cost of the exact engine and of time steps against the number of disks
 
-One core of an {}. Periodic boxes of equal disks, packing fraction 0.14. CPU time for one unit of
-time of the note's scene by the exact engine, and the cost of time steps relative to it, medians of five. States are not
-drawn and runs not reported, unlike in the cost-accuracy trade-off. Steps are fractions of the largest step allowed."""
+One core of an {}. Periodic boxes of equal disks, packing fraction 0.14. CPU time for the note's unit of
+time by the exact engine, and the cost of time steps relative to it, medians of five. States are not drawn and runs not
+reported, unlike in the cost-accuracy trade-off. Steps are fractions of the largest step allowed."""
 
 
 def scene_of(n, duration):

@@ -1,4 +1,4 @@
-"""The order of the rooms, the folders and files of src/brownpipe: which room may import which.
+"""The order of the layers, the folders and files of src/brownpipe: which layer may import which.
 
 It is read from every import statement at every depth.
 """
@@ -20,7 +20,7 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import reading
 from brownpipe.verbs import simulate
 
-ROOMS = (  # each may import those before it
+LAYERS = (  # each may import those before it
     "quoting",
     "errors",
     "interrupts",
@@ -101,7 +101,7 @@ def own_imports(file, hidden=False):
             yield f"{module}.{name}" if f"{module}.{name}" in MODULES else module
 
 
-def room_of(module):
+def layer_of(module):
     return [*module.split("."), "__init__"][1]
 
 
@@ -110,7 +110,7 @@ def test_no_import_climbs():
         f"{name} imports {other}"
         for name, file in MODULES.items()
         for other in own_imports(file)
-        if name != "brownpipe" and ROOMS.index(room_of(other)) > ROOMS.index(room_of(name))
+        if name != "brownpipe" and LAYERS.index(layer_of(other)) > LAYERS.index(layer_of(name))
     ]
     assert climbing == []
 
@@ -194,7 +194,7 @@ def test_a_label_is_no_choice(source):
 
 
 @pytest.mark.slow
-def test_no_other_room_chooses_by_the_name_of_an_approximate_engine():
+def test_no_other_layer_chooses_by_the_name_of_an_approximate_engine():
     """What depends on an engine is in its package, so that a new one needs its package and a line in DEFINITIONS."""
     names = set(DEFINITIONS) - {"exact"}  # the reference that the others are compared with
     choices = [

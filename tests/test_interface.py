@@ -18,6 +18,7 @@ from brownpipe.engines.exact import recording
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
 from brownpipe.figures.origin import stamped
 from brownpipe.figures.summary import legend_of_estimates
+from brownpipe.scene import Disk
 from synthetic import RECORD, render
 
 SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
@@ -105,15 +106,18 @@ def test_another_selection_is_neither_analysed_nor_saved(runs, tmp_path, part, m
             bp.analyse(selected)
 
 
-@pytest.mark.parametrize(("average", "whose"), [("runs", "the tracer"), ("disks", "all disks")])
+@pytest.mark.parametrize(("average", "whose"), [("runs", "the tracer"), ("disks", "all disks equal to the tracer")])
 def test_a_dataset_says_whose_displacement_it_is(average, whose):
     scene = bp.read_scene(Path(SCENE).with_name("dense.yaml"))
     scene = dataclasses.replace(scene, duration=0.05, equilibrate=0.01)
     runs = bp.simulate(scene, 2, observables=["square_displacement"], average=average, quiet=True)
     result = bp.analyse(runs, quiet=True)
-    assert result.attrs["average"] == average
+    assert result.attrs["msd_of"] == whose
     assert f"MSD: mean squared displacement of {whose}." in "\n".join(legend_of_estimates(result))
-    assert result.msd.long_name == "mean squared displacement of the tracer (with average: disks, of all disks)"
+    assert (
+        result.msd.long_name
+        == "mean squared displacement of the tracer (where measured over disks, of all disks equal to it)"
+    )
 
 
 def test_periodic_runs_without_image_are_not_analysed():
@@ -124,13 +128,18 @@ def test_periodic_runs_without_image_are_not_analysed():
         bp.analyse(wrapped)
 
 
-def test_variables_that_a_user_adds_are_not_analysed_and_saved_only_where_there_is_a_place(runs, result, tmp_path):
-    more = runs.assign(fastest=runs.failed + 0.5)
-    bp.save(more, tmp_path / "more.h5")
-    assert np.array_equal(bp.open(tmp_path / "more.h5").fastest, more.fastest)
-    heated = runs.copy()
+@pytest.mark.slow
+def test_variables_that_a_user_adds_are_neither_analysed_nor_saved(runs, result, tmp_path):
+    """Nor is one taken for an observable that was not measured."""
+    heated, logged, joined = runs.copy(), runs.copy(), runs.copy()
     heated["disks/energy"] = runs.disks.mass * 1
+    logged["events/energy"] = runs.events.a * 1
+    joined["mine"] = xarray.DataTree(xarray.Dataset({"a": 1}))
     for name, added in (
+        ("quartic_displacement", runs.assign(quartic_displacement=runs.square_displacement**2)),
+        ("early", runs.assign(early=runs.tracer_collisions > 1)),
+        ("events/energy", logged),
+        ("mine/", joined),
         ("unwrapped", runs.assign(unwrapped=runs.position * 1)),
         ("disks/energy", heated),
         ("speed", runs.assign(speed=runs.failed * 1)),
@@ -164,6 +173,11 @@ def test_collisions_of_runs_in_any_order_are_those_of_each_run(runs, tmp_path):
         ({"equilibrate": -1.0}, "scene: equilibrate.time: must be"),
         ({"name": "my scene"}, "scene: name: must be a name"),
         ({"box": None}, "scene: must be one that Scene or read_scene returns"),
+        ({"velocities": None}, "scene: species: .* makes no such scene; it would be .."),
+        (
+            {"disks": (Disk((0.0, 0.0), (1.0, 0.0), 0.1, 1.0),)},
+            "scene: must have either species or a list of disks, not both",
+        ),
     ],
 )
 def test_a_replaced_key_of_a_scene_is_checked(change, message):

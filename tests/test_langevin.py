@@ -319,7 +319,11 @@ def test_a_bath_without_other_momentum_recoils():
     error = found.diffusion_coefficient_standard_error
     assert error < 0.15 * free / 4
     assert abs(found.diffusion_coefficient - free / 4) < 4 * error
-    assert "the tracer has 50 % of the mass, and D will be 4 times as large as with the zero" in caution(scene)
+    warning = "the tracer has 50 % of the mass, and D will be 4 times as large as with the zero"
+    assert warning in caution(scene)
+    with pytest.warns(UserWarning, match=warning):
+        runs = bp.simulate(scene, 2, engine="langevin", friction="enskog", quiet=True)
+    assert bp.analyse(runs, quiet=True).enskog_diffusion.item() == pytest.approx(free, rel=1e-12), "it has no bath"
 
 
 def test_a_tagged_disk_has_the_friction_of_one_fluid():

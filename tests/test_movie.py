@@ -67,6 +67,7 @@ def test_animation_has_the_frames_asked_for_and_it_says_so(path, capsys):
             assert (animation.n_frames, animation.info["duration"], animation.info["loop"]) == (count, pause, 0)
 
 
+@pytest.mark.slow
 def test_rate_of_an_animation_is_the_one_asked_for_or_it_says_which(path, capsys):
     """A GIF counts hundredths of a second from one frame to the next."""
     for fps, pause, rate in (("10", 100, ""), ("33.3", 30, ""), ("40", 20, "50"), ("24", 40, "25"), ("50", 20, "")):

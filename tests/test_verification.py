@@ -352,11 +352,34 @@ def test_all_studies_of_a_folder_are_verified(study, capsys):
     Path("results/notes").mkdir()
     (RESULTS / "figures/health.png").unlink()
     assert main(["verify", "results/"]) == FAILED
-    assert capsys.readouterr().out.splitlines()[:3] == [
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:3] == [
         "results/mine/figures/health.png: is missing",
         "results/mine: 12 files intact, 1 not; to make these again:",
         "brownpipe run mine.yaml",
     ]
+    counted = [line.partition(": ")[0] for line in lines if " files intact" in line]
+    assert counted == ["results/mine", "results/tradeoff"]
+
+
+def test_a_study_of_that_name_elsewhere_is_not_taken_for_the_one_in_the_record(study, capsys):
+    """Intact results would be called those of other runs, and the command that is printed would delete them."""
+    Path("archive").mkdir()
+    Path("old").mkdir()
+    shutil.move("mine.yaml", "archive/mine.yaml")
+    Path("old/mine.yaml").write_text(Path("archive/mine.yaml").read_text().replace("seeds: 4", "seeds: 8"))
+    assert main(["verify", str(RESULTS)]) == FAILED
+    out = capsys.readouterr().out
+    assert "completeness was not checked: mine.yaml: " in out and "rm -rf" not in out and "holds" not in out
+
+
+def test_two_dots_behind_a_link_lead_where_the_system_has_them(study, capsys):
+    Path("elsewhere/results/z").mkdir(parents=True)
+    shutil.copytree(RESULTS, "elsewhere/results/mine")
+    Path("elsewhere/results/mine/figures/health.png").unlink()
+    Path("results/link").symlink_to(Path("elsewhere/results/z").absolute())
+    assert main(["verify", "results/link/../mine"]) == FAILED
+    assert "figures/health.png: is missing" in capsys.readouterr().out
 
 
 PART = "is a part of results/mine, which can only be verified as a whole"
@@ -427,7 +450,7 @@ def test_any_name_is_listed_as_sha256sum_does(tmp_path):
 
 def test_checksums_of_files_outside_the_results_do_not_count(study):
     """The command that is printed would delete them."""
-    listed = f"{'0' * 64}  ../../../mine.yaml\n{'0' * 64}  ../../absent\n"
+    listed = f"{'0' * 64}  ../../../mine.yaml\n{'0' * 64}  ../../absent\n{'0' * 64}  {Path('mine.yaml').absolute()}\n"
     write_sealed_text(RESULTS / "tradeoff" / "SHA256SUMS", listed)
     verdict = verify_results(RESULTS)
     assert not any(".." in file or "mine.yaml" in file for file, _ in verdict.problems)

@@ -9,6 +9,7 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 import reprlib
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -255,10 +256,19 @@ def _path(name: str, value: Any) -> str | Path:
 
 def _checked(scene: SceneRecord) -> SceneRecord:
     """Return the same scene, checked: `dataclasses.replace` may have made it."""
+    if bool(scene.species) == bool(scene.disks) and scene.particles:
+        raise RequestError("scene: must have either species or a list of disks, not both")
     try:
-        return parse_scene(_plain(as_mapping(scene)), "scene", name=scene.name)
+        checked = parse_scene(_plain(as_mapping(scene)), "scene", name=scene.name)
     except (AttributeError, TypeError) as error:
         raise RequestError(f"scene: must be one that Scene or read_scene returns ({error})") from error
+    for field in fields(scene):
+        given, used = getattr(scene, field.name), getattr(checked, field.name)
+        if given != used and not (field.name == "sample_interval" and scene.samples):
+            raise RequestError(
+                f"scene: {field.name}: {reprlib.repr(given)} makes no such scene; it would be {used!r:.80}"
+            )
+    return checked
 
 
 def _seeds(value: Any) -> Sequence[int]:

@@ -27,7 +27,7 @@ REQUIREMENT = re.compile(r"([\w.-]+)(?!.*\bextra\b)")  # of a package; one with 
 DISTRIBUTIONS = {"PIL": "pillow", "yaml": "pyyaml"}  # of packages that are imported under another name
 
 # Modules of brownpipe that determine the output of a step, besides its input and options, with all that they import.
-# `figures.*` stands for every module of a room. The engine that runs is added.
+# `figures.*` stands for every module of a layer. The engine that runs is added.
 STEPS = {
     "simulate": ("engines", "scene.seeds", "storage.trajectories", "storage.checkpoints"),
     "aggregate": ("storage", "analysis"),
@@ -94,9 +94,9 @@ def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
 
 
 def _members(folder: Path, name: str) -> list[str]:
-    """Return the modules of a room for a name such as `figures.*`, otherwise the name itself."""
-    room, every, _ = name.partition(".*")
-    return [f"{room}.{file.stem}" for file in (folder / room).glob("[!_]*.py")] if every else [name]
+    """Return the modules of a layer for a name such as `figures.*`, otherwise the name itself."""
+    layer, every, _ = name.partition(".*")
+    return [f"{layer}.{file.stem}" for file in (folder / layer).glob("[!_]*.py")] if every else [name]
 
 
 @cache  # the steps share most of their files

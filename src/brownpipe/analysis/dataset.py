@@ -29,7 +29,7 @@ from brownpipe.engines.failures import HEALTH
 from brownpipe.errors import AnalysisError
 from brownpipe.parallel import Report, calculated
 from brownpipe.scene.sample_times import default_fit_windows
-from brownpipe.storage import made_by, origin_attributes
+from brownpipe.storage import Outline, made_by, origin_attributes
 
 if TYPE_CHECKING:
     import xarray
@@ -100,8 +100,14 @@ def aggregate(
     times = [*options.displacement_times]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
-    attributes = ATTRIBUTES | {"average": ", ".join(sorted({one.average for one in outlines}))} | made
+    attributes = ATTRIBUTES | {"msd_of": " or ".join(sorted({_followed(one) for one in outlines}))} | made
     return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ascending=EACH)
+
+
+def _followed(outline: Outline) -> str:
+    """Return in words whose squared displacement is averaged."""
+    over_disks = outline.average == "disks" and "square_displacement" in (outline.observables or ())
+    return "all disks equal to the tracer" if over_disks else "the tracer"
 
 
 def _refuse_same(options: Options) -> None:

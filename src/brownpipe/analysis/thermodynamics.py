@@ -11,7 +11,7 @@ from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, with_error
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
-from brownpipe.engines import friction
+from brownpipe.engines import DEFINITIONS, friction
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
@@ -83,12 +83,13 @@ def has_equal_disks(scene: Scene) -> bool:
     return scene.particles > 1 and np.ptp(scene.radius) == 0 and np.ptp(scene.mass) == 0
 
 
-def enskog(scene: Scene) -> dict[str, float]:
+def enskog(scene: Scene, with_bath: bool = True) -> dict[str, float]:
     """Return collision rates, contact value, compressibility and the tracer's diffusion coefficient by Enskog's theory.
 
     At the mean density of the box, with or without walls; {} without a temperature or beyond the packing fraction
     DENSEST. The tracer's rate and contact value are those of the langevin engine (`friction.partners_of`), and so is
-    its diffusion coefficient kT/(m gamma), unless the total momentum stays zero (`friction.bath_share`).
+    its diffusion coefficient kT/(m gamma), unless there is a bath and the total momentum stays zero
+    (`friction.bath_share`).
     """
     kt = scene.velocities and scene.velocities.temperature
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
@@ -98,12 +99,13 @@ def enskog(scene: Scene) -> dict[str, float]:
     rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt)
     rates = rates * np.where(np.eye(len(number)) > 0, (1 - 1 / number), 1.0)  # no disk collides with itself
     partners = friction.partners_of(scene)
+    gamma = partners.friction.sum()
     return {
         "enskog_collision_rate": (number * rates.sum(axis=1)).sum() / number.sum(),
         "enskog_tracer_collision_rate": partners.rate.sum(),
         "enskog_contact_value": partners.contact_value[np.argmax(friction.bath_of(scene).number)],
         "enskog_compressibility": theory.mixture_compressibility(n, 2 * radius),
-        "enskog_diffusion": friction.bath_share(scene) ** 2 * kt / (mass[0] * partners.friction.sum()),
+        "enskog_diffusion": (friction.bath_share(scene) if with_bath else 1.0) ** 2 * kt / (mass[0] * gamma),
     }
 
 
@@ -163,7 +165,8 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     values: dict[str, ArrayLike] = {}
     for name in (name for name in COLLISION_COUNTS if name in averages):
         values |= with_error(name, averages.estimate(name))
-    return values | intervals(averages, MEASURED) | enskog(case.scene)
+    has_bath = DEFINITIONS[case.engine.partition("-")[0]].counts_collisions
+    return values | intervals(averages, MEASURED) | enskog(case.scene, has_bath)
 
 
 ESTIMATOR = Estimator(

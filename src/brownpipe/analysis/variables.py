@@ -12,7 +12,7 @@ SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt de
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
 EACH = ("scene", "particles", "engine")  # the labels of a case
 TIME = (*EACH, "time")
-FOLLOWED = "of the tracer (with average: disks, of all disks)"
+FOLLOWED = "of the tracer (where measured over disks, of all disks equal to it)"
 AREA, RATE, SPEED2 = "length^2", "length^2/time", "length^2/time^2"
 
 ATTRIBUTES = {

@@ -101,7 +101,7 @@ def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]
 
 def legend_of_estimates(dataset: Dataset) -> list[str]:
     """Return the lines that explain N, MSD, D and their errors."""
-    whose = "all disks" if dataset.attrs.get("average") == "disks" else "the tracer"
+    whose = dataset.attrs.get("msd_of", "the tracer")
     return [
         f"N: number of disks. MSD: mean squared displacement of {whose}. All in the scene's reduced units.",
         f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs.",

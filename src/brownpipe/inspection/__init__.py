@@ -1,7 +1,7 @@
 """What is in a trajectory file or dataset, and whether the runs of a file come out again: `brownpipe inspect`.
 
-The reports show numbers as figures and summary do, and runs are made by the engines: this room is above both. It is not
-part of `figures` or `storage`, because a change of a report must not run any step of a study again.
+The reports show numbers as figures and summary do, and runs are made by the engines: this layer is above both. It is
+not part of `figures` or `storage`, because a change of a report must not run any step of a study again.
 """
 
 from collections.abc import Callable

@@ -3,7 +3,7 @@
 /                        position (time, seed, component) of the tracer, and image in a periodic box;
                          worst_overlap (seed), ... and arrays of observables (seed, ...);
                          attributes scene (JSON), scene_name, particles, engine, settings (JSON), average,
-                         source_digest
+                         source_digest, variables (JSON: the names of these)
 disks/                   if recorded: position, velocity, image (time, seed, disk, component) of all disks;
                          radius, mass (disk)
 events/seed_00017        if recorded: event_time, a, b (event), impulse (event, component) of this run
@@ -58,7 +58,8 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     arrays = [name for name in columns if name in ARRAYS]
     along = {BIN.get(dim, dim): values for name in arrays for dim, values in axes(scene, name).items()}
     along |= {"time": ensemble.times, "seed": ensemble.seeds, "component": ["x", "y"]}
-    root = _scales(along) | _described(_motion(TRACER_DIMS, ensemble.tracer) | columns)
+    columns = _motion(TRACER_DIMS, ensemble.tracer) | columns
+    root, attributes["variables"] = _scales(along) | _described(columns), json.dumps(sorted(columns))
     nodes = {"/": xarray.Dataset(root, attrs=attributes)}
     if ensemble.whole:
         absent = _without_values(next(iter(ensemble.whole.values())))
@@ -87,7 +88,8 @@ def from_tree(tree: "DataTree", with_events: bool = True) -> Trajectories:
         engine = recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
         _refuse_part(scene, root)
         seeds = root.seed.values.tolist()
-        names = [name for name in _names(root) if _is_observable(root, name)]
+        own = [str(name) for name in root.data_vars if name in json.loads(attributes["variables"])]
+        names = [name for name in own if name not in PARTS]
         observables = {name: root[name].transpose("seed", *_dims(name)).values for name in names}
         observables["failed"]  # every batch has it
         reasons = root["stopped"].values.tolist() if "stopped" in root else []
@@ -97,7 +99,7 @@ def from_tree(tree: "DataTree", with_events: bool = True) -> Trajectories:
         ensemble = Ensemble(
             seeds=root.seed.values,
             times=root.time.values,
-            tracer=_track(root, TRACER_DIMS) if "position" in root else None,
+            tracer=_track(root[own], TRACER_DIMS) if "position" in own else None,
             observables=observables,
             whole=_whole(scene, tree["disks"].to_dataset(), seeds, complete) if "disks" in tree.children else {},
             events=_events(tree["events"].to_dataset(), complete) if has_events else {},
@@ -114,11 +116,17 @@ def from_tree(tree: "DataTree", with_events: bool = True) -> Trajectories:
 
 def refuse_foreign(tree: "DataTree") -> None:
     """Raise RequestError for a variable that a trajectory file has no place for."""
-    root = tree.to_dataset()
-    foreign = [name for name in _names(root) if name not in PARTS and not _is_observable(root, name)]
-    if "disks" in tree.children:
-        own = {*Track._fields, "radius", "mass"}
-        foreign += [f"disks/{name}" for name in _names(tree["disks"].to_dataset()) if name not in own]
+    own = {
+        "/": {*json.loads(tree.attrs["variables"])},
+        "/disks": {*Track._fields, "radius", "mass"},
+        "/events": {"event_seed", *LOG},
+    }
+    foreign = [
+        f"{node.path}/{name}".lstrip("/")
+        for node in tree.subtree
+        for name in ([*node.data_vars] if node.path in own else [""])
+        if name not in own.get(node.path, ())
+    ]
     if foreign:
         raise RequestError(
             f"data: a trajectory file has no place for {foreign[0]}; remove this variable, or save it apart"
@@ -138,15 +146,6 @@ def _refuse_part(scene: Scene, root: "Dataset") -> None:
         raise ValueError(f"its components are {components}; must be x and y in this order")
     if scene.box.periodic and "position" in root and "image" not in root:
         raise ValueError("lacks image, which a periodic box needs")
-
-
-def _names(dataset: "Dataset") -> list[str]:
-    return [str(name) for name in dataset.data_vars]
-
-
-def _is_observable(root: "Dataset", name: str) -> bool:
-    """Whether a variable is an observable of each run: known, or one number for each seed."""
-    return name not in PARTS and name not in AXES and {*root[name].dims} == {"seed", *_dims(name)}
 
 
 def _dims(name: str) -> tuple[str, ...]:

@@ -83,7 +83,7 @@ def results_in(path: str | Path) -> list[Path]:
         return [path]
     if found := sorted(folder for folder in path.iterdir() if folder.is_dir() and _is_of_study(folder)):
         return found
-    absolute = Path(os.path.abspath(path))
+    absolute = _absolute(path)
     whole = next((folder for folder in absolute.parents if is_run_record(folder / RECORD)), None)
     if whole is not None:
         raise WrongFileError(f"{path}: is a part of {os.path.relpath(whole)}, which can only be verified as a whole")
@@ -91,11 +91,16 @@ def results_in(path: str | Path) -> list[Path]:
     raise WrongFileError(f"{path}: is not the folder of a study's results (results/STUDY); {of_files}")
 
 
+def _absolute(folder: str | Path) -> Path:
+    """Return an absolute path without `..`; a link is followed only if `..` may lead elsewhere behind it."""
+    return Path(folder).resolve() if ".." in Path(folder).parts else Path(os.path.abspath(folder))
+
+
 def _is_of_study(folder: Path) -> bool:
     """Whether a folder has the record of a study, or all that a damaged or missing record leaves of its results."""
     if is_run_record(folder / RECORD):
         return True
-    absolute, has_parts = Path(os.path.abspath(folder)), any((folder / part).is_dir() for part in PARTS)
+    absolute, has_parts = _absolute(folder), any((folder / part).is_dir() for part in PARTS)
     if absolute.parent.name == "results":
         return has_parts or likely_study(absolute) is not None
     return has_parts and os.path.lexists(folder / RECORD)
@@ -108,7 +113,7 @@ def verify_results(folder: str | Path) -> Verdict:
     """
     if not os.path.isdir(folder):
         raise WrongFileError(f"{folder}: cannot be read: no such folder")
-    results = _results(Path(os.path.abspath(folder)))
+    results = _results(_absolute(folder))
     problems = dict.fromkeys(results.promised.difference(results.files), MISSING_FILE)
     remarks: dict[str, list[str]] = {key: [] for key in REMARKS}
     sealed = list(_sealed(results))
@@ -182,19 +187,22 @@ def _files(folder: Path) -> Iterator[str]:
 
 
 def _record(folder: Path) -> RunRecord:
-    """Return how the study was run, with the study file of the same name if there is no record or not its study file.
+    """Return how the study was run, with the file beside that study named like the results if that study is gone.
+
+    Without a record the study file of that name, wherever it is.
 
     Raises RequestError, which says what is wrong with the record, if there is neither.
     """
-    likely = likely_study(folder)
     try:
         record = read_run_record(os.path.relpath(folder))
     except RequestError as error:
+        likely = likely_study(folder)
         if likely is None:
             raise RequestError(f"{error}, and there is no study file {folder.name}.yaml") from error
         return RunRecord(likely)
-    is_there = os.path.isfile(folder.parent.parent / record.study)
-    return record if is_there or likely is None else record._replace(study=likely)
+    root, renamed = folder.parent.parent, os.path.join(os.path.dirname(record.study), f"{folder.name}.yaml")
+    is_renamed = not os.path.isfile(root / record.study) and os.path.isfile(root / renamed)
+    return record._replace(study=renamed) if is_renamed else record
 
 
 def _promised(study: Study | None, requests: Mapping[str, Request], files: tuple[str, ...]) -> frozenset[str]:
@@ -364,7 +372,8 @@ def _checksums(folder: Path) -> Mapping[str, str]:
 
 def _within(checksums: Mapping[str, str]) -> dict[str, str]:
     """Return the checksums of files within the results, given those in one of their folders."""
-    return {name: digest for name, digest in checksums.items() if not os.path.normpath(f"part/{name}").startswith("..")}
+    inside = (name for name in checksums if not os.path.isabs(name))
+    return {name: checksums[name] for name in inside if not os.path.normpath(f"part/{name}").startswith("..")}
 
 
 # -- what makes it again --------------------------------------------------------------------------------------------

@@ -26,8 +26,8 @@ def inspect(arguments: Namespace) -> int:
 
     Of a figure, table or summary it says what they were made from. `--reproduce` takes scene, engine, seeds and all
     settings from the file, makes it again in a scratch folder, and ends with exit status 1 if any byte differs.
-    `--allow-failed N` names the failed runs of a dataset and ends with exit status 1 if they are more than N, the last
-    step of a study.
+    `--allow-failed N` names the failed runs of a dataset and ends with exit status 1 if they are more than N. A study
+    ends with this step.
     """
     _refuse_together(arguments)
     if arguments.allow_failed is not None:
