@@ -12,7 +12,7 @@ import pytest
 import forked
 from brownpipe.cli import main
 from brownpipe.errors import DONE
-from test_architecture import ROOMS
+from test_architecture import LAYERS
 
 ROOT = Path(__file__).parent.parent
 NAMES = (
@@ -88,11 +88,11 @@ def test_snippets_run(code, folder):
     assert done.stdout or "print" not in code
 
 
-def test_map_names_every_room_in_the_order_of_imports():
+def test_map_names_every_layer_in_the_order_of_imports():
     """The order itself is held by tests/test_architecture.py."""
     table = PAGES["CONTRIBUTING.md"].partition("\n## Map")[2].partition("\n### ")[0]
     named = re.findall(r"`(\w+)(?:\.py|/)`", table)
-    assert [name for name in named if name in ROOMS] == [name for name in ROOMS if name != "__main__"]
+    assert [name for name in named if name in LAYERS] == [name for name in LAYERS if name != "__main__"]
 
 
 def headings(page):
