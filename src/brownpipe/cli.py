@@ -55,6 +55,7 @@ def main(argv: list[str] | None = None) -> int:
     with interrupts.ending_process():
         status = _status(sys.argv[1:] if argv is None else argv)
         if argv is None:
+            signal.signal(signal.SIGXCPU, signal.SIG_IGN)  # all is done; at its end Python restores the default: to die
             interrupts.leave(status)
     return status
 
