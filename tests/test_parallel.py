@@ -126,13 +126,19 @@ def is_running(process):
 
 @pytest.mark.parametrize("output", ["figures --output missing", "aggregate --output missing.nc"])
 def test_each_of_several_processes_has_one_thread(output, tmp_path):
-    """Snakemake's environment asks for as many threads as a job has cores; NumPy starts them when it is imported."""
+    """Snakemake's environment asks for as many threads as a job has cores; NumPy starts them when it is imported.
+
+    A thread that has been joined is listed by the system for a moment longer; one of NumPy's would stay.
+    """
     program = (
-        "import os, sys, threading\n"
+        "import os, sys, threading, time\n"
         "from brownpipe.cli import main\n"
         "main([*sys.argv[1:], 'absent.nc', '--cores', '2'])\n"
         "for thread in threading.enumerate()[1:]:\n"
         "    thread.join(20)\n"
+        "end = time.monotonic() + 10\n"
+        "while len(os.listdir('/proc/self/task')) > 1 and time.monotonic() < end:\n"
+        "    time.sleep(0.01)\n"
         "print('numpy' in sys.modules, len(os.listdir('/proc/self/task')))\n"
     )
     words = [sys.executable, "-c", program, *output.split()]
