@@ -1,22 +1,20 @@
-# make study | report | tradeoff | validation | stability | test | test-quick | cluster-test | soak | bench | lint | docs | gallery | audit : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | report | tradeoff | validation | stability | test | test-quick | cluster-test | bench | lint | docs | gallery : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study report tradeoff validation stability test test-quick cluster-test soak bench lint docs gallery audit ready ready_dev ready_docs ready_cluster has_python
-SHELL := /bin/bash
+.PHONY: study report tradeoff validation stability test test-quick cluster-test bench lint docs gallery ready ready_dev ready_docs ready_cluster
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
 STUDY ?= config/harrison2020.yaml
 CORES ?= $(shell nproc)
 REPORT ?= report.html
-# A path as one word of the shell, whatever is in it.
-path = $(shell path='$(subst ','\'',$(1))'; [[ $$path != "~/"* ]] || path="$$HOME/$${path:2}"; printf %q "$$path")
-study_file := $(call path,$(STUDY))
-export UNLOCK_COMMAND := .venv/bin/snakemake --unlock --configfile $(study_file)
+# The locks are complete. Modules are compiled when they are first imported, which saves half of the time; where Python is
+# told not to write byte code, every process would compile them again, so pip does it.
+PIP := .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps $(if $(PYTHONDONTWRITEBYTECODE),,--no-compile)
 
 study: ready
-	@snakemake --cores $(CORES) --configfile $(study_file)
+	@snakemake --cores $(CORES) --configfile "$(STUDY)"
 
 report: ready
-	@snakemake --cores $(CORES) --configfile $(study_file) --report $(call path,$(REPORT))
+	@snakemake --cores $(CORES) --configfile "$(STUDY)" --report "$(REPORT)"
 
 tradeoff: ready
 	@snakemake tradeoff_figures --cores $(CORES) --configfile config/tradeoff.yaml
@@ -43,11 +41,6 @@ cluster-test: ready_dev ready_cluster
 	@python tests/slurm.py
 	python -m pytest tests/test_cluster.py --cluster
 
-# Faults at random moments, in random bytes and inputs: 10 times as many as in the tests, from a new seed. `tests` is named because
-# pytest otherwise looks for the options beside docs/reliability.md, and does not know them.
-soak: ready_dev
-	python -m pytest tests -n $(CORES) --dist loadfile -m promise --faults 10 --reliability docs/reliability.md
-
 bench: ready
 	for benchmark in benchmarks/bench_*.py; do python $$benchmark || exit 1; done
 
@@ -72,21 +65,22 @@ docs: ready_docs
 gallery: ready
 	@python docs/_ext/gallery.py $(CORES)
 
-# The pinned versions against the advisories in workflow/advisories.txt and, with pip-audit, against its database.
-audit: ready
-	@python workflow/audit.py
+ready: .venv/installed-run
+ready_dev: .venv/installed-dev
+ready_docs: .venv/installed-docs
+ready_cluster: .venv/installed-cluster
 
-ready: has_python
-	@$(PYTHON) workflow/set_up.py
+# A stamp is written last, when all that a lock pins is installed: after a failure or Ctrl-C the next `make` installs again.
+# A folder that was moved needs a new environment: rm -rf .venv
+.venv/installed-run: requirements.lock pyproject.toml
+	@$(PYTHON) -c "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))" 2> /dev/null || { echo "brownpipe: set-up: $(PYTHON) must be Python >= 3.11 with venv (Debian, Ubuntu: apt install python3-venv); another one: make study PYTHON=python3.12" >&2; exit 1; }
+	@echo "brownpipe: set-up: installing the packages of $< into .venv, which takes a minute" >&2
+	@$(PYTHON) -m venv .venv
+	@$(PIP) --require-hashes --requirement $<
+	@$(PIP) --no-build-isolation --editable .
+	@touch $@
 
-ready_dev: has_python
-	@$(PYTHON) workflow/set_up.py dev
-
-ready_docs: has_python
-	@$(PYTHON) workflow/set_up.py docs
-
-ready_cluster: has_python
-	@$(PYTHON) workflow/set_up.py cluster
-
-has_python:
-	@command -v $(PYTHON) > /dev/null || { echo "brownpipe: set-up: there is no $(PYTHON); needed is python3 >= 3.11" >&2; exit 1; }
+.venv/installed-%: requirements-%.lock .venv/installed-run
+	@echo "brownpipe: set-up: installing the packages of $< into .venv" >&2
+	@$(PIP) --require-hashes --requirement $<
+	@touch $@

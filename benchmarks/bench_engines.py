@@ -48,7 +48,7 @@ def scene_of(n, duration):
 
 def engines(scene):
     step = largest_step(scene)
-    steps = [Engine("timestep", (("time_step", share * step), ("precision", "double"))) for share in SHARES]
+    steps = [Engine("timestep", (("time_step", share * step),)) for share in SHARES]
     return [Engine("exact"), *steps]
 
 

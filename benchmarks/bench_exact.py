@@ -22,9 +22,9 @@ import numpy as np
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
-from brownpipe.engines.exact.layout import begin
+from brownpipe.engines.exact.layout import begin, with_fitting_buckets
 from brownpipe.engines.exact.recording import new_recorder
-from brownpipe.engines.exact.run import prepare_scene
+from brownpipe.engines.exact.run import events_so_far, prepare_scene, time_since_start
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.units import motion_of
 from brownpipe.errors import RequestError
@@ -101,12 +101,15 @@ def scene_of(case):
 
 
 def started(scene, effort, change=None, record=()):
-    """A melted run: workspace and recorder. `change` takes a workspace and returns it with more to do."""
+    """A melted run, its buckets as in `run.to_end`: workspace and recorder. `change` gives a workspace more to do."""
     engine = prepare_scene(scene)
     w = engine.workspace if change is None else change(engine.workspace)
     room = new_recorder(engine.frame, w, FOR_EVER, record)
     begin(w, motion_of(draw(scene, 0), engine.frame))
-    go_on(w, room, max(effort.melting, EVENTS_TO_MELT * scene.particles))
+    melting = max(effort.melting, EVENTS_TO_MELT * scene.particles)
+    go_on(w, room, melting // 2)
+    w = with_fitting_buckets(w, events_so_far(w), time_since_start(w), w.calendar.width)
+    go_on(w, room, melting // 2)
     return w, room
 
 

@@ -23,15 +23,13 @@ from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.timestep import simulation as timestep
-from brownpipe.engines.timestep.settings import COLLISIONS, refuse_unfit
-from brownpipe.errors import RequestError
+from brownpipe.engines.timestep.settings import COLLISIONS
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.tradeoff.compare import APART, departure_time
 
 STEPS = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 BOX_STEPS = (1e-4, 1e-3, 1e-2)
 BOXES = ((150, 0.14), (150, 0.7), (1_000, 0.14), (1_000, 0.7), (10_000, 0.14), (10_000, 0.7))
-PRECISIONS = ("double", "single")
 LONGER = 4  # times as long as the short run
 
 
@@ -71,43 +69,32 @@ def runs_of_the_note(effort):
     alone *= 1e3 / len(states)
     pairs = there.observables["pair_collisions"]
     yield f"exact: {alone:.3f} ms a run, {pairs.mean():.1f} pair collisions\n"
-    yield "| dt | collisions | double, ms | single, ms | of exact | bias, % | departs at, median | worst overlap |"
-    yield "|---|---|---|---|---|---|---|---|"
+    yield "| dt | collisions | ms | of exact | bias, % | departs at, median | worst overlap |"
+    yield "|---|---|---|---|---|---|---|"
     for dt, collisions in product(effort.steps, COLLISIONS):
         few = states if dt > 1e-4 else states[: effort.states // 5]
-        double, single = (milliseconds(scene, few, dt, one, collisions, effort) for one in PRECISIONS)
+        stepped = milliseconds(scene, few, dt, collisions, effort)
         run = timestep.simulate(scene, range(seeds), time_step=dt, collisions=collisions)
         less = 100 * (run.observables["pair_collisions"] - pairs) / pairs.mean()
         departed = departure_time(scene.times, run.tracer.position, there.tracer.position, APART * scene.radius[0])
         yield (
-            f"| {dt:g} | {collisions} | {double:.2f} | {single:.2f} | {double / alone:.1f} | {less.mean():.2f} +- "
+            f"| {dt:g} | {collisions} | {stepped:.2f} | {stepped / alone:.1f} | {less.mean():.2f} +- "
             f"{less.std(ddof=1) / seeds**0.5:.2f} | {np.median(departed):.2f} | "
             f"{np.median(run.observables['worst_overlap']):.3f} |"
         )
 
 
-def stepping(scene, dt, precision, collisions):
-    """The engine; None where it refuses the time step, too short for the precision."""
-    try:
-        refuse_unfit(scene, {"time_step": dt, "precision": precision, "collisions": collisions}, ())
-        return timestep.prepared(scene, dt, precision, collisions)
-    except RequestError:
-        return None
-
-
-def milliseconds(scene, states, dt, precision, collisions, effort):
-    """Median CPU time of a run from each of the states [ms]; NaN where the time step is refused."""
-    engine = stepping(scene, dt, precision, collisions)
-    if engine is None:
-        return float("nan")
+def milliseconds(scene, states, dt, collisions, effort):
+    """Median CPU time of a run from each of the states [ms]."""
+    engine = timestep.prepared(scene, dt, collisions)
     all_runs = seconds(lambda: [timestep.run(engine, state, scene.times) for state in states], effort.repeats)
     return 1e3 * all_runs / len(states)
 
 
 def boxes(effort):
     """Time per unit of time against N, packing fraction and time step, in periodic boxes that were melted before."""
-    yield "| N | phi | exact, ms | dt | collisions | double, ms | single, ms | of exact | bias, % |"
-    yield "|---|---|---|---|---|---|---|---|---|"
+    yield "| N | phi | exact, ms | dt | collisions | ms | of exact | bias, % |"
+    yield "|---|---|---|---|---|---|---|---|"
     for n, phi in effort.boxes:
         yield from box(
             with_duration(scene_of(Case(n, phi, "periodic", "equal")), LONGER * effort.disk_time / n), effort
@@ -122,21 +109,18 @@ def box(scene, effort):
     alone = milliseconds_of_time(lambda times: exact_run.run(engine, state, times), long, effort)
     pairs = exact_run.run(engine, state, long).observables["pair_collisions"]
     for dt, collisions in product(effort.box_steps, COLLISIONS):
-        engines = [stepping(scene, dt, one, collisions) for one in PRECISIONS]
-        runs = [None if one is None else partial(timestep.run, one, state) for one in engines]
-        double, single = (milliseconds_of_time(run, long, effort) for run in runs)
-        found = timestep.run(engines[0], state, long).observables["pair_collisions"]
+        stepping = timestep.prepared(scene, dt, collisions)
+        stepped = milliseconds_of_time(partial(timestep.run, stepping, state), long, effort)
+        found = timestep.run(stepping, state, long).observables["pair_collisions"]
         bias, error = 100 * (found / pairs - 1), 100 * np.sqrt(1 / found + 1 / pairs)
         yield (
-            f"| {n} | {scene.packing_fraction:.2f} | {alone:.3g} | {dt:g} | {collisions} | {double:.3g} | "
-            f"{single:.3g} | {double / alone:.1f} | {bias:.1f} +- {error:.1f} |"
+            f"| {n} | {scene.packing_fraction:.2f} | {alone:.3g} | {dt:g} | {collisions} | {stepped:.3g} | "
+            f"{stepped / alone:.1f} | {bias:.1f} +- {error:.1f} |"
         )
 
 
 def milliseconds_of_time(run, long, effort):
     """Median CPU time for a unit of time [ms], by the difference of runs to time `long`, (1,), and to a part of it."""
-    if run is None:
-        return float("nan")
     short = long / LONGER
     run(short)
     differences = [seconds(lambda: run(long), 1) - seconds(lambda: run(short), 1) for _ in range(effort.repeats)]

@@ -32,7 +32,7 @@ import numpy as np
 from brownpipe import observables
 from brownpipe.cli import main as brownpipe
 
-STEPS = [f"timestep --precision {p} --collisions {c}" for p in ("double", "single") for c in ("at_contact", "late")]
+STEPS = [f"timestep --collisions {when}" for when in ("at_contact", "late")]
 ENGINES = ("exact", *STEPS, "langevin --friction enskog", "langevin --friction boltzmann")
 RECORDS = {"exact": "all,events", "timestep": "all", "langevin": "tracer"}  # as much as each can record
 ALL = ",".join(observables.OBSERVABLES)

@@ -6,11 +6,8 @@ import os
 import random
 import signal
 import sys
-from pathlib import Path
 
 import pytest
-
-from reliability import Page, promises
 
 # Before numpy is imported, and for all processes that tests start: the tests themselves are on all cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -48,16 +45,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 def pytest_addoption(parser):
-    parser.addoption("--faults", type=int, default=1, help="times as many random faults as in the everyday tests")
-    parser.addoption("--reliability", metavar="FILE", type=Path, help="write the page of the promises and their tests")
     parser.addoption("--cluster", action="store_true", help="run the tests on a Slurm cluster that they start, too")
     parser.addoption("--fault-seed", type=int, help="the seed of the random faults; default: another one each time")
-
-
-def pytest_configure(config):
-    path = config.getoption("--reliability")
-    if path and not hasattr(config, "workerinput"):  # not in a process to which tests are distributed
-        config.pluginmanager.register(Page(path))
 
 
 def pytest_collection_finish():
@@ -79,8 +68,6 @@ def pytest_collection_modifyitems(config, items):
     if not config.getoption("--cluster"):
         items[:] = [item for item in items if not item.get_closest_marker("cluster")]
     items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))
-    for item in items:
-        item.user_properties += [("promise", promise) for promise in promises(item)]
 
 
 @pytest.fixture
@@ -95,20 +82,16 @@ def elsewhere(tmp_path, monkeypatch):
 class Faults:
     """Random faults: moments, bytes, inputs. A failing test shows its seed, and --fault-seed repeats it."""
 
-    def __init__(self, factor, seed, note):
-        self.factor = factor
-        self._note = note
+    def __init__(self, seed):
         self.seed = random.SystemRandom().randrange(2**32) if seed is None else seed
         self.random = random.Random(self.seed)
         print(f"--fault-seed {self.seed}")  # shown if the test fails
 
-    def tries(self, everyday):
-        """Yield the numbers of the tries: as many as in the everyday tests, or --faults times as many."""
-        self._note("tries", everyday * self.factor)
-        yield from range(everyday * self.factor)
+    def tries(self, count):
+        """Yield the numbers of the tries."""
+        yield from range(count)
 
 
 @pytest.fixture
-def faults(request, record_property):
-    option = request.config.getoption
-    return Faults(option("--faults"), option("--fault-seed"), record_property)
+def faults(request):
+    return Faults(request.config.getoption("--fault-seed"))

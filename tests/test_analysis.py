@@ -11,7 +11,7 @@ import pytest
 from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution, goodness
 from brownpipe.analysis.conditions import initial_square_speed
-from brownpipe.engines import Engine
+from brownpipe.engines import configured
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
@@ -264,12 +264,8 @@ def test_order_and_batches_do_not_matter(dataset, files, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cores", [1, 2])
-def test_cases_analysed_at_the_same_time_give_the_same_bytes_and_errors(dataset, files, tmp_path, monkeypatch, cores):
-    """A file is replaced after all outlines were read, so that a worker finds it."""
-    write_dataset(tmp_path / "usual.nc", dataset)
-    write_dataset(tmp_path / "again.nc", aggregate(files, **RINGS, cores=cores))
-    assert (tmp_path / "usual.nc").read_bytes() == (tmp_path / "again.nc").read_bytes()
+def test_a_file_that_is_replaced_while_it_is_read_is_named(files, tmp_path, monkeypatch):
+    """After all outlines were read."""
     copies = [shutil.copy(file, tmp_path) for file in files]
 
     def replace_last(*_):
@@ -277,7 +273,7 @@ def test_cases_analysed_at_the_same_time_give_the_same_bytes_and_errors(dataset,
 
     monkeypatch.setattr("brownpipe.analysis.dataset._refuse_unsampled", replace_last)
     with pytest.raises(AnalysisError, match=f"^{copies[-1]}: was replaced while it was read; start again$"):
-        aggregate(copies, **RINGS, cores=cores)
+        aggregate(copies, **RINGS)
 
 
 def test_dataset_survives_the_disk(dataset, tmp_path):
@@ -349,7 +345,7 @@ def test_no_tracer_no_msd(tmp_path):
 
 def test_engines_are_labelled_with_their_settings(tmp_path):
     exact = make_runs(make_scene(), range(12))
-    coarse = exact._replace(engine=Engine("timestep", (("time_step", 0.01),)))
+    coarse = exact._replace(engine=configured("timestep", time_step=0.01, collisions="late"))
     dataset = aggregate([write(tmp_path, exact), write(tmp_path, coarse)])
     assert dataset.engine.values.tolist() == ["exact", "timestep-0.01-late"]
 

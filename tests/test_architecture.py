@@ -17,7 +17,7 @@ from brownpipe.cli import build_parser
 from brownpipe.engines import DEFINITIONS, recorded
 from brownpipe.engines.definition import Setting
 from brownpipe.errors import RequestError
-from brownpipe.scene import reading
+from brownpipe.scene.reading import Positive
 from brownpipe.verbs import simulate
 
 LAYERS = (  # each may import those before it
@@ -25,7 +25,6 @@ LAYERS = (  # each may import those before it
     "errors",
     "interrupts",
     "formatting",
-    "opening",
     "provenance",
     "stages",
     "parallel",
@@ -208,7 +207,7 @@ def test_no_other_layer_chooses_by_the_name_of_an_approximate_engine():
 
 def test_a_new_engine_needs_nothing_but_its_definition(monkeypatch):
     """Command line, study, label and options of an engine that was not there when they were written."""
-    settings = {"field": Setting(reading.number, "E", "must be given", is_positive=True)}
+    settings = {"field": Setting(Positive, "E", "must be given", is_positive=True)}
     drift = DEFINITIONS["timestep"]._replace(name="drift", summary="in a field", settings=settings)
     monkeypatch.setitem(DEFINITIONS, "drift", drift)
     words = ["simulate", "scene.yaml", "--engine", "drift", "--field", "2.5"]

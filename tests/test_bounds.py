@@ -41,6 +41,9 @@ class Checked(np.ndarray):
 
 def _refuse_outside(array, index):
     each = index if isinstance(index, tuple) else (index,)
+    if Ellipsis in [one for one in each if not isinstance(one, np.ndarray)]:
+        at = next(k for k, one in enumerate(each) if one is Ellipsis)
+        each = (*each[:at], *(slice(None),) * (array.ndim - len(each) + 1), *each[at + 1 :])
     for axis, (given, size) in enumerate(zip(each, array.shape, strict=False)):
         if isinstance(given, INTEGER):  # nearly all of them
             inside = 0 <= given < size

@@ -9,11 +9,9 @@ from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
-import hostile
 from brownpipe import provenance
 from brownpipe.cli import main
 from brownpipe.engines import Engine
@@ -21,7 +19,7 @@ from brownpipe.engines.exact import run
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, StorageError
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
 from brownpipe.storage import read_checkpoint, write_checkpoint, write_trajectories
@@ -152,7 +150,7 @@ def test_from_every_block_to_the_same_bytes(name, tmp_path, monkeypatch):
     assert bits_of(stored) == expected
     assert sum("run.progress" in arrays for arrays in kept) >= 2 * len(SEEDS)  # at block ends
     assert [int(arrays["done"]) for arrays in kept if "run.progress" not in arrays] == [1, 2]  # and between runs
-    if scene.equilibrate:
+    if scene.equilibrate.time:
         assert {bool(arrays.get("run.equilibrating")) for arrays in kept} == {True, False}
     prepare = run.prepare
     monkeypatch.setattr(run, "prepare", lambda *given: soil(prepare(*given)))
@@ -245,37 +243,6 @@ def test_more_room_for_one_run_leaves_the_others_alone(monkeypatch):
     assert same == [False, True, True]
 
 
-CHANGES = {  # of one array of a checkpoint
-    "longer": lambda array: np.resize(array, (len(np.atleast_1d(array)) + 1, *array.shape[1:])),
-    "one number": lambda array: np.resize(array, ()),
-    "other numbers": lambda array: np.zeros(array.shape, "f4"),
-    "a table": lambda array: np.zeros(array.shape, [("a", "f8", (2,)), ("b", "S3")]),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["walls-everything", "periodic-mixture", "free"])
-def test_an_array_that_is_missing_or_another(name, tmp_path):
-    """Found by random changes: without the positions of the unfinished run, an error of Python.
-
-    Of the same kind: without the times of the collisions of a finished run, a result without these collisions.
-    """
-    scene, record = CASES[name]
-    kept = []
-    simulate(scene, SEEDS, record, Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays))))
-    intact = next(arrays for arrays in kept if arrays["done"] == 1 and "run.slots" in arrays)
-    for at, array in intact.items():
-        changed = {change: intact | {at: function(array)} for change, function in CHANGES.items()}
-        changed["missing"] = {other: intact[other] for other in intact if other != at}
-        for change, arrays in changed.items():
-            alike = change != "missing" and arrays[at].shape == array.shape
-            if alike and (arrays[at].dtype == array.dtype or at == "observables"):  # whose names the file decides
-                continue
-            print(at, change)
-            with pytest.raises(StorageError, match=r"delete (it|the checkpoint) to begin anew"):
-                simulate(scene, SEEDS, record, from_checkpoint(arrays))
-
-
 # -- from the command line ------------------------------------------------------------------------------------------
 
 SCENE = """
@@ -303,7 +270,7 @@ def _elsewhere(tmp_path, monkeypatch):
 def of_early_end(tmp_path_factory):
     """The checkpoint of a run that ended early."""
 
-    def die(*_):
+    def die(*_, **__):
         raise KilledError
 
     with pytest.MonkeyPatch.context() as patch:
@@ -330,7 +297,7 @@ def said(capsys, *argv):
 
 @pytest.mark.slow
 def test_the_interval_changes_nothing_and_nothing_is_left(kept, capsys):
-    Path("x.h5.checkpoint.17.part").write_bytes(b"of a process that was killed while it wrote")
+    Path("x.h5.checkpoint.brownpipe.part").write_bytes(b"of a process that was killed while it wrote")
     assert said(capsys, *ASKED, "--checkpoint-every", "1e6") == (DONE, "")
     first = Path("x.h5").read_bytes()
     assert sorted(os.listdir()) == ["some.yaml", "x.h5"]
@@ -387,8 +354,8 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
     if option == "scene":
         Path("some.yaml").write_text(SCENE.replace("DURATION", value))
     elif option in ("source", "numba"):
-        made_with = provenance.made_with("simulate", "exact")
-        monkeypatch.setattr(provenance, "made_with", lambda *_: made_with | {option: value})
+        made_with, kinds = provenance.made_with("simulate", "exact"), {"source": "digest", "numba": "version"}
+        monkeypatch.setattr(provenance, "made_with", lambda *_: made_with | {f"{option}_{kinds[option]}": value})
     else:
         asked += [option, value]
     status, err = said(capsys, *asked)
@@ -403,7 +370,7 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
 @pytest.mark.slow
 def test_a_damaged_checkpoint(kept, capsys):
     random = np.random.default_rng(3)
-    bits = random.integers(0, 8 * len(kept), 60)
+    bits = random.integers(0, 8 * len(kept), 20)
     damaged = [kept[: len(kept) // 2], kept[:-1], b"", kept + b"\0"]
     for bit in bits.tolist():
         flipped = bytearray(kept)
@@ -425,36 +392,9 @@ def test_a_file_that_is_no_checkpoint(capsys):
     assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; delete it to begin anew" in err
 
 
-@pytest.mark.parametrize("text", ["text", ["text", "more"]])
-def test_a_text_in_place_of_numbers(tmp_path, text):
-    """Found in 40 random changes of a checkpoint: it came as far as the first use of its shape."""
-    path, made_by = tmp_path / "x.checkpoint", {"scene": "a"}
-    write_checkpoint(path, made_by, {"run.first": np.array(text, h5py.string_dtype())})
-    with pytest.raises(StorageError, match=r"x.checkpoint: has a text in place of numbers \(run.first\); delete it"):
-        read_checkpoint(path, made_by)
-
-
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "often"])
 def test_an_interval_that_is_none(value, capsys):
     with pytest.raises(SystemExit) as left:
         main(["simulate", "some.yaml", "--checkpoint-every", value])
     assert left.value.code == WRONG_REQUEST
     assert "--checkpoint-every: must be a finite number > 0" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-@pytest.mark.promise(
-    "A checkpoint that was made or changed to do harm",
-    "It is refused in one line, or the run continues: no index leaves an array and nothing runs on for ever.",
-)
-def test_no_change_of_a_checkpoint_leads_to_more_than_one_line(kept, faults, tmp_path):
-    for _ in faults.tries(4):
-        contents, done = hostile.changed_tree(kept, faults.random, KEPT)
-        KEPT.write_bytes(contents)
-        argv = ["simulate", "some.yaml", *ASKED, "--checkpoint-every", "60"]
-        ended = hostile.in_child(lambda argv=argv: main(argv), tmp_path)
-        assert ended.status in (DONE, FAILED, WRONG_REQUEST), (ended, done)
-        assert "Traceback" not in ended.errors, (ended, done)
-        assert ended.status == DONE or ended.errors.count("\n") == 1, (ended, done)
-        Path("x.h5").unlink(missing_ok=True)
-        KEPT.unlink(missing_ok=True)

@@ -28,12 +28,10 @@ def study(folder, *further):
 
 
 def digests(folder):
-    """The SHA-256 of all results by their path, without logs and the times that Snakemake measures."""
-    results = folder / "results" / STUDY.stem
-    files = [path for path in results.rglob("*") if path.is_file()]
-    kept = {path.relative_to(results): path for path in files}
-    kept = {name: path for name, path in kept.items() if name.parts[0] not in ("logs", "benchmarks")}
-    return {str(name): hashlib.sha256(path.read_bytes()).hexdigest() for name, path in kept.items()}
+    """The SHA-256 of all results by their path, without logs."""
+    results = folder / "results"
+    files = {path.relative_to(results): path for path in results.rglob("*") if path.is_file() and path.suffix != ".log"}
+    return {str(name): hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
 
 
 def hit(running, effect, *command):
@@ -79,8 +77,6 @@ def test_a_study_has_the_same_bytes_as_on_one_machine_though_jobs_were_killed_an
     screen = (folder / "screen").read_text()
     assert status == 0, screen
     assert "eq. (18) rejected?" in screen, "the answer is printed here, not on the node"
-    assert " % of the requested memory" in screen
-    assert "compiled" in (folder / "results/small/logs/compile/small.log").read_text()
     assert study(tmp_path / "local").wait(LONGEST) == 0
     assert len(digests(folder)) > 25
     assert digests(folder) == digests(tmp_path / "local")

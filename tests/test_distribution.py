@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from brownpipe import theory
-from brownpipe.analysis import aggregate, conditions, distribution, estimator, runs
+from brownpipe.analysis import aggregate, conditions, distribution, estimator, goodness, runs
+from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
+from brownpipe.figures import displacement_distribution
 from ensembles import DIFFUSION, make_runs, make_scene, write
 
 SIGMAS = 4.5
@@ -22,7 +24,7 @@ def found_of(squared, at=(0,)):
     """What runs with the squared displacements (n, T) add up to, as the measure sees them."""
     asked = estimator.Options(((0.0, 1.0),), distribution.ring_edges(0.1, 10), tuple(0.5 + np.array(at)))
     case = estimator.Case(
-        make_scene(), "exact", 0.5 + np.arange(squared.shape[1]), asked, edges=(asked.edges,) * len(at)
+        make_scene(), Engine("exact"), 0.5 + np.arange(squared.shape[1]), asked, edges=(asked.edges,) * len(at)
     )
     found = estimator.NO_RUNS
     for seeds in np.split(np.arange(len(squared)), range(1024, len(squared), 1024)):
@@ -48,22 +50,27 @@ def test_models_take_d_from_their_own_time(dataset):
     assert (dataset.p_value > 1e-4).all()  # 12 tests of a true model
 
 
-def test_verdict_says_p_and_power(dataset):
+def test_the_joint_p_value_is_that_of_rings_and_kurtosis(dataset):
     one = dataset.isel(displacement_time=0).sel(model="msd")
-    numbers = one.p_value.item(), one.kurtosis_p_value.item(), one.power_5_percent.item()
-    assert one.verdict.item() == distribution.verdict(*numbers)
-    assert one.p_value_joint.item() == min(1.0, 2 * min(numbers[:2]))
+    assert one.p_value_joint.item() == min(1.0, 2 * min(one.p_value.item(), one.kurtosis_p_value.item()))
     square = dataset.isel(displacement_time=0).sel(model="square")
     assert square.p_value_joint.item() == square.p_value.item()
-    both = "p = 0.60 (rings p = 0.30, kurtosis p = 0.40); "
-    assert distribution.verdict(0.3, 0.4, 0.123).startswith(f"not rejected at the 1 % level: {both}")
-    assert distribution.verdict(0.3, 0.4, 0.123).endswith(" with probability 12 %")
-    both = "p = 2.0e-05 (rings p = 1.0e-05, kurtosis p = 0.40); "
-    assert distribution.verdict(1e-5, 0.4, 0.9).startswith(f"rejected at the 1 % level: {both}")
-    assert distribution.verdict(0.4, 1e-5, 0.9).startswith("rejected at the 1 % level")
-    assert distribution.verdict(0.008, np.nan, 0.9).startswith("rejected at the 1 % level: rings p = 0.0080; ")
-    assert distribution.verdict(0.008, 0.7, 0.9).startswith("not rejected at the 1 % level: p = 0.016 (")
-    assert distribution.verdict(np.nan, np.nan, np.nan).startswith("not tested")
+
+
+def test_the_figure_says_p_and_power_of_the_numbers_in_the_dataset(dataset):
+    def said(p, kurtosis_p, model="msd"):
+        numbers = {"p_value": p, "kurtosis_p_value": kurtosis_p, "p_value_joint": goodness.both(p, kurtosis_p)}
+        one = dataset.isel(displacement_time=0).sel(model=model)
+        return displacement_distribution._verdict(one.assign({name: one[name] * 0 + x for name, x in numbers.items()}))
+
+    both = "p = 0.60 (rings p = 0.30, kurtosis p = 0.40)"
+    assert said(0.3, 0.4) == f"not rejected at the 1 % level: {both}"
+    both = "p = 2.0e-05 (rings p = 1.0e-05, kurtosis p = 0.40)"
+    assert said(1e-5, 0.4) == f"rejected at the 1 % level: {both}"
+    assert said(0.4, 1e-5).startswith("rejected at the 1 % level")
+    assert said(0.008, np.nan, "square") == "rejected at the 1 % level: rings p = 0.0080"
+    assert said(0.008, 0.7).startswith("not rejected at the 1 % level: p = 0.016 (")
+    assert said(np.nan, np.nan).startswith("not tested")
 
 
 @pytest.mark.slow
@@ -76,7 +83,7 @@ def test_a_distribution_that_is_not_normal_is_rejected(tmp_path):
     found = aggregate([write(tmp_path, trajectories)], dr=0.2, rings=3).squeeze()
     one = found.sel(model="msd")
     assert one.kurtosis.item() > 1.1 and one.kurtosis_p_value.item() < 1e-4 * one.p_value.item()
-    assert one.verdict.item().startswith("rejected at the 1 % level")
+    assert one.p_value_joint.item() < goodness.LEVEL
 
 
 # --- rings from the data
@@ -141,7 +148,7 @@ def test_width_and_number_of_rings_go_together(tmp_path):
 def test_distribution_of_an_average_is_none():
     """Averages over time origins are no displacements: they have an MSD, and no distribution."""
     asked = estimator.Options(((0.0, 1.0),), distribution.ring_edges(0.1, 10), ())
-    case = estimator.Case(make_scene(), "exact", np.arange(3.0), asked, "origins")
+    case = estimator.Case(make_scene(), Engine("exact"), np.arange(3.0), asked, "origins")
     squared = runs.RunBlock(np.arange(20), None, {"square_displacement": np.ones((20, 3))})
     assert distribution.ESTIMATOR.columns(case, squared).means == {}
 

@@ -14,13 +14,13 @@ import yaml
 
 from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
 from brownpipe.cli import build_parser
+from brownpipe.engines import DEFINITIONS
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.interface import plot, simulate
 from brownpipe.observables import ARRAYS, OBSERVABLES, of_tracer
-from brownpipe.scene.schema import scene_schema
+from brownpipe.scene import Scene
 from brownpipe.storage.layout import MEANING
-from brownpipe.study.schema import study_schema
-from brownpipe.study.study_file import DEFAULTS, RENAMED_KEYS
+from brownpipe.study import Study
 from brownpipe.tradeoff.variables import VARIABLES as TRADEOFF_VARIABLES
 from brownpipe.verbs import VERBS
 
@@ -35,7 +35,8 @@ from offline import loaded_from_elsewhere  # noqa: E402
 from session import DriftError, executed  # noqa: E402
 
 CONFIGURATION = (ROOT / "config" / "README.md").read_text()
-KINDS = {"scene": scene_schema(), "study": study_schema()}
+KINDS = {"scene": Scene.model_json_schema(), "study": Study.model_json_schema()}
+PARTS = KINDS["scene"]["$defs"] | KINDS["study"]["$defs"]
 
 
 # -- pages ----------------------------------------------------------------------------------------------------------
@@ -80,15 +81,19 @@ def test_the_reference_has_every_argument_of_a_verb_with_its_help(verb):
 
 
 def keys_of(schema, path=""):
-    """The dotted paths of all keys of a schema, `[]` after a list, with their schemas; without deprecated names."""
-    for key, inner in schema.get("properties", {}).items():
-        if not inner.get("deprecated"):
+    """The dotted paths of all keys of a schema, `[]` after a list, with their schemas."""
+    for part in parts_of(schema):
+        for key, inner in part.get("properties", {}).items():
             yield f"{path}{key}", inner
             yield from keys_of(inner, f"{path}{key}.")
-    if "items" in schema:
-        yield from keys_of(schema["items"], f"{path.removesuffix('.')}[].")
-    for part in schema.get("anyOf", ()):
-        yield from keys_of(part, path)
+        if isinstance(part.get("items"), dict):
+            yield from keys_of(part["items"], f"{path.removesuffix('.')}[].")
+
+
+def parts_of(schema):
+    """A schema and its alternatives, each with its reference followed."""
+    schema = PARTS[schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
+    return [schema, *(part for key in ("anyOf", "oneOf") for each in schema.get(key, ()) for part in parts_of(each))]
 
 
 def rows_of(kind):
@@ -121,7 +126,8 @@ def test_the_tables_of_keys_have_the_keys_of_the_schema(kind):
 def test_the_tables_of_keys_have_their_words(kind):
     schema = dict(keys_of(KINDS[kind]))
     rows = {key: "".join(cells) for key, *cells in rows_of(kind)}
-    words = {key: words_of(schema[key]) - (OBSERVABLES.keys() if key == "observables" else set()) for key in rows}
+    elsewhere = {"observables": OBSERVABLES.keys(), "engines": DEFINITIONS.keys()}  # in tables of their own
+    words = {key: words_of(schema[key]) - elsewhere.get(key, set()) for key in rows}
     assert sum(map(len, words.values())) > 5
     assert [word for key in rows for word in words[key] if not re.search(rf"`\[?{word}\]?`", rows[key])] == []
 
@@ -142,17 +148,18 @@ def test_the_docstring_of_plot_has_every_figure():
 
 def words_of(schema):
     """The words that a value may be, also as one of a list."""
-    inner = [*schema.get("anyOf", ()), *([schema["items"]] if "items" in schema else ())]
-    own = {word for word in schema.get("enum", ()) if isinstance(word, str)}
-    return own.union(*map(words_of, inner))
+    words = set()
+    for part in parts_of(schema):
+        words |= {word for word in (*part.get("enum", ()), part.get("const")) if isinstance(word, str)}
+        words |= words_of(part["items"]) if isinstance(part.get("items"), dict) else set()
+    return words
 
 
 def test_the_table_of_study_keys_has_the_defaults_of_the_reader():
     defaults = {key: cells[1] for key, *cells in rows_of("study")}
-    for key, default in DEFAULTS.items():
-        if default not in (None, [], {}):
-            assert defaults[key].strip("`[]") == (default[0] if isinstance(default, list) else str(default)), key
-    assert not RENAMED_KEYS.keys() & defaults.keys()
+    for key, field in Study.model_fields.items():
+        if isinstance(field.default, str):
+            assert defaults[key].strip("`") == field.default, key
 
 
 # -- files ----------------------------------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """Estimators of velocities, pairs, thermodynamics and the control variate: from arrays measured in runs to results."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -36,7 +35,7 @@ def gas(boundary="periodic", number=16, side=8.0, tracer=None, **more):
 
 
 def case_of(scene):
-    return estimator.Case(scene, "exact", scene.times, estimator.Options(((0.0, 1.0),), np.arange(4.0), ()))
+    return estimator.Case(scene, Engine("exact"), scene.times, estimator.Options(((0.0, 1.0),), np.arange(4.0), ()))
 
 
 def found_of(one, case, seen):
@@ -510,7 +509,7 @@ def test_contact_value_of_the_fluid_is_that_of_its_collisions(phi, time, samples
     """
     scene = gas(number=256, side=float(np.sqrt(256 * np.pi / 4 / phi)), duration=time, sample_interval=time / samples,
                 equilibrate={"time": 20.0, "tracer": "free"})  # fmt: skip
-    scene = replace(scene, placement="lattice")
+    scene = scene.replace(disks=scene.disks.replace(placement="lattice"))
     found = exact.simulate(scene, np.arange(16), frozenset({"none"}), observables=("pair_distribution",)).observables
     case = case_of(scene)
     values = pairs.ESTIMATOR.estimate(case, found_of(pairs.ESTIMATOR, case, found))
@@ -575,29 +574,3 @@ def test_temperature_counts_degrees_of_freedom():
 def test_enskog_needs_a_temperature():
     assert thermodynamics.enskog(make_scene()) == {}
     assert thermodynamics.enskog(gas(number=3, side=40.0))["enskog_compressibility"] == pytest.approx(1, abs=0.01)
-
-
-# --- control variate
-
-
-@pytest.mark.slow
-def test_control_variate_takes_away_what_v0_explains():
-    """r^2 = v0^2 + noise of the same variance: half of the variance stays, and the mean keeps its place."""
-    scene, rng = make_scene(), np.random.default_rng(4)  # <v0^2> = 8
-    covered, ratios = [], []
-    for _ in range(200):
-        v2 = rng.exponential(8.0, 50)
-        squared = np.repeat((v2 + rng.exponential(8.0, 50))[:, None], 21, axis=1)
-        seen = {"square_displacement": squared, "initial_square_speed": v2}
-        found = found_of(displacement.ESTIMATOR, case_of(scene), seen)
-        values = displacement._controlled(case_of(scene), found)
-        covered.append(values["msd_controlled_low"][-1] < 16 < values["msd_controlled_high"][-1])
-        ratios.append(values["control_variance_ratio"][-1])
-    assert np.mean(covered) == pytest.approx(0.95, abs=0.06)  # 4 standard errors of 200 ensembles
-    assert np.mean(ratios) == pytest.approx(0.5, abs=0.05)  # measured with 50 runs: biased by 1/50 or so
-
-
-def test_no_control_where_v0_is_always_the_same():
-    seen = {"square_displacement": np.ones((20, 21)), "initial_square_speed": np.full(20, 8.0)}
-    case = case_of(make_scene())
-    assert displacement._controlled(case, found_of(displacement.ESTIMATOR, case, seen)) == {}

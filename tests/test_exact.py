@@ -4,7 +4,6 @@ import os
 import pickle
 import subprocess
 import sys
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -190,7 +189,7 @@ MOST = 300  # events a run; the twin needs some milliseconds each
 
 def seeds_of(scene):
     """As many runs as are compared; those of a list of disks are all the same."""
-    return [1] if scene.disks else range(1, 3 if scene.particles > 12 else 6)
+    return [1] if scene.listed else range(1, 3 if scene.particles > 12 else 6)
 
 
 def shadow(state, size):
@@ -276,7 +275,7 @@ def test_nothing_is_lost_in_a_longer_run(name):
 
     Round-off gives 1e-15 in the mean; a partner forgotten once is an overlap of 0.01 to 1.
     """
-    scene = replace(SCENES[name], duration=10 * SCENES[name].duration)
+    scene = SCENES[name].replace(duration=10 * SCENES[name].duration)
     run = simulate(scene, [5], {"tracer", "all", "events"})
     seen = {key: column[0] for key, column in run.observables.items()}
     assert not seen["failed"]
@@ -355,7 +354,7 @@ BITS = {
 
 @pytest.mark.parametrize("name", BITS)
 def test_a_run_does_not_depend_on_what_else_is_asked_for(name):
-    scene = replace(BITS[name], sample_interval=0.125)
+    scene = BITS[name].replace(sample_interval=0.125)
     alone = simulate(scene, [17])
     batch = simulate(scene, [3, 17, 17, 4], {"tracer", "all", "events"})
     assert np.array_equal(alone.tracer.position[:, 0], batch.tracer.position[:, 1])
@@ -366,13 +365,13 @@ def test_a_run_does_not_depend_on_what_else_is_asked_for(name):
     nothing = simulate(scene, [17], frozenset())
     assert nothing.tracer is None
     assert nothing.observables["pair_collisions"] == alone.observables["pair_collisions"]
-    often = simulate(replace(scene, sample_interval=1 / 64), [17])
+    often = simulate(scene.replace(sample_interval=1 / 64), [17])
     assert np.array_equal(often.tracer.position[::8], alone.tracer.position)
-    once = simulate(replace(scene, sample_interval=1.0), [17])
+    once = simulate(scene.replace(sample_interval=1.0), [17])
     assert np.array_equal(once.tracer.position[-1], alone.tracer.position[-1])
-    short = simulate(replace(scene, duration=0.5), [17])
+    short = simulate(scene.replace(duration=0.5), [17])
     assert np.array_equal(short.tracer.position, alone.tracer.position[:5])
-    longer = simulate(replace(scene, duration=30.0, sample_interval=0.5), [17], {"tracer", "events"})
+    longer = simulate(scene.replace(duration=30.0, sample_interval=0.5), [17], {"tracer", "events"})
     assert np.array_equal(longer.tracer.position[:3], alone.tracer.position[::4])
     n = len(batch.events[17].time)
     for column, prefix in zip(longer.events[17], batch.events[17], strict=True):
@@ -406,7 +405,7 @@ def test_a_run_that_needs_more_room_leaves_no_trace_in_those_after_it(monkeypatc
 
 DENSE = {
     "binary": binary(),
-    "binary-walls": replace(binary(), box=replace(binary().box, x=(-1.3, 1.3), y=(-1.3, 1.3), boundary=W)),
+    "binary-walls": binary().replace(box={"x": (-1.3, 1.3), "y": (-1.3, 1.3), "boundary": W}),
     "ratio-1.5": crowded(box(21.0, 22.0, P), [(110, 0.5, 1.0), (110, 0.75, 1.0)], 5.0),
     "few": crowded(box(8.6, 8.6, P), [(60, 0.5, 1.0)], 30.0),
     "unlike": interstitial(6, 2.0),
@@ -525,7 +524,7 @@ def test_buckets_that_become_shorter_or_longer_change_no_bit(phi, boundary, fits
     def changed(w, events, elapsed, estimated):
         checks.append(estimated / w.calendar.width)
         seem = (3.0, 3.0, 1 / 16)[(len(checks) - 1) % 3]  # times as many as a bucket is made for
-        return fitting(w, seem * layout.EVENTS_PER_BUCKET * elapsed / w.calendar.width, elapsed, estimated)
+        return fitting(w, seem * layout.MOST_PER_BUCKET * elapsed / w.calendar.width, elapsed, estimated)
 
     monkeypatch.setattr(exact_run, "with_fitting_buckets", changed)
     monkeypatch.setattr(exact_run, "FEW_EVENTS", 100)
@@ -543,7 +542,7 @@ def events_per_bucket(scene, monkeypatch):
     checks, fitting = [], layout.with_fitting_buckets
 
     def noted(w, events, elapsed, estimated):
-        checks.append(events * w.calendar.width / elapsed / layout.EVENTS_PER_BUCKET)
+        checks.append(events * w.calendar.width / elapsed / layout.MOST_PER_BUCKET)
         return fitting(w, events, elapsed, estimated)
 
     with monkeypatch.context() as patch:
@@ -556,6 +555,20 @@ def test_buckets_are_as_short_as_collisions_are_frequent(monkeypatch):
     """Next to close packing they are so frequent that a bucket would have thousands of times the events."""
     checks = events_per_bucket(crystal(10, 1e-6, 1e-3), monkeypatch)
     assert checks[0] > 2000 and len(checks) > 3 and max(checks[2:]) < 1.1 and min(checks) > 0.25
+
+
+def test_shorter_buckets_have_their_own_events(monkeypatch):
+    """And not the current one those of all disks: then no upcoming bucket would have any to prefetch."""
+    current, fitting = [], layout.with_fitting_buckets
+
+    def noted(w, *counted):
+        current.append(int(w.progress[ws.CURRENT_EVENTS]))
+        return fitting(w, *counted)
+
+    monkeypatch.setattr(exact_run, "with_fitting_buckets", noted)
+    monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 500)
+    simulate(crystal(20, 1e-3, 0.01), [0], frozenset())
+    assert len(current) > 5 and max(current[2:]) < 50  # of 400 disks
 
 
 def test_buckets_become_longer_where_disks_have_spread_out(monkeypatch):
@@ -616,7 +629,7 @@ def test_the_compiler_changes_no_bit(fits_cache):
 
 
 def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
-    scene = replace(note_scene(0.1), equilibrate=1.0, tracer_while_equilibrating="pinned")
+    scene = note_scene(0.1).replace(equilibrate={"time": 1.0, "tracer": "pinned"})
     begin, run = draw(scene, 3), simulate(scene, [3], {"all", "events"})
     first = run.whole[3]
     assert np.array_equal(first.position[0, 0], begin.position[0])
@@ -626,7 +639,7 @@ def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
     assert packing.overlap(first.position[0], scene.radius) is None
     energy = [0.5 * scene.mass @ np.sum(v**2, axis=1) for v in (begin.velocity, first.velocity[0])]
     assert energy[1] == pytest.approx(energy[0], rel=1e-12)  # a pinned tracer takes none
-    free = simulate(replace(scene, tracer_while_equilibrating="free"), [3], {"all"}).whole[3]
+    free = simulate(scene.replace(equilibrate={"time": 1.0, "tracer": "free"}), [3], {"all"}).whole[3]
     assert np.hypot(*(free.position[0, 0] - begin.position[0])) > 0.01
 
 

@@ -81,7 +81,7 @@ def exported(path, form, *options):
 
 def run_in(path, seed):
     """The scene, the sample times and the track of a whole run."""
-    scene, _, ensemble, _ = read_trajectories(path)
+    scene, _, ensemble = read_trajectories(path)[:3]
     return scene, ensemble.times, ensemble.whole[seed]
 
 

@@ -6,7 +6,6 @@ Each with the exact answer, or with the refusal that names what is wrong.
 import math
 import subprocess
 import sys
-from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from pathlib import Path
@@ -30,7 +29,7 @@ from brownpipe.engines.timestep.workspace import STEP
 from brownpipe.engines.units import motion_of
 from brownpipe.errors import RequestError
 from brownpipe.scene import packing, parse_scene
-from brownpipe.scene.scene_file import LARGEST_MASS_RATIO, SMALLEST_RADIUS
+from brownpipe.scene.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS
 from test_exact import FEW, P, W, box, crystal, explicit, make, note_scene
 
 BOTH = pytest.mark.parametrize("boundary", [W, P])
@@ -330,7 +329,7 @@ def test_units_of_both_engines(length, time, mass):
 def test_units_that_are_no_powers_of_two(factors):
     """A run of so few collisions that round-off of the start, 1e-15 of the box, grows by less than 1e4."""
     length, time, mass = factors
-    scene = replace(scaled(FEW["periodic"], 3), duration=1.0, sample_interval=1.0)
+    scene = scaled(FEW["periodic"], 3).replace(duration=1.0, sample_interval=1.0)
     state = draw(scene, 0)
     moved = State(state.position * length, state.velocity * (length / time), state.radius * length, state.mass * mass)
     sides = [side * length for side in (scene.box.width, scene.box.height)]
@@ -479,9 +478,7 @@ def test_disks_at_rest_in_any_units(size, duration):
 def test_a_unit_of_time_that_is_no_number_is_refused(speed):
     size = 1e130 if speed < 1 else 1e-130
     scene = explicit(box(size, size, W), state_of([(0, 0, speed, 0)], size / 8), 1.0)
-    with pytest.raises(
-        RequestError, match=r"explicit: velocities: the thermal speed 1e.200 must be from .* other units"
-    ):
+    with pytest.raises(RequestError, match=r"explicit: velocities: the rms speed 1e.200 must be from .* other units"):
         simulate(scene, [0])
 
 
@@ -541,7 +538,7 @@ def test_the_smallest_radius(place):
 
 
 def test_a_duration_of_1e_150():
-    scene = replace(note_scene(1.0), duration=1e-150, sample_interval=1e-150)
+    scene = note_scene(1.0).replace(duration=1e-150, sample_interval=1e-150)
     run = simulate(scene, [1], {"all"})
     start, end = run.whole[1].position
     moved = end - start  # below the round-off of all coordinates but the tracer's, which are 0
@@ -581,7 +578,7 @@ def test_energy_over_a_million_events(boundary, kinds, bound):
     scene = make(box(2, 2, boundary), kinds, 10.0, velocities={"temperature": 1.0})
     few = simulate(scene, [1], frozenset()).observables
     events = few["pair_collisions"][0] + few["wall_collisions"][0]
-    seen = simulate(replace(scene, duration=1e7 / events, sample_interval=1e7 / events), [1], frozenset()).observables
+    seen = simulate(scene.replace(duration=1e7 / events, sample_interval=1e7 / events), [1], frozenset()).observables
     assert 0.5e6 < seen["pair_collisions"][0] + seen["wall_collisions"][0] < 2e6
     assert abs(seen["energy_drift"][0]) <= bound
     assert seen["worst_overlap"][0] <= 1e-12

@@ -1,7 +1,6 @@
 """Runs that cannot go on: each is recorded with its reason, and the others are as if it had not been there."""
 
 import re
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -22,7 +21,6 @@ from brownpipe.engines.exact import simulation as exact_simulation
 from brownpipe.engines.exact.checkpoint import Checkpoints
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw as draw_state
-from brownpipe.engines.request import Request
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.health import failed_of
@@ -31,21 +29,10 @@ from brownpipe.figures.summary import summary
 from brownpipe.inspection import reproduction
 from brownpipe.scene import parse_scene
 from brownpipe.storage import from_tree, read_dataset, read_trajectories, to_tree, write_dataset, write_trajectories
-from brownpipe.storage.expected import Expected
-from brownpipe.storage.trajectories import read_header
 from brownpipe.tradeoff.runs import read_runs
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
-PROMISE = pytest.mark.promise(
-    "a run cannot go on",
-    "The run is recorded as failed, with its seed and reason; all other runs of its batch are kept, bit by bit.",
-)
-STUDY = pytest.mark.promise(
-    "runs of a study fail",
-    "Summary, health figure and report name count and seeds, all numbers are those of the other runs, and the study "
-    "ends with exit status 1 unless `allow_failed` accepts the failed runs.",
-)
 CROWD = """\
 box: {x: [0.0, 2.0], y: [0.0, 2.0], boundary: periodic}
 particles: 40
@@ -56,7 +43,7 @@ velocities: {temperature: 1.0}
 duration: 0.2
 sample_interval: 0.1
 """  # close to the density at which random insertion ends: some runs find no place for every disk
-ENGINES = (Engine("exact"), Engine("timestep", (("time_step", 0.01), ("precision", "double"))))
+ENGINES = (Engine("exact"), Engine("timestep", (("time_step", 0.01),)))
 SEEDS = range(16)
 
 
@@ -111,7 +98,6 @@ def arrays_of(ensemble, seed):
 # -- one run of a batch ---------------------------------------------------------------------------------------------
 
 
-@PROMISE
 @pytest.mark.parametrize("engine", ENGINES, ids=lambda engine: engine.name)
 def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, engine, faults):
     """Batches of random seeds in random order."""
@@ -133,7 +119,6 @@ def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, e
             assert all(np.isnan(values[column]) for values in batch.observables.values() if values.dtype.kind == "f")
 
 
-@PROMISE
 @pytest.mark.parametrize("most", [1, 3, 64])
 def test_runs_drawn_together_are_those_drawn_one_by_one(crowd, whole, most, monkeypatch):
     """Each seed is drawn once, up to the next one that finds no place."""
@@ -172,7 +157,6 @@ def test_runs_reported_together_are_those_reported_one_by_one(crowd, engine, rec
             assert own is values is None or own.tobytes() == values.tobytes()
 
 
-@PROMISE
 def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(monkeypatch):
     """In the middle of a run, by a bound on the path of a disk that some runs do not reach."""
     scene = parse_scene(yaml.safe_load(CROWD) | {"particles": 30}, "crowd.yaml")
@@ -190,7 +174,7 @@ def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(mon
     going = [seed for seed in SEEDS if seed not in batch.stopped]
     assert batch.tracer.position[:, going].tobytes() == whole.tracer.position[:, going].tobytes()
     monkeypatch.undo()
-    equilibrated = replace(scene, equilibrate=0.1)
+    equilibrated = scene.replace(equilibrate=0.1)
     for engine in ENGINES:
         with monkeypatch.context() as patch:
             patch.setattr(equilibration, "evolve", unhealthy(equilibration.evolve))
@@ -231,7 +215,6 @@ def test_a_friction_is_not_measured_in_runs_that_failed(monkeypatch, crowd):
 
 
 @pytest.mark.slow
-@PROMISE
 def test_a_batch_resumed_from_any_checkpoint_has_the_same_runs_and_reasons(crowd, faults):
     stored = []
     whole = simulate(
@@ -253,7 +236,6 @@ def copied(arrays):
 
 
 @pytest.mark.slow
-@PROMISE
 @pytest.mark.parametrize("seeds", [[0, 1, 2, 3], [0, 2]], ids=["some", "all"])
 def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, seeds):
     """Of the seeds 0 to 3 the runs of 0 and 2 stop; a file of these alone has nothing but reasons."""
@@ -264,7 +246,7 @@ def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, see
     tree = to_tree(runs)
     assert tree.stopped.sel(seed=2).item() == batch.stopped[2] and bool(tree.failed.sel(seed=2))
     bp.save(tree, "b.h5")
-    assert read_header("b.h5")["contents_digest"] == read_header("a.h5")["contents_digest"]
+    assert to_tree(read_trajectories(Path("b.h5"))).identical(tree)
     original = reproduction.read_original("a.h5")
     assert reproduction.differences(original) == []
     assert reproduction.differences(reproduction.read_original("a.h5", seed=2)) == []
@@ -281,7 +263,6 @@ def said(capsys, *words):
     return status, *capsys.readouterr()
 
 
-@PROMISE
 @pytest.mark.parametrize(
     ("seeds", "options", "status"),
     [
@@ -339,17 +320,12 @@ def batches(crowd, whole, tmp_path_factory):
 
 
 @pytest.mark.slow
-@STUDY
 def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd, whole, batches):
     in_threes = batches(3)
     first, *others = (aggregate(files) for files in (in_threes, batches(16), batches(1)))
     assert all(first.identical(other) for other in others)
     kept = [seed for seed in SEEDS if seed not in (0, 2, 11, 14)]
     without = aggregate([written(Path("kept.h5"), crowd, part(whole, kept))])
-    parts = [[*SEEDS[first : first + 3]] for first in range(0, 16, 3)]
-    asked = [Request(crowd, Engine("exact"), seeds, observables=("species_energy",)) for seeds in parts]
-    expected = aggregate([Expected(*pair) for pair in zip(in_threes, asked, strict=True)])
-    assert expected.identical(first)
     assert (first.failed_runs.item(), first.runs.item()) == (4, 12)
     for name in ("msd", "msd_standard_error", "diffusion_coefficient", "displacement_counts"):
         np.testing.assert_array_equal(first[name], without[name])
@@ -359,7 +335,6 @@ def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd,
 
 
 @pytest.mark.slow
-@STUDY
 def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
     dataset = aggregate(batches(3))
     write_dataset("a.nc", dataset)
@@ -374,16 +349,10 @@ def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
     refused, accepted = map(line.format, limits)
     assert said(capsys, "inspect", "a.nc", "--allow-failed", 3) == (FAILED, "", refused)
     assert said(capsys, "inspect", "a.nc", "--allow-failed", 4) == (DONE, "", accepted)
-    for name in ("scene", "particles", "engine", "seed"):
-        for lacking in (dataset.drop_vars(name), dataset.isel({name: 0})):
-            write_dataset("c.nc", lacking)
-            line = f"brownpipe: c.nc: {name}: is missing in the dataset; make it again\n"
-            assert said(capsys, "inspect", "c.nc", "--allow-failed", 3) == (WRONG_REQUEST, "", line)
     write_dataset("b.nc", aggregate(batches(1, (1, 3))))
     assert said(capsys, "inspect", "b.nc", "--allow-failed", 0) == (DONE, "", "")
 
 
-@STUDY
 def test_a_study_in_which_every_run_failed_has_a_summary_and_no_average(batches):
     dataset = aggregate(batches(1, (0, 2)))
     assert (dataset.runs.item(), dataset.failed_runs.item()) == (0, 2) and "msd" in dataset

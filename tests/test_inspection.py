@@ -16,7 +16,7 @@ from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tradeoff import summary as tradeoff_summary
 from brownpipe.inspection import reproduction, results
-from brownpipe.provenance import STEPS, packages, versions
+from brownpipe.provenance import ANALYSIS_PACKAGES, PACKAGES, versions
 from brownpipe.scene import read_scene
 from brownpipe.storage import layout, trajectories
 from ensembles import make_runs, make_scene, write
@@ -96,7 +96,7 @@ def test_one_run_says_all_about_itself(folder):
 
 
 def test_a_run_in_a_periodic_box_is_unwrapped(folder):
-    scene, _, ensemble, _ = storage.read_trajectories(folder / "langevin.h5")
+    scene, _, ensemble, *_ = storage.read_trajectories(folder / "langevin.h5")
     track = ensemble.tracer
     unwrapped = track.position[:, 2] + track.image[:, 2] * [scene.box.width, scene.box.height]
     assert np.any(track.image[-1, 2])
@@ -154,7 +154,7 @@ def test_a_dataset_says_what_made_it(dataset):
     _, contents, text = dataset
     line = re.search(r"^source       (\w{12}), that of this installation$", text, re.MULTILINE)
     assert line[1] == contents.attrs["source_digest"][:12]
-    told = [f"{name} {version(name)}" for name in ("brownpipe", *packages(*STEPS["aggregate"]))]
+    told = [f"{name} {version(name)}" for name in ("brownpipe", *PACKAGES, *ANALYSIS_PACKAGES)]
     assert {"numpy", "scipy", "xarray", "h5py", "pandas"} <= {name.split()[0] for name in told}
     assert f"\nwritten by   {', '.join(told)}\n" in text
     other = results.describe_dataset(contents.assign_attrs(source_digest="0" * 64))
@@ -178,7 +178,7 @@ def test_all_variables_with_units_and_meaning(dataset, capsys):
 
 def test_a_trade_off_has_its_own_table(tmp_path):
     exact = make_runs(make_scene("full"), range(40))
-    steps = Engine("timestep", (("time_step", 0.01), ("precision", "single"), ("collisions", "at_contact")))
+    steps = Engine("timestep", (("time_step", 0.01), ("collisions", "at_contact")))
     files = [write(tmp_path, exact), write(tmp_path, exact._replace(engine=steps))]
     contents = tradeoff.measure(files, seconds_per_run=lambda *_: 1e-3)
     storage.write_dataset(tmp_path / "tradeoff.nc", contents)
@@ -201,7 +201,7 @@ def test_the_scene_of_a_file_is_printed_as_a_scene_file(name, folder, capsys):
 @pytest.mark.parametrize("name", MADE)
 def test_the_commands_in_a_file_work_with_that_file_alone(name, folder, capsys):
     path = folder / f"{name}.h5"
-    rerun = trajectories.read_header(path)["rerun"].replace("FILE", str(path))
+    rerun = storage.read_trajectories(path).header["rerun"].replace("FILE", str(path))
     simulate, scene, compare = (shlex.split(command)[1:] for command in re.findall(r"`([^`]*)`", rerun))
     assert (scene, compare) == (["inspect", str(path), "--scene"], ["inspect", str(path), "--reproduce"])
     Path(simulate[1]).write_text(said(capsys, *scene[1:])[1])

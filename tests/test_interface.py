@@ -1,6 +1,6 @@
 """The Python interface gives the numbers of the command line, to the bit, and names the argument that is wrong."""
 
-import dataclasses
+import io
 import math
 import subprocess
 import sys
@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 import xarray
 import yaml
+from PIL import Image
 
 import brownpipe as bp
 from brownpipe.cli import main
 from brownpipe.engines.exact import recording
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
-from brownpipe.figures.origin import stamped
 from brownpipe.figures.summary import legend_of_estimates
-from brownpipe.scene import Disk
-from synthetic import RECORD, render
+from synthetic import render
 
 SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
 KEYS = yaml.safe_load(Path(SCENE).read_text())
@@ -88,7 +87,7 @@ def test_a_part_of_the_samples_is_not_taken_for_the_runs(runs, tmp_path, part):
         (lambda runs: runs.isel(seed=[0, 0]), "seeds that are negative or repeated"),
         (
             lambda runs: runs.map_over_datasets(lambda node: node.assign_coords(seed=node.seed * 1.0)),
-            "values of another type than brownpipe writes .seeds",
+            "seeds that are negative or repeated, or not integers",
         ),
         (lambda runs: runs.sel(seed=3), r"select seeds by a list, as in sel\(seed=\[3\]\)"),
         (lambda runs: runs.isel(disk=slice(5)), "lacks disks"),
@@ -109,7 +108,7 @@ def test_another_selection_is_neither_analysed_nor_saved(runs, tmp_path, part, m
 @pytest.mark.parametrize(("average", "whose"), [("runs", "the tracer"), ("disks", "all disks equal to the tracer")])
 def test_a_dataset_says_whose_displacement_it_is(average, whose):
     scene = bp.read_scene(Path(SCENE).with_name("dense.yaml"))
-    scene = dataclasses.replace(scene, duration=0.05, equilibrate=0.01)
+    scene = scene.replace(duration=0.05, equilibrate=0.01)
     runs = bp.simulate(scene, 2, observables=["square_displacement"], average=average, quiet=True)
     result = bp.analyse(runs, quiet=True)
     assert result.attrs["msd_of"] == whose
@@ -162,31 +161,8 @@ def test_collisions_of_runs_in_any_order_are_those_of_each_run(runs, tmp_path):
         assert np.array_equal(*of_seed)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"duration": -1.0}, "scene: duration: must be a finite number > 0, not -1.0"),
-        ({"duration": math.nan}, "scene: duration: must be"),
-        ({"duration": "2"}, "scene: duration: must be"),
-        ({"sample_interval": 0.0}, "scene: sample_interval: must be"),
-        ({"placement": "latice"}, "scene: disks.placement: 'latice' is unknown; did you mean lattice"),
-        ({"equilibrate": -1.0}, "scene: equilibrate.time: must be"),
-        ({"name": "my scene"}, "scene: name: must be a name"),
-        ({"box": None}, "scene: must be one that Scene or read_scene returns"),
-        ({"velocities": None}, "scene: species: .* makes no such scene; it would be .."),
-        (
-            {"disks": (Disk((0.0, 0.0), (1.0, 0.0), 0.1, 1.0),)},
-            "scene: must have either species or a list of disks, not both",
-        ),
-    ],
-)
-def test_a_replaced_key_of_a_scene_is_checked(change, message):
-    with pytest.raises(RequestError, match=message):
-        bp.simulate(dataclasses.replace(bp.read_scene(SCENE), **change), quiet=True)
-
-
 def test_a_scene_with_a_replaced_key_is_simulated():
-    scene = dataclasses.replace(bp.read_scene(SCENE, np.int64(20)), duration=np.float64(0.5))
+    scene = bp.read_scene(SCENE, np.int64(20)).replace(duration=np.float64(0.5))
     runs = bp.simulate(scene, 1, quiet=True)
     expected = bp.simulate(bp.Scene(**KEYS | {"duration": 0.5, "particles": 20}, name="harrison2020"), 1, quiet=True)
     assert runs.identical(expected)
@@ -255,7 +231,7 @@ def test_a_scene_from_numbers_is_that_of_the_file():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: bp.Scene(**KEYS | {"duration": -1}), "Scene: duration: must be a finite number > 0, not -1"),
+        (lambda: bp.Scene(**KEYS | {"duration": -1}), "Scene: duration: must be > 0, not -1"),
         (lambda: bp.Scene(**KEYS, name="a b"), "Scene: name: must be a name"),
         (lambda: bp.read_scene("absent.yaml"), "absent.yaml"),
         (lambda: bp.simulate(SCENE, -3), "seeds: must be an integer from 1"),
@@ -269,7 +245,10 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, range(0)), "seeds: must be"),
         (lambda: bp.read_scene(None), "path: must be the path of a file, not None"),
         (lambda: bp.open(3), "path: must be the path of a file, not 3"),
-        (lambda: bp.simulate(SCENE, engine="exakt"), "engine: 'exakt' is unknown; did you mean exact"),
+        (
+            lambda: bp.simulate(SCENE, engine="exakt"),
+            "engine: must be .* not 'exakt'; did you mean exact",
+        ),
         (lambda: bp.simulate(SCENE, time_step=0.1), "time_step 0.1: the exact engine has no such setting"),
         (lambda: bp.simulate(SCENE, recrod="all"), "recrod all: no engine has such a setting; exact has no settings"),
         (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt 1: no engine has such a setting; timestep has time_"),
@@ -277,13 +256,12 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, record=None), "record: must be a name or a list of names, not None"),
         (lambda: bp.simulate(SCENE, observables=3), "observables: must be a name or a list of names, not 3"),
         (lambda: bp.simulate(SCENE, engine="timestep"), "time_step: missing; must be given with engine timestep"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=0), "time_step: must be a finite number > 0, not 0"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=-1), "time_step: must be a finite number > 0, not -1"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.nan), "time_step: must be a finite number > 0"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.inf), "time_step: must be a finite number > 0"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step="1e-3"), "time_step: must be a finite number > 0"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=1e-3, precision="half"), "precision: 'half' is unkno"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=1e-3, collisions="early"), "collisions: 'early' is u"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=0), "time_step: must be > 0, not 0"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=-1), "time_step: must be > 0, not -1"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.nan), "time_step: must be a finite number"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.inf), "time_step: must be a finite number"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step="1e-3"), "time_step: must be a number"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step=1e-3, collisions="early"), "collisions: must be 'at_"),
         (lambda: bp.simulate(SCENE, record="everything"), "record everything: must be one or several of tracer"),
         (lambda: bp.simulate(SCENE, observables=["msd"]), "observables: 'msd' is unknown"),
         (lambda: bp.simulate(bp.read_scene(SCENE), particles=3), "particles: must not be given with a scene"),
@@ -292,10 +270,10 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.analyse({"a": 1}), "runs: must be what simulate or open returns, not a dict"),
         (lambda: bp.analyse([]), "no trajectory files"),
         (lambda: bp.analyse([xarray.DataTree()]), "runs: must be what simulate or open returns"),
-        (lambda: bp.analyse("a.h5", fit_windows=[(1, 0.5)]), r"fit_windows\[0\]: must be two times"),
-        (lambda: bp.analyse("a.h5", fit_windows=(0.1, 1)), r"fit_windows\[0\]: must be two times"),
+        (lambda: bp.analyse("a.h5", fit_windows=[(1, 0.5)]), "fit_windows: must be two times"),
+        (lambda: bp.analyse("a.h5", fit_windows=(0.1, 1)), r"fit_windows\[0\]: must be a list"),
         (lambda: bp.analyse("a.h5", rings={"dr": 0.1}), "rings.count: missing"),
-        (lambda: bp.analyse("a.h5", displacement_times=[-1]), r"displacement_times\[0\]: must be a finite number > 0"),
+        (lambda: bp.analyse("a.h5", displacement_times=[-1]), r"displacement_times\[0\]: must be > 0"),
         (lambda: bp.plot(xarray.Dataset()), "result: must be a dataset of brownpipe.analyse"),
         (lambda: bp.save("runs", "a.h5"), "data: must be"),
         (lambda: bp.save(xarray.DataTree(), "a.nc"), "path: a.nc: files of runs must end in .h5 or .hdf5"),
@@ -315,10 +293,9 @@ def test_an_error_names_the_argument(call, message):
 def test_a_figure_is_that_of_the_command_line(result, tmp_path):
     render(result, tmp_path, ["msd"])
     shown = bp.plot(result)._repr_png_()
-    assert stamped(shown, "msd.png", RECORD | {"particles": None}) == (tmp_path / "msd.png").read_bytes(), (
-        "in notebooks"
-    )
-    with pytest.raises(RequestError, match="figure: 'mds' is unknown; did you mean msd"):
+    with Image.open(io.BytesIO(shown)) as one, Image.open(tmp_path / "msd.png") as other:
+        assert one.tobytes() == other.tobytes(), "in notebooks"
+    with pytest.raises(RequestError, match=r"figure: must be .*, not 'mds'; did you mean msd"):
         bp.plot(result, "mds")
     with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):
         bp.plot(result, "velocity_autocorrelation")
@@ -335,8 +312,8 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
 @pytest.mark.parametrize(
     ("name", "again"),
     [
-        ("runs.h5", "seeds 0-9 are lost"),
-        ("study.nc", "delete it and run the study, brownpipe aggregate or brownpipe tradeoff again"),
+        ("runs.h5", "delete it and run the study, or brownpipe simulate, again"),
+        ("study.nc", "delete it and run the study, or brownpipe aggregate, again"),
     ],
 )
 def test_a_damaged_file_is_not_opened(folder, tmp_path, name, again):

@@ -1,7 +1,6 @@
 """The tracer alone, in friction and noise: against the exact solutions of its equation, and where it is refused."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from brownpipe.engines.langevin import RATE_COLLISIONS, caution, refuse_unfit
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.engines.langevin.simulation import step_weights
 from brownpipe.errors import RequestError
-from brownpipe.scene import Velocities, parse_scene, read_scene
+from brownpipe.scene import parse_scene, read_scene
 from closed_forms import langevin_msd
 
 RUNS = 4000
@@ -291,7 +290,7 @@ def test_enskogs_diffusion_and_the_friction_of_the_engine_are_one_number(name):
     A scene without a temperature is taken at that of its bath.
     """
     scene = read_scene(SCENES / f"{name}.yaml")
-    hot = replace(scene, velocities=Velocities(None, friction.bath_of(scene).temperature))
+    hot = scene.replace(velocities={"temperature": friction.bath_of(scene).temperature})
     assert scene.velocities.temperature in (None, hot.velocities.temperature)
     expected = thermodynamics.enskog(hot)
     gamma = friction.friction_rate(scene, "enskog")
@@ -357,7 +356,7 @@ def test_measured_friction_is_that_of_theory_in_a_thin_bath():
     """4,000 collisions are 1.6 % if they come at random; walls take 0.7 % of the room, chi is 1.001. 0.1 %."""
     scene = scene_of(width=60.0, particles=100)
     measured, expected = (langevin.rate_of(scene, which) for which in ("measured", "enskog"))
-    assert measured == langevin.rate_of(replace(scene, duration=5.0), "measured")
+    assert measured == langevin.rate_of(scene.replace(duration=5.0), "measured")
     assert abs(measured / expected - 1) < 0.007 + FAR / math.sqrt(RATE_COLLISIONS)
 
 
@@ -484,6 +483,12 @@ def test_a_list_of_disks_has_no_bath():
 def test_what_the_bath_does_cannot_be_recorded(record):
     with pytest.raises(RequestError, match=r"the langevin engine has no bath; must be tracer or none"):
         langevin.simulate(scene_of(), [0], frozenset(record))
+
+
+def test_no_caution_of_a_scene_without_a_bath():
+    listed = [{"position": [0.5, 0.5], "velocity": [1.0, 0.0], "radius": 0.1, "mass": 1.0}]
+    box = {"x": [0.0, 1.0], "y": [0.0, 1.0], "boundary": "reflecting"}
+    assert caution(parse_scene({"box": box, "disks": listed, "duration": 1.0}, "listed")) is None
 
 
 @pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])

@@ -16,9 +16,8 @@ from brownpipe.engines.batch import RunResult
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.state import Track
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
-from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, RENAMED, Observable, RunArray, observe, orientation
+from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, Observable, RunArray, observe, orientation
 from brownpipe.scene import parse_scene, read_scene
-from brownpipe.study import read_study
 
 W, P = "reflecting", "periodic"
 SQUARE, QUARTIC = ("square_displacement",), ("quartic_displacement",)
@@ -525,7 +524,7 @@ def test_the_record_of_an_observable_is_complete(name):
 
 
 def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, capsys):
-    """Command line, forecast, study, averages and files of an observable that was not there when they were written."""
+    """Command line, forecast, averages and files of an observable that was not there when they were written."""
 
     def speed(scene, run, average):
         return {"tracer_speed": np.hypot(*run.tracer.velocity[:, 0].T)}
@@ -537,8 +536,6 @@ def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, ca
     monkeypatch.setitem(ARRAYS, "tracer_speed", RunArray(("time",), "length/time", "speed of the tracer"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
-    (tmp_path / "few.yaml").write_text("scenes: [some.yaml]\nseeds: 2\nobservables: [speed]\naverage: origins\n")
-    assert read_study("few.yaml").simulate_options == "--observables speed --average origins"
     assert main(["check", "some.yaml"]) == DONE
     assert ", speed 3 ms" in capsys.readouterr().out
     with pytest.raises(SystemExit):
@@ -632,23 +629,10 @@ def test_the_command_in_a_file_makes_the_file_again(options, tmp_path, monkeypat
     (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
     assert main(["simulate", "some.yaml", "--seeds", "3-4", *options, "--output", "x.h5"]) == DONE
     first = (tmp_path / "x.h5").read_bytes()
-    rerun = storage.trajectories.read_header("x.h5")["rerun"].split("`")[1].split()
+    rerun = storage.read_trajectories("x.h5").header["rerun"].split("`")[1].split()
     assert ("--record none" in " ".join(rerun)) == ("none" in options)
     assert main([*rerun[1:], "--output", "y.h5"]) == DONE
     assert (tmp_path / "y.h5").read_bytes() == first
-
-
-def test_names_of_the_version_before_make_the_same_file(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
-    names = {"x.h5": ",".join(RENAMED.values()), "y.h5": ",".join(RENAMED)}
-    said = []
-    for file, listed in names.items():
-        assert main(["simulate", "some.yaml", "--observables", listed, "--output", file]) == DONE
-        said.append(capsys.readouterr().err.splitlines())
-    assert (tmp_path / "x.h5").read_bytes() == (tmp_path / "y.h5").read_bytes()
-    hints = [f"brownpipe: --observables {old}: now called {new}" for old, new in RENAMED.items()]
-    assert said == [[], hints]
 
 
 # -- what is refused ------------------------------------------------------------------------------------------------

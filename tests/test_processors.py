@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,28 +32,18 @@ STUDY = [
     [*RUNS, "--engine", "langevin", "--friction", "enskog", "--output", "langevin.h5"],
     ["aggregate", "exact.h5", "timestep.h5", "langevin.h5", "--fit-windows", "0.2:1", "--output", "dataset.nc"],
 ]
-FIGURES = [["figures", "dataset.nc", "--output", "figures", "--particles", "25"]]
 CHILD = "import json, sys; from brownpipe.cli import main; sys.exit(any([main(w) for w in json.loads(sys.argv[1])]))"
 # Sets of instructions for which NumPy has versions of its functions; each set contains those before it.
 INSTRUCTIONS = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
-SURROUNDINGS = {  # variables of a process, and values that change no result; "" for none
-    "OPENBLAS_CORETYPE": ["Prescott", "Nehalem", "Sandybridge", "Haswell", "Zen", "SkylakeX"],
-    "NPY_DISABLE_CPU_FEATURES": [" ".join(INSTRUCTIONS[first:]) for first in range(len(INSTRUCTIONS) + 1)],
-    "OPENBLAS_NUM_THREADS": ["1", "2", "4"],
-    "OMP_NUM_THREADS": ["", "1", "3"],
-    "NUMBA_NUM_THREADS": ["", "1", "4"],
-    "PYTHONDEVMODE": ["", "1"],
-    "PYTHONHASHSEED": ["0", "1", "random"],
-    "LC_ALL": ["C", "C.UTF-8", "de_DE.UTF-8", "tr_TR.UTF-8"],
-    "TZ": ["UTC", "Asia/Kathmandu", "America/St_Johns"],
-    "UMASK": ["022", "077"],  # of the process; not one of its variables
-    "NUMBA_CPU_NAME": ["", "generic", "haswell"],  # kernels are compiled for it, which takes 20 s of CPU
-}
-OLD = {name: values[-1] for name, values in SURROUNDINGS.items()} | {
+OLD = {  # variables of a process; none changes a result
     "OPENBLAS_CORETYPE": "Prescott",
     "NPY_DISABLE_CPU_FEATURES": " ".join(INSTRUCTIONS),
-    "PYTHONDEVMODE": "",
-    "NUMBA_CPU_NAME": "",
+    "OPENBLAS_NUM_THREADS": "4",
+    "OMP_NUM_THREADS": "3",
+    "NUMBA_NUM_THREADS": "4",
+    "PYTHONHASHSEED": "random",
+    "LC_ALL": "tr_TR.UTF-8",
+    "TZ": "America/St_Johns",
 }
 
 
@@ -62,47 +53,29 @@ def results(folder):
     return {path.relative_to(folder).as_posix(): sha256(path.read_bytes()).hexdigest() for path in made}
 
 
-def in_surroundings(surroundings, commands, folder):
-    """The results of commands in a process of its own."""
+def in_old_surroundings(folder):
+    """The results of the study in a process of its own, with another umask."""
     (folder / "scene.yaml").write_text(SCENE)
-    others = {name: value for name, value in os.environ.items() if name not in surroundings}
+    command = [sys.executable, "-c", CHILD, json.dumps(STUDY)]
     done = subprocess.run(
-        [sys.executable, "-c", CHILD, json.dumps(commands)],
-        cwd=folder,
-        env=others | {name: value for name, value in surroundings.items() if value},
-        umask=int(surroundings["UMASK"], 8),
-        capture_output=True,
-        text=True,
-        timeout=600,
+        command, cwd=folder, env=os.environ | OLD, umask=0o077, capture_output=True, text=True, timeout=600
     )
     assert done.returncode == DONE, done.stderr
     return results(folder)
 
 
 @pytest.mark.slow
-@pytest.mark.promise(
-    "a processor without some instructions, other linear algebra, threads, language, time zone or folder",
-    "Trajectories, datasets, tables and figures are the same, byte for byte.",
-)
-def test_results_have_the_same_bytes_in_all_surroundings(faults, tmp_path, monkeypatch):
-    """In the everyday tests an old processor; with --faults random surroundings and figures, too."""
-    commands = STUDY + (FIGURES if faults.factor > 1 else [])
-    folders = [tmp_path / name for name in ("here", *map(str, range(faults.factor)))]
-    folders[0].mkdir()
+def test_results_have_the_same_bytes_on_an_old_processor_elsewhere(tmp_path, monkeypatch):
+    folders = [tmp_path / "here", tmp_path / "there" / "elsewhere"]
+    for folder in folders:
+        folder.mkdir(parents=True)
     monkeypatch.chdir(folders[0])
-    (folders[0] / "scene.yaml").write_text(SCENE)
-    for words in commands:
+    Path("scene.yaml").write_text(SCENE)
+    for words in STUDY:
         assert main(words) == DONE
     expected = results(folders[0])
     assert expected.keys() >= {"exact.h5", "timestep.h5", "langevin.h5", "dataset.nc"}
-    for k in faults.tries(1):
-        drawn = {name: faults.random.choice(values) for name, values in SURROUNDINGS.items()}
-        surroundings = drawn if k else OLD
-        folder = folders[k + 1] / "elsewhere"
-        folder.mkdir(parents=True)
-        made = in_surroundings(surroundings, commands, folder)
-        assert made.keys() == expected.keys()
-        assert [name for name in made if made[name] != expected[name]] == [], surroundings
+    assert in_old_surroundings(folders[1]) == expected
 
 
 # Functions of NumPy and Python whose last bit depends on the processor or on its linear algebra library.
@@ -117,14 +90,13 @@ SAME = {  # where they are used, and why no stored number depends on them
     "elementary.py: (-1) ** k": "of integers",
     "elementary.py: 4 ** k": "of integers",
     "scene/sample_times.py: math.log10": "a number of samples, with tolerance",
-    "scene/sample_times.py: 10 ** (k / samples.per_decade)": "Python's power, one for all processors with FMA",
+    "scene/sample_times.py: 10 ** (k / per_decade)": "Python's power, one for all processors with FMA",
     "engines/forecast.py: np.log": "a forecast of CPU time",
     "engines/saturation.py: (1.0 - share) ** runs": "a warning",
     "engines/exact/layout.py: math.log2": "rounded up to a power of two",
     "analysis/resampling.py: math.exp": "rounded to integers",
     "analysis/resampling.py: _weights(block)[:, rows[0]:rows[-1] + 1] @ full": "sums of integers below 2^24",
     "analysis/goodness.py: first ** 3": "of fractions",
-    "tradeoff/compare.py: np.geomspace": "rounded to integers",
 }
 
 

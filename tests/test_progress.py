@@ -1,6 +1,5 @@
 """How much of a long calculation is done: what is reported, and what a terminal or a log shows of it."""
 
-import io
 import os
 import re
 import signal
@@ -8,8 +7,7 @@ import struct
 import subprocess
 import sys
 import time
-from dataclasses import replace
-from pathlib import Path
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -22,11 +20,11 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.figures.movie import movie
 from brownpipe.stages import Stage
 from brownpipe.storage import read_trajectories, write_trajectories
-from brownpipe.study import performance
+from brownpipe.study import plan
 from synthetic import render
 from test_exact import P, box, make
 
-SCENE = replace(make(box(6, 6, P), [(1, 0.6, 9), (30, 0.25, 1)], 4.0), equilibrate=4.0)
+SCENE = make(box(6, 6, P), [(1, 0.6, 9), (30, 0.25, 1)], 4.0).replace(equilibrate=4.0)
 EXACT, STEPS = configured("exact"), configured("timestep", time_step=0.01)
 
 
@@ -135,15 +133,15 @@ def test_a_trade_off_reports_its_cases_by_the_settings_that_are_measured(files, 
 
 
 def test_a_pilot_reports_its_engines(reported, monkeypatch):
-    monkeypatch.setattr(performance.timing, "seconds_per_run", lambda engine, *_, **__: 1.0)
-    monkeypatch.setattr("brownpipe.study.pilot.MOST_RUNS", 10)
-    performance.pilot_performance(SCENE, "msd", (0.2, 1.0))
-    total = 1 + len(performance.candidates(SCENE))
+    monkeypatch.setattr(plan.timing, "seconds_per_run", lambda engine, *_, **__: 1.0)
+    monkeypatch.setattr("brownpipe.study.run_count.MOST_RUNS", 10)
+    plan._by_pilots(SCENE, "msd", (0.2, 1.0), "runs")
+    total = 1 + len(plan.candidates(SCENE))
     assert reported[-1] == Stage("engines", total, total) and {stage.unit for stage in reported} == {"engines"}
 
 
 def test_timing_a_run_times_no_report(reported):
-    performance.timing.seconds_per_run(configured("langevin", friction="enskog"), SCENE, repeats=1)
+    plan.timing.seconds_per_run(configured("langevin", friction="enskog"), SCENE, repeats=1)
     assert reported == []
 
 
@@ -165,14 +163,18 @@ def test_the_line(stage, seconds, left, text):
 
 def test_the_time_left_follows_from_the_reports_alone():
     pace = progress.Pace()
-    pace.update(100.0, 5)  # what was done before, such as the runs of a checkpoint, takes no time
-    assert pace.left(101.0, 20) is None
-    pace.update(110.0, 10)
-    assert pace.left(110.0, 20) == 20.0
-    pace.update(114.0, 10)
-    assert pace.left(114.0, 20) == 16.0
-    pace.update(115.0, 0)  # a stage that begins again
-    assert pace.left(115.0, 20) is None
+    assert pace.left(100.0, 5, 20) is None  # done before, as the runs of a checkpoint: it took no time
+    assert pace.left(101.0, 6, 20) is None
+    assert pace.left(110.0, 10, 20) == 20.0
+    assert pace.left(120.0, 20, 20) is None
+
+
+@pytest.mark.parametrize("reports", [(0.5, 5, 0.5), (0.01, 10, 0.02), (1, 0)])
+def test_a_stage_that_begins_again_has_a_pace_of_its_own(reports):
+    pace = progress.Pace()
+    lefts = [pace.left(3.0 * k, done, 10) for k, done in enumerate(reports)]
+    assert lefts[-1] is None
+    assert pace.left(3.0 * len(reports), reports[-1] + 1, 10) == pytest.approx(3.0 * (9 - reports[-1]))
 
 
 # -- the screen -----------------------------------------------------------------------------------------------------
@@ -181,11 +183,10 @@ def test_the_time_left_follows_from_the_reports_alone():
 def test_a_log_has_a_line_every_half_a_minute(monkeypatch, capsys):
     now = time.monotonic()
     monkeypatch.setattr("brownpipe.progress.time.monotonic", lambda: now)
-    display = progress.Display("aggregate")
-    for runs in range(1, 71):
-        now += 1.0
-        display.update(Stage("runs", runs, 1000))
-        display.show()
+    with progress.shown("aggregate"):
+        for runs in range(71):
+            stages.report("runs", runs, 1000)
+            now += 1.0
     out, err = capsys.readouterr()
     assert out == ""
     assert err.splitlines() == [
@@ -207,14 +208,13 @@ def test_silent_means_nothing_and_the_outer_one_shows_all(monkeypatch, capsys):
 
 def test_a_screen_that_is_gone_ends_no_calculation(monkeypatch):
     monkeypatch.setattr(progress, "LINE_INTERVAL", 0.0)
-    closed = io.StringIO()
-    closed.close()
-    with monkeypatch.context() as patch, open(os.devnull, "w") as screen:
+    with monkeypatch.context() as patch, open("/dev/full", "w") as screen:
         patch.setattr(sys, "stderr", screen)
-        display = progress.Display("simulate")
-        patch.setattr(sys, "stderr", closed)
-        display.show()
-        display.close()
+        with progress.shown("simulate"):
+            stages.remark("compiling")
+            stages.report("runs", 1, 2)
+        with suppress(OSError):
+            screen.close()
 
 
 WORK = """
@@ -279,17 +279,3 @@ def test_ctrl_c_removes_the_bar():
     written, status = on_terminal("xterm", sleep=0.2, interrupt=True)
     assert status == -signal.SIGINT and time.monotonic() - began < 6
     assert re.search(r"\r +\rTraceback", written) and "made" not in written
-
-
-def test_a_job_notes_its_progress_for_the_study(tmp_path, monkeypatch):
-    monkeypatch.setenv(progress.NOTES, str(tmp_path))
-    monkeypatch.setattr(progress, "INTERVAL", 0.01)
-    note = tmp_path / str(os.getpid())
-    with progress.shown("simulate", output="runs.h5"):
-        stages.report("runs", 7, 100)
-        text, ends = "", time.monotonic() + 10
-        while not text and time.monotonic() < ends:
-            time.sleep(0.01)
-            text = note.read_text() if note.exists() else ""  # empty while it is being written
-        assert text == '["simulate", "runs.h5", null, "runs", 7, 100]'
-    assert list(Path(tmp_path).iterdir()) == []

@@ -3,22 +3,18 @@
 import base64
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 import browser
 from brownpipe.cli import main
 from brownpipe.engines import Engine, requested
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.figures import replay
-from brownpipe.figures.origin import record_in
+from brownpipe.figures.origin import read_record
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.storage import Trajectories, write_trajectories
-from brownpipe.study import read_study
-from brownpipe.study.replay import MOST_COLLISIONS, MOST_DISKS, replay_jobs
 from ensembles import make_scene
 
 NOTE = "config/scenes/harrison2020.yaml"
@@ -65,6 +61,11 @@ def runs():
     return {name: run_of(scene()) for name, scene in SCENES.items()}
 
 
+def section_of(run):
+    """The part of a page that replays a run."""
+    return replay._section(replay.replay_of(run, "runs.h5"))
+
+
 def data_of(page):
     """The data of a page's first replay, its arrays decoded."""
     (text,) = re.findall(r'<script type="application/json" class="brownpipe-replay-data">(.*?)</script>', page)
@@ -104,7 +105,7 @@ def farthest(scene, positions, recorded):
 def test_flown_positions_are_those_of_the_run(name, runs):
     scene, ensemble = runs[name].scene, runs[name].ensemble
     assert len(ensemble.events[SEED].time) > 5 or scene.particles == 1
-    data = data_of(replay.replay_fragment(runs[name], "runs.h5").text)
+    data = data_of(section_of(runs[name]))
     error = farthest(scene, flown(data, ensemble.times), ensemble.whole[SEED].position) / scene.radius.min()
     assert error <= replay.WORST and data["bits"] == 32
     stated = replay.replay_of(runs[name], "runs.h5").departure
@@ -121,7 +122,7 @@ def test_double_precision_for_numbers_that_single_precision_does_not_have():
 
 def test_double_precision_where_single_does_not_suffice(runs, monkeypatch):
     monkeypatch.setattr(replay, "WORST", 1e-9)
-    data = data_of(replay.replay_fragment(runs["walls"], "runs.h5").text)
+    data = data_of(section_of(runs["walls"]))
     position = flown(data, runs["walls"].ensemble.times)
     assert data["bits"] == 64
     assert farthest(runs["walls"].scene, position, runs["walls"].ensemble.whole[SEED].position) < 1e-12
@@ -131,7 +132,7 @@ def test_a_replay_with_too_many_collisions_ends_earlier_and_says_so(runs, monkey
     scene, ensemble = runs["walls"].scene, runs["walls"].ensemble
     events = ensemble.events[SEED]
     monkeypatch.setattr(replay, "MOST_BYTES", 40 * 16 + 20 * 16)  # 40 disks, 20 collisions
-    page = replay.replay_fragment(runs["walls"], "runs.h5").text
+    page = section_of(runs["walls"])
     data, shown = data_of(page), ensemble.times <= events.time[20]
     assert len(data["time"]) == 20 and data["end"] == events.time[20] < scene.duration
     assert f"the first 20 of {len(events.time)} collisions and ends at {data['end']:.3g}; the run ends at 1." in page
@@ -156,7 +157,7 @@ def test_without_a_tracer_only_the_first_disk_has_its_colour():
     box = {"x": [0.0, 4.0], "y": [0.0, 4.0]}
     disks = {"species": [{"name": "alike", "count": 5, "radius": 0.2, "mass": 1.0}]}
     mapping = {"box": box, "disks": disks, "velocities": {"temperature": 1.0}, "duration": 1.0}
-    data = data_of(replay.replay_fragment(run_of(parse_scene(mapping, "alike.yaml")), "runs.h5").text)
+    data = data_of(section_of(run_of(parse_scene(mapping, "alike.yaml"))))
     assert data["species"] == [[1, 0.2, 1.0, 0], [4, 0.2, 1.0, 1]]
 
 
@@ -168,18 +169,18 @@ def test_a_page_of_the_note_is_small_and_says_what_it_was_made_from(tmp_path, mo
     assert len(page) < 100_000
     count = len(data_of(page.decode())["time"])
     assert count > 500 and re.fullmatch(rf"run.html: {count} collisions, \d+ kB\n", capsys.readouterr().out)
-    record = record_in(page)
+    record = read_record("run.html")
     assert record["movie"]["seed"] == SEED
     assert record["made_from"][0]["command"].endswith(f"--seeds {SEED} --engine exact --record all,events")
-    assert main(["inspect", "run.html"]) == WRONG_REQUEST
-    assert capsys.readouterr().err.startswith("brownpipe: run.html: is of brownpipe movie, from a single run")
+    assert main(["inspect", "run.html"]) == DONE
+    assert record["made_from"][0]["command"] in capsys.readouterr().out
     assert main(["movie", "run.h5", "--output", "again.html"]) == DONE
     assert (tmp_path / "again.html").read_bytes() == page
 
 
 def test_refusals(tmp_path, capsys, runs):
     again = f"record them: brownpipe simulate walls.yaml --particles 40 --seeds {SEED} --engine exact"
-    scene, engine, ensemble, _ = runs["walls"]
+    scene, engine, ensemble = runs["walls"][:3]
     files = {"whole": ensemble._replace(events={}), "events": ensemble._replace(whole={}), "both": ensemble}
     for name, kept in files.items():
         write_trajectories(tmp_path / f"{name}.h5", scene, engine, kept)
@@ -215,47 +216,6 @@ def test_runs_that_cannot_be_replayed(runs, monkeypatch):
         replay.replay_of(runs["walls"], "runs.h5")
 
 
-# --- of a study
-
-
-def study_of(tmp_path, **keys):
-    """A study of the note's scene with two numbers of disks."""
-    mapping = {"scenes": [str(Path(NOTE).absolute())], "particles": [30, 40], "seeds": "7-9"} | keys
-    (tmp_path / "study.yaml").write_text(yaml.safe_dump({key: value for key, value in mapping.items() if value}))
-    return read_study(tmp_path / "study.yaml")
-
-
-@pytest.mark.parametrize(
-    ("keys", "expected"),
-    [
-        ({}, [("harrison2020", 40, "exact", 7, 7)]),
-        ({"particles": [30, 150, 160]}, [("harrison2020", 150, "exact", 7, 7)]),  # as in most figures
-        ({"engines": [{"name": "exact", "seeds": "3-4"}]}, [("harrison2020", 40, "exact", 3, 3)]),
-        ({"engines": [{"name": "timestep", "time_step": 0.001}]}, []),
-        ({"seeds": None, "tolerance": "2%", "target": "msd"}, []),  # its seeds are not known yet
-    ],
-)
-def test_the_run_of_a_study_that_can_be_replayed(keys, expected, tmp_path):
-    assert [tuple(job) for job in replay_jobs(study_of(tmp_path, **keys))] == expected
-
-
-def test_a_study_of_many_disks_or_collisions_has_no_replay(tmp_path, monkeypatch):
-    study = study_of(tmp_path)
-    collisions = sum(EXACT.forecast(study.cases[-1])[:2])
-    positions = 40 * len(study.cases[-1].times)
-    for name, size in (("MOST_DISKS", 40), ("MOST_COLLISIONS", collisions), ("MOST_POSITIONS", positions)):
-        for most, count in ((size, 1), (size - 1, 0)):
-            with monkeypatch.context() as patch:
-                patch.setattr(f"brownpipe.study.replay.{name}", most)
-                assert len(replay_jobs(study)) == count
-
-
-def test_the_largest_run_of_a_study_fits_into_a_page():
-    """With three standard deviations more collisions than expected, if they were independent."""
-    collisions = MOST_COLLISIONS + 3 * MOST_COLLISIONS**0.5
-    assert MOST_DISKS * 16 + collisions * 16 < replay.MOST_BYTES
-
-
 # --- in a browser
 
 
@@ -271,7 +231,7 @@ def page(tmp_path_factory, runs):
     """A page with two replays: with walls, and in a periodic box."""
     path = tmp_path_factory.mktemp("page") / "two.html"
     head = '<!DOCTYPE html><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>two</title>'
-    walls, periodic = (replay.replay_fragment(runs[name], "runs.h5").text for name in ("walls", "periodic"))
+    walls, periodic = (section_of(runs[name]) for name in ("walls", "periodic"))
     path.write_text(f"{head}{walls}<div style='height: 1000px'></div>{periodic}")
     return path
 

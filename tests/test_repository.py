@@ -1,13 +1,10 @@
-"""Files that other tools look for: continuous integration, citation, hooks of pre-commit. The page of the promises."""
+"""Files that other tools look for: continuous integration, citation, hooks of pre-commit."""
 
-import ast
 import re
 import tomllib
 from pathlib import Path
 
 import yaml
-
-from reliability import HEAD, sentences
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -41,18 +38,3 @@ def test_hooks_are_the_linters_of_make_lint():
     linters = re.findall(r"^\t(ruff \w+|snakefmt|mypy)", recipe, re.MULTILINE)
     assert [re.match(r"ruff \w+|\w+", hook["entry"])[0] for hook in repository["hooks"]] == linters
     assert {hook["language"] for hook in repository["hooks"]} == {"system"}
-
-
-def promises_in(path):
-    """Return hazard and promise of each marker `promise` in a file of tests."""
-    calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
-    markers = [call.args for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr == "promise"]
-    return {sentences(*map(ast.literal_eval, arguments)) for arguments in markers}
-
-
-def test_the_page_of_reliability_has_every_promise_and_each_is_kept():
-    lines = (ROOT / "docs/reliability.md").read_text().splitlines()[len(HEAD.splitlines()) :]
-    rows = [line.strip("|").split(" | ") for line in lines]
-    on_the_page = {(hazard.strip(), promise) for hazard, promise, *_ in rows}
-    assert on_the_page == set().union(*(promises_in(path) for path in (ROOT / "tests").glob("test_*.py")))
-    assert not [row for row in rows if not re.fullmatch(r"\d+ passed(; [\d,]+ random faults)? ", row[3])]

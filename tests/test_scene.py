@@ -3,7 +3,6 @@
 import json
 import math
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +41,9 @@ def kind(count, radius=0.1, name="bath", mass=1.0):
 
 def test_note_as_published():
     scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml")
-    assert scene.species == (Species("tracer", 1, 0.3, 1.0, (0.0, 0.0)), Species("bath", 149, 0.1, 0.4))
+    tracer, bath = scene.species
+    assert (tracer.name, tracer.count, tracer.radius, tracer.mass, tracer.position) == ("tracer", 1, 0.3, 1, (0, 0))
+    assert bath == Species(name="bath", count=149, radius=0.1, mass=0.4)
     assert (scene.name, scene.particles, scene.velocities.standard_deviation) == ("harrison2020", 150, 2.0)
     assert scene.packing_fraction == pytest.approx(math.pi * (0.09 + 149 * 0.01) / 36, rel=1e-15)
     assert scene.radius.tolist() == [0.3] + 149 * [0.1]
@@ -53,7 +54,7 @@ def test_note_as_published():
 def test_thermal_variant_differs_in_the_velocities_alone():
     published, thermal = (read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml") for end in ("", "_thermal"))
     assert thermal.velocities.temperature == 1.6
-    assert replace(thermal, name=published.name, velocities=published.velocities) == published
+    assert thermal.replace(velocities=published.velocities).digest == published.digest
 
 
 def test_particles_replace_the_total():
@@ -72,13 +73,18 @@ def test_empty_list_is_a_scene_of_no_disks():
 
 def test_defaults():
     scene = parse_scene({"box": {"x": [0, 1], "y": [0, 1]}, "disks": [], "duration": 2}, "some/folder/a.b.yaml")
-    assert (scene.name, scene.box.boundary, scene.sample_interval, scene.equilibrate) == ("a.b", "reflecting", 2.0, 0.0)
+    assert (scene.name, scene.box.boundary, scene.sample_interval, scene.equilibrate.time) == (
+        "a.b",
+        "reflecting",
+        2.0,
+        0.0,
+    )
     assert scene.times.tolist() == [0.0, 2.0]
 
 
 def test_tracer_is_pinned_only_where_there_is_one():
-    assert species(kind(3)).tracer_while_equilibrating == "free"
-    assert species(kind(3), tracer={"radius": 0.1, "mass": 1}).tracer_while_equilibrating == "pinned"
+    assert species(kind(3)).equilibrate.tracer == "free"
+    assert species(kind(3), tracer={"radius": 0.1, "mass": 1}).equilibrate.tracer == "pinned"
 
 
 def test_who_is_pinned_does_not_matter_without_equilibration():
@@ -91,7 +97,7 @@ def test_digest_is_of_the_physics_alone():
     scene = species(kind(149), tracer={"radius": 0.3, "mass": 1.0})
     same = species(kind("rest"), tracer={"mass": 1, "radius": 0.3}, particles=150)
     assert same == scene
-    assert same.digest == scene.digest == replace(scene, name="other").digest
+    assert same.digest == scene.digest == parse_scene(scene.as_mapping(), "other.yaml").digest
     assert len({scene.digest, species(kind(149, mass=1.1), tracer={"radius": 0.3, "mass": 1.0}).digest}) == 2
     assert explicit(disk(x=-0.0)).digest == explicit(disk(x=0.0)).digest
     assert len({scene, same}) == 1  # hashable
@@ -143,7 +149,7 @@ def read_text(text):
     with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
         file.write(text)
         file.flush()
-        return read_yaml(file.name, 2**20)
+        return read_yaml(file.name)
 
 
 SCENES = [*CONFIG.glob("scenes/*.yaml"), *Path(__file__).parent.glob("scenes/*.yaml")]
@@ -212,33 +218,6 @@ def test_digests_of_the_notes_scenes_do_not_change():
     digests = [read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml").digest for end in ("", "_thermal")]
     assert [digest[:16] for digest in digests] == ["b6cea58f932097a2", "9c381c577af2d9a3"]
     assert explicit(samples={"per_decade": 3}).digest != explicit().digest
-
-
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        ({"samples": {"per_decade": 3}, "sample_interval": 0.1}, "samples: must not be given with sample_interval"),
-        ({"samples": 3}, "samples: must be a mapping with the keys per_decade, first, not 3"),
-        ({"samples": {"first": 0.1}}, "samples.per_decade: missing; must be given"),
-        ({"samples": {"per_decade": 0}}, "samples.per_decade: must be an integer from 1 to 10000, not 0"),
-        ({"samples": {"per_decade": 2.5}}, "samples.per_decade: must be an integer from 1 to 10000, not 2.5"),
-        ({"samples": {"per_decade": 2, "first": 0}}, "samples.first: must be a finite number > 1e-290, not 0"),
-        ({"samples": {"per_decade": 2, "first": 1.0}}, "samples.first: must be below the duration, 1.0, not 1.0"),
-        ({"samples": {"per_decade": 2, "last": 1.0}}, "samples: unknown key 'last'"),
-        ({"duration": 1e-287, "samples": {"per_decade": 2}}, "samples.first: must be a finite number > 1e-290"),
-    ],
-)
-def test_sample_times_that_are_refused(more, message):
-    with pytest.raises(RequestError) as refusal:
-        explicit(**more)
-    assert str(refusal.value).startswith(f"test.yaml: {message}")
-
-
-def test_more_logarithmic_samples_than_can_be_kept(monkeypatch):
-    monkeypatch.setattr("brownpipe.scene.sample_times.MOST_SAMPLES", 31)
-    assert len(explicit(samples={"per_decade": 10, "first": 1e-3}).times) == 32
-    with pytest.raises(RequestError, match=r"samples.per_decade: must be smaller, for at most 31 samples, not 11"):
-        explicit(samples={"per_decade": 11, "first": 1e-3})
 
 
 # -- contact and overlap ---
@@ -318,45 +297,26 @@ def test_masses_up_to_a_factor_of_1e200(masses):
         species(kind(1, mass=1e-200), kind(1, name="other", mass=1e200))
 
 
-TINY = {"x": [0.0, 1.0], "y": [0.0, 1.0]}
-
-
-@pytest.mark.parametrize(
-    ("refused", "message"),
-    [
-        (lambda: explicit(disk(mass=1e303)), "disks[0].mass: must be from 1e-302 to 1e+302, not 1e+303"),
-        (lambda: species(kind(1, mass=1e-310)), "disks.species[0].mass: must be from 1e-302 to 1e+302, not 1e-310"),
-        (lambda: explicit(disk(velocity=(0, -2e300))), "disks[0].velocity: must be two numbers up to 1e+300"),
-        (lambda: explicit(box={"x": [0, 1e141], "y": [0, 1]}), "box.x: must be two numbers that differ by 1e-140"),
-        (lambda: explicit(box={"x": [0, 1], "y": [0, 1e-141]}), "box.y: must be two numbers that differ by 1e-140"),
-        (lambda: explicit(disk(radius=9e-11, x=0.5, y=0.5), box=TINY), "disks[0].radius: must be at least 1e-10 of"),
-    ],
-)
-def test_sizes_that_are_refused(refused, message):
-    with pytest.raises(RequestError) as refusal:
-        refused()
-    assert str(refusal.value).startswith(f"test.yaml: {message}")
-
-
-@pytest.mark.parametrize(
-    ("velocities", "mass", "message"),
-    [
-        ({"standard_deviation": 2e300}, 1.0, "velocities.standard_deviation: must be at most 1e+300, not 2e+300"),
-        ({"temperature": 1e200}, 1e-200, "velocities.temperature: must be 0, or 1e-300 to 1.8e308 times"),
-        ({"temperature": 1e-200}, 1e200, "velocities.temperature: must be 0, or 1e-300 to 1.8e308 times"),
-    ],
-)
-def test_speeds_that_are_refused(velocities, mass, message):
-    mapping = {"box": BOX, "disks": {"species": [kind(1, mass=mass)]}, "velocities": velocities, "duration": 1.0}
-    with pytest.raises(RequestError) as refusal:
-        parse_scene(mapping, "test.yaml")
-    assert str(refusal.value).startswith(f"test.yaml: {message}")
-    parse_scene(mapping | {"velocities": {"temperature": 0}}, "test.yaml")
-
-
 def test_records_are_what_the_engines_need():
     scene = explicit(disk(1, 2, 0.1, 3, (4, 5)))
-    assert scene.disks == (Disk((1.0, 2.0), (4.0, 5.0), 0.1, 3.0),)
+    assert scene.listed == (Disk(position=(1, 2), velocity=(4, 5), radius=0.1, mass=3),)
     assert (scene.box.width, scene.box.height, scene.box.area, scene.box.origin) == (6.0, 6.0, 36.0, (-3.0, -3.0))
     assert not scene.box.periodic
     assert scene.velocities is None
+
+
+def test_a_scene_with_another_value_of_a_key():
+    """The keys are those of a scene file; what the user left out follows them."""
+    scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml")
+    assert [one.count for one in scene.replace(particles=200).species] == [1, 199]
+    assert scene.replace(duration=np.float64(2)).times[-1] == 2.0
+    assert scene.replace(equilibrate=1).equilibrate == scene.replace(equilibrate={"time": 1}).equilibrate
+    heavy = scene.replace(disks=scene.disks.replace(tracer={"radius": 0.3, "mass": 3.0}))
+    assert (heavy.mass[0], heavy.name, heavy.particles) == (3.0, scene.name, 150)
+    assert scene.replace(box=scene.box.replace(boundary="periodic")).box.periodic
+    assert species(kind(3)).replace(duration=0.5).sample_interval == 0.5
+
+
+def test_arrays_of_many_disks_are_made_once():
+    scene = species(kind(9))
+    assert scene.radius is scene.radius and scene.mass is scene.mass and not scene.radius.flags.writeable

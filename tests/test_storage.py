@@ -2,7 +2,6 @@
 
 import errno
 import os
-import resource
 import subprocess
 import sys
 
@@ -11,11 +10,10 @@ import numpy as np
 import pytest
 import xarray
 
-from brownpipe import inspection, interrupts, provenance, storage
+from brownpipe import inspection, provenance, storage
 from brownpipe.engines import Engine, configured
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import StorageError
-from brownpipe.opening import read_ordinary
 from brownpipe.scene import parse_scene
 from brownpipe.storage import files, hdf5, layout
 
@@ -76,13 +74,6 @@ def make_dataset():
     return xarray.Dataset(data, coords, {"title": "a study", "Conventions": "CF-1.11"})
 
 
-def write_by_xarray(path, dataset):
-    """Write a dataset as brownpipe once did, by the libraries for netCDF."""
-    encoding = {name: {"zlib": True} for name, variable in dataset.variables.items() if variable.dtype.kind == "f"}
-    image = dataset.assign_attrs(seal=files.BLANK_SEAL).to_netcdf(engine="h5netcdf", encoding=encoding)
-    path.write_bytes(files.seal(bytes(image)))
-
-
 CASES = {
     "tracer": (make_scene(), {}),
     "whole runs and events": (make_scene(), {"whole": (7, 1), "events": ((0, 12), (2, 0))}),
@@ -129,28 +120,26 @@ def refusal(read, path):
 
 @pytest.mark.parametrize(
     "engine",
-    [Engine("exact"), configured("timestep", time_step=1e-3, precision="single"), Engine("langevin", ENSKOG)],
+    [Engine("exact"), configured("timestep", time_step=1e-3), Engine("langevin", ENSKOG)],
     ids=lambda engine: engine.label,
 )
 def test_round_trip(case, engine, tmp_path):
     scene, ensemble = case
     storage.write_trajectories(tmp_path / "new" / "runs.h5", scene, engine, ensemble)
     assert os.listdir(tmp_path / "new") == ["runs.h5"]
-    source = provenance.made_with("simulate", engine.name)["source"]
-    written = storage.Trajectories(scene, engine, ensemble, source)
-    assert same(storage.read_trajectories(tmp_path / "new" / "runs.h5"), written)
+    source = provenance.made_with("simulate", engine.name)["source_digest"]
+    found = storage.read_trajectories(tmp_path / "new" / "runs.h5")
+    assert same(found[:4], (scene, engine, ensemble, source))
+    assert found.header["numba_version"] == provenance.versions()["numba_version"]
     assert f"engine       {engine.options}\n" in inspection.report(tmp_path / "new" / "runs.h5")
 
 
 def test_an_engine_of_another_version(tmp_path):
-    """Where time steps do not say when they collide, they collided late; a setting of no meaning here is refused."""
-    path, scene, steps = tmp_path / "runs.h5", make_scene(), (("time_step", 0.01), ("precision", "double"))
-    storage.write_trajectories(path, scene, Engine("timestep", steps), make_ensemble(scene))
-    late = Engine("timestep", (*steps, ("collisions", "late")))
-    assert storage.read_trajectories(path).engine == storage.read_outline(path).engine == late
+    """A setting of no meaning here is refused."""
+    path, scene = tmp_path / "runs.h5", make_scene()
     storage.write_trajectories(path, scene, Engine("exact", (("cell_side", 1.5),)), make_ensemble(scene))
     for read in (storage.read_trajectories, storage.read_outline):
-        assert "not of this one: unknown key 'cell_side'" in refusal(read, path)
+        assert "not of this one: cell_side: unknown key" in refusal(read, path)
 
 
 def test_every_dataset_is_filtered_and_explained(case, tmp_path):
@@ -163,7 +152,7 @@ def test_every_dataset_is_filtered_and_explained(case, tmp_path):
             assert item.attrs["units"] and item.attrs["long_name"]
             if item.ndim and item.size and item.dtype.kind in "iuf":
                 assert (item.compression, item.compression_opts) == ("gzip", 4)
-                assert item.shuffle and item.fletcher32
+                assert item.shuffle
 
     with h5py.File(tmp_path / "runs.h5") as file:
         file.visititems(look)
@@ -203,21 +192,6 @@ def test_chunks_span_all_times_of_the_tracers():
     assert hdf5._chunks((101, 100_000, 2), 8, (2, 1, 0)) == (1, 16384, 2)
 
 
-def test_digest_sees_every_name_value_type_and_attribute():
-    nodes = {"g": hdf5.Node(None, {"n": 1}), "g/x": hdf5.Node(np.zeros(2), {"units": "1"})}
-    others = [
-        {"g": nodes["g"], "g/y": nodes["g/x"]},
-        nodes | {"g": hdf5.Node(None, {"n": 2})},
-        nodes | {"g/x": hdf5.Node(np.zeros(2), {"units": "2"})},
-        nodes | {"g/x": hdf5.Node(np.zeros(2, np.int64), {"units": "1"})},
-        nodes | {"g/x": hdf5.Node(np.zeros((2, 1)), {"units": "1"})},
-        nodes | {"g/x": hdf5.Node(np.array([0.0, -0.0]), {"units": "1"})},
-        nodes | {"g/x": hdf5.Node("", {"units": "1"})},
-    ]
-    assert len({hdf5.digest(tree) for tree in [nodes, *others]}) == 8
-    assert hdf5.digest(nodes) == hdf5.digest(hdf5.from_bytes(hdf5.to_bytes(nodes)))
-
-
 # -- datasets -------------------------------------------------------------------------------------------------------
 
 
@@ -228,15 +202,12 @@ def test_dataset_round_trip(tmp_path):
     assert storage.read_dataset(path).identical(dataset)
     with xarray.open_dataset(path) as plain:
         assert plain.drop_attrs().identical(dataset.drop_attrs())
-    with h5py.File(path) as file:
-        assert file["msd"].fletcher32 and file["msd"].shuffle and file["msd"].compression_opts == 4
     storage.write_dataset(tmp_path / "again.nc", storage.read_dataset(path))
     assert (tmp_path / "again.nc").read_bytes() == path.read_bytes()
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("write", [storage.write_dataset, write_by_xarray])
-def test_netcdf_gives_back_what_is_written_here_and_the_reverse(write, tmp_path):
+def test_netcdf_gives_back_what_is_written(tmp_path):
     """Dimensions without coordinates, missing values, flags and texts; all in the same order, of the same types."""
     more = {
         "verdict": (("scene", "sample"), [["yes", "µ"], ["", "no"]]),
@@ -246,11 +217,10 @@ def test_netcdf_gives_back_what_is_written_here_and_the_reverse(write, tmp_path)
         "label": ((), "a word"),
     }
     written = make_dataset().assign(more).assign_coords(area=("scene", [0.1, 0.2]))
-    write(tmp_path / "study.nc", written)
+    storage.write_dataset(tmp_path / "study.nc", written)
     found = [storage.read_dataset(tmp_path / "study.nc")]
     with xarray.open_dataset(tmp_path / "study.nc", engine="h5netcdf") as opened:
         found.append(opened.load().drop_encoding())
-    del found[1].attrs["seal"]
     for dataset in found:
         assert dataset.identical(written)
         assert [*dataset.data_vars] == [*written.data_vars]
@@ -301,9 +271,9 @@ def test_writing_trajectories_leaves_xarray_alone(tmp_path):
 # -- damage ---------------------------------------------------------------------------------------------------------
 
 
-def test_no_bit_flip_is_silent(full):
+def test_no_bit_flip_of_runs_is_silent(full):
     contents = full.read_bytes()
-    for bit in np.random.default_rng(3).integers(0, 8 * len(contents), 400):
+    for bit in np.random.default_rng(3).integers(0, 8 * len(contents), 200):
         damaged = bytearray(contents)
         damaged[bit // 8] ^= 1 << (bit % 8)
         full.write_bytes(damaged)
@@ -328,48 +298,33 @@ def test_no_bit_flip_of_a_dataset_is_silent(tmp_path):
         refusal(storage.read_dataset, path)
 
 
-@pytest.mark.promise(
-    "a damaged byte in a trajectory file",
-    "The file is refused; the message names its seeds and the command that makes them again.",
-)
-def test_a_damaged_file_names_its_seeds_and_the_cure(full):
+def test_a_damaged_file_names_the_cure(full):
     contents = bytearray(full.read_bytes())
     contents[-1] ^= 1
     full.write_bytes(contents)
     message = refusal(storage.read_trajectories, full)
-    assert "seeds 0-2,7 are lost" in message
-    command = "brownpipe simulate a.scene.yaml --particles 5 --seeds 0-2,7 --engine exact --record all,events"
-    assert f"{command} --output {full}" in message
+    assert "damaged" in message and "delete it and run the study, or brownpipe simulate, again" in message
     assert refusal(inspection.report, full) == message
-
-
-def test_an_empty_file_takes_no_memory(tmp_path):
-    """The largest file that is read may be as large as the memory of the machine."""
-    (tmp_path / "x.h5").touch()
-    assert read_ordinary(tmp_path / "x.h5", 10**15) == b""
 
 
 def test_an_edited_file_is_refused(full):
     with h5py.File(full, "r+") as file:
         file["parameters"].attrs["engine"] = "other"
-    assert "edited" in refusal(storage.read_trajectories, full)
+    assert "damaged" in refusal(storage.read_trajectories, full)
 
 
-def test_other_files_are_refused(tmp_path, monkeypatch):
+def test_other_files_are_refused(tmp_path):
     path = tmp_path / "runs.h5"
     assert "No such file" in refusal(storage.read_trajectories, path)
     path.write_text("no HDF5 at all")
-    assert "not an HDF5 file" in refusal(storage.read_trajectories, path)
+    assert "is not a trajectory file or dataset" in refusal(storage.read_trajectories, path)
     with h5py.File(path, "w") as file:
         file["x"] = 1
     assert "not a file of brownpipe" in refusal(storage.read_trajectories, path)
     assert "not a file of brownpipe" in refusal(storage.read_dataset, path)
     storage.write_dataset(path, make_dataset())
     assert "not a trajectory file" in refusal(storage.read_trajectories, path)
-    monkeypatch.setattr(layout, "FORMAT", 2)
     storage.write_trajectories(path, make_scene(), Engine("exact"), make_ensemble(make_scene()))
-    monkeypatch.setattr(layout, "FORMAT", 1)
-    assert "upgrade" in refusal(storage.read_trajectories, path)
     assert "not a dataset" in refusal(storage.read_dataset, path)
 
 
@@ -406,39 +361,6 @@ def test_a_failed_write_keeps_the_old_file_and_nothing_else(call, failure, tmp_p
     assert os.listdir(tmp_path) == ["x"] and (tmp_path / "x").read_bytes() == b"old"
     if isinstance(failure, OSError):
         assert f"{tmp_path / 'x'}: not written: {failure.strerror}" in str(error.value)
-
-
-def test_an_interrupt_between_the_making_of_a_part_and_its_handle_leaves_nothing(tmp_path, monkeypatch):
-    """One of 20 signals at random moments left a part; this is a moment at which that could happen."""
-    usual = files.opened_unlinked
-
-    def interrupted(*given):
-        os.close(usual(*given))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(files, "opened_unlinked", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        files.write_file(tmp_path / "x", b"contents")
-    assert list(tmp_path.iterdir()) == []
-    assert not interrupts.unfinished
-
-
-def test_a_limit_met_in_the_middle_of_a_file(tmp_path):
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
-    try:
-        with pytest.raises(StorageError, match="too large"):
-            storage.write_file(tmp_path / "x", bytes(10_000))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert os.listdir(tmp_path) == []
-
-
-def test_a_write_that_reads_back_differently(tmp_path, monkeypatch):
-    monkeypatch.setattr(files.Path, "read_bytes", lambda _: b"other")
-    with pytest.raises(StorageError, match="reads back differently"):
-        storage.write_file(tmp_path / "x", b"new")
-    assert os.listdir(tmp_path) == []
 
 
 def test_a_file_in_place_of_the_folder(tmp_path):

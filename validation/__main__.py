@@ -8,6 +8,7 @@ is 1 if a value differs from a published one by more than three standard errors 
 """
 
 import argparse
+import resource
 import subprocess
 from collections.abc import Sequence
 from os import cpu_count
@@ -18,7 +19,7 @@ from xarray import Dataset
 from brownpipe.figures.style import drawing, image_bytes
 from brownpipe.storage import read_dataset, read_trajectories, to_tree
 from brownpipe.study import read_study
-from brownpipe.study.resources import used
+from brownpipe.study.run_sets import files_of
 from validation.catalogue import RESULTS
 from validation.comparison import Comparison
 from validation.page import closing, table, with_table
@@ -33,6 +34,7 @@ FIGURES = ROOT / "docs" / "figures"
 
 def reproduce(result: Result, cores: int) -> Sequence[Comparison]:
     """Run the studies of a result; write its table and its figure; return its comparisons."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     for study in result.studies:
         options = ["--snakefile", str(ROOT / "Snakefile"), "--cores", str(cores), "--configfile", str(_file(study))]
         subprocess.run(["snakemake", *options], check=True)
@@ -40,7 +42,7 @@ def reproduce(result: Result, cores: int) -> Sequence[Comparison]:
     if result.of_single_runs:
         datasets |= {name: runs for study in result.studies for name, runs in _single_runs(study).items()}
     comparisons = result.compare(datasets)
-    seconds = sum(job.seconds for study in result.studies for job in used(read_study(_file(study))))
+    seconds = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
     PAGE.write_text(with_table(PAGE.read_text(), result.name, comparisons, seconds))
     with drawing():
         (FIGURES / f"validation_{result.name}.png").write_bytes(image_bytes(result.draw(datasets, comparisons), "png"))
@@ -49,8 +51,8 @@ def reproduce(result: Result, cores: int) -> Sequence[Comparison]:
 
 
 def _single_runs(study: str) -> dict[str, Dataset]:
-    files = (f"results/{study}/simulate/{job.file}" for job in read_study(_file(study)).jobs())
-    return single_runs(study, (to_tree(read_trajectories(file)) for file in files))
+    files = files_of(read_study(_file(study)))
+    return single_runs(study, (to_tree(read_trajectories(file.path)) for file in files))
 
 
 def _file(study: str) -> Path:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from math import inf
 from pathlib import Path
 from time import process_time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -21,6 +21,7 @@ from brownpipe.engines.initial_state import draw
 from brownpipe.engines.state import State
 from brownpipe.figures.style import GREY, SERIES, drawing, grid, image_bytes
 from brownpipe.scene import Scene
+from validation.stability.game import space_of
 
 ROOT = Path(__file__).parent.parent
 DURATIONS = {5: 12.0, 40: 2.4, 150: 0.8}  # by number of disks: until the programs disagree [time]
@@ -48,28 +49,13 @@ def note_scene(particles: int, duration: float) -> Scene:
 
 def by_pymunk(scene: Scene, state: State, step: float) -> Run:
     """Return pymunk's run of a scene between walls from a state; its sample times are multiples of the time step."""
-    import pymunk
-
-    space = pymunk.Space()  # without gravity and damping; overlaps below its `collision_slop` of 0.1 are not corrected
+    space, bodies = space_of(state, scene.box.x, scene.box.y)  # overlaps below `collision_slop`, 0.1, are not corrected
     space.iterations = 50  # several contacts in one step conserve energy, too
-    shapes: list[pymunk.Shape] = []
-    (left, right), (bottom, top) = scene.box.x, scene.box.y
-    corners = [(left, bottom), (right, bottom), (right, top), (left, top)]
-    for k in range(4):
-        shapes.append(pymunk.Segment(space.static_body, corners[k - 1], corners[k], 0.0))
-    bodies = []
-    for position, velocity, radius, mass in zip(*(values.tolist() for values in state), strict=True):
-        bodies.append(pymunk.Body(mass, inf))  # no rotation
-        bodies[-1].position, bodies[-1].velocity = tuple(position), tuple(velocity)
-        shapes.append(pymunk.Circle(bodies[-1], radius))
-    for shape in shapes:
-        shape.elasticity, shape.friction = 1.0, 0.0
-    space.add(*bodies, *shapes)
     number = {body: i for i, body in enumerate(bodies)}
     collisions: list[tuple[int, int, int]] = []
     made = 0
 
-    def note(arbiter: pymunk.Arbiter, *_: object) -> None:
+    def note(arbiter: Any, *_: object) -> None:
         first, second = sorted(number.get(body, WALL) for body in arbiter.bodies)
         collisions.append((made, first, second))
 

@@ -27,7 +27,7 @@ TIMES = FIGURES / "times.csv"  # study, seconds
 SHOWN = {  # the figure that answers the question of a study; otherwise the first one of its figures
     "spreading": "displacement_distribution",
     "diffusion": "diffusion",
-    "tradeoff_pairs": "tradeoff_dense_250",
+    "tradeoff_pairs": "tradeoff_dense_250_N250",
 }
 TRADEOFFS = ("tradeoff", "tradeoff_pairs")
 ORDER = (

@@ -26,14 +26,12 @@ PAGES = {  # name on the site: file in the repository
     "validation": "docs/validation.md",
     "other_programs": "docs/other_programs.md",
     "stability": "docs/stability.md",
-    "reliability": "docs/reliability.md",
     "benchmarks": "docs/benchmarks.md",
     "benchmarks_engines": "docs/benchmarks_engines.md",
     "configuration": "config/README.md",
     "python": "docs/site/python.md",
     "contributing": "CONTRIBUTING.md",
     "decisions": "docs/decisions.md",
-    "changes": "CHANGELOG.md",
 }
 NAMES = {file: name for name, file in PAGES.items()}
 FENCED = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)

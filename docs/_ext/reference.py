@@ -120,7 +120,7 @@ def example_nodes() -> Nodes:
     scene, engine = parse_scene(EXAMPLE, "example.yaml"), configured("exact")
     record = frozenset({"tracer", "all", "events"})
     ensemble = engine.simulate(scene, [SEED], record, observables=tuple(OBSERVABLES), average="runs")
-    return run_nodes(scene, ensemble) | parameter_nodes(scene, engine, ensemble, "")
+    return run_nodes(scene, ensemble) | parameter_nodes(scene, engine, ensemble, "", "")
 
 
 def _datasets(group: str, nodes: Nodes) -> str:

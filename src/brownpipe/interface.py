@@ -9,10 +9,9 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 import reprlib
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from xarray import Dataset, DataTree
@@ -29,13 +28,13 @@ from brownpipe.inspection import read_contents
 from brownpipe.observables import refuse_unfit
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
-from brownpipe.scene import parse_scene, reading, scene_file
-from brownpipe.scene.reading import Entry, must_be
-from brownpipe.scene.scene import as_mapping
+from brownpipe.scene import parse_scene
+from brownpipe.scene import read_scene as scene_of_file
+from brownpipe.scene.reading import NotNegative, Positive, plain, validated
 from brownpipe.scene.seeds import read_seeds, seed_text
 from brownpipe.storage import Trajectories, from_tree, refuse_foreign, to_tree, write_dataset, write_trajectories
 from brownpipe.study import refuse_repetition
-from brownpipe.study.study_file import read_rings
+from brownpipe.study.study import Rings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,11 +65,11 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     equilibrate: {"time": t, "tracer": "free" or "pinned"}, simulated before t = 0.
     name: of the scene in datasets and figures.
 
-    `dataclasses.replace(scene, duration=5.0)` returns a scene with another duration, which `simulate` checks.
+    `scene.replace(duration=5.0)` returns a scene with another value of a key; `box`, `velocities`, ... have it, too.
 
     Raises RequestError for anything that `read_scene` refuses.
     """
-    keys = {key: _plain(value) for key, value in locals().items() if key != "name"}
+    keys = {key: plain(value) for key, value in locals().items() if key != "name"}
     return parse_scene(keys, "Scene", name=name)
 
 
@@ -79,7 +78,7 @@ def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
 
     Raises RequestError for anything wrong with the file or the scene.
     """
-    return scene_file.read_scene(_path("path", path), _plain(particles))
+    return scene_of_file(_path("path", path), plain(particles))
 
 
 def simulate(
@@ -119,13 +118,11 @@ def simulate(
         scene = read_scene(scene, particles)
     elif particles is not None:
         raise RequestError("particles: must not be given with a scene, which has its number of disks")
-    else:
-        scene = _checked(scene)
-    chosen = requested(engine, {key: _plain(value) for key, value in settings.items()}, str)
+    chosen = requested(engine, {key: plain(value) for key, value in settings.items()}, str)
     recorded = read_record(_words("record", record), "record")
     names = tuple(filter(None, _words("observables", observables).split(",")))
     numbers = _seeds(seeds)
-    refuse_repetition([scene], numbers)
+    refuse_repetition(scene, numbers)
     refuse_unfit(scene, names, average)
     chosen.refuse_unfit(scene, recorded)
     forecast.refuse_too_large(scene, len(numbers), chosen.forecast(scene, recorded, names, average))
@@ -159,10 +156,14 @@ def analyse(
     The variables have the dimensions scene, particles, engine, and time, seed, ring, ...; `result.msd.attrs` says what
     a variable means. Raises AnalysisError for runs that do not belong together, or for times outside them.
     """
-    several = list(runs) if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping) else [runs]
-    windows = None if fit_windows is None else [_window(entry) for entry in _items("fit_windows", fit_windows)]
-    width, count = read_rings(Entry(_plain(rings), "", ("rings",)))
-    times = [reading.number(entry, above=0) for entry in _items("displacement_times", displacement_times)]
+    several = list(runs) if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord) else [runs]
+    windows = validated(tuple[tuple[NotNegative, NotNegative], ...] | None, plain(fit_windows), key="fit_windows")
+    for window in windows or ():
+        if not window[0] < window[1]:
+            raise RequestError(f"fit_windows: must be two times [t0, t1] with t0 < t1, not {list(window)}")
+    given = validated(Rings | None, plain(rings), key="rings")
+    width, count = (given.dr, given.count) if given else (None, None)
+    times = validated(tuple[Positive, ...], plain(displacement_times), key="displacement_times")
     with progress.shown("analyse", silent=quiet):
         sources = [each if isinstance(each, str | Path) else from_tree(each, with_events=False) for each in several]
         return aggregate(sources, windows, width, count, times)
@@ -173,11 +174,11 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
 
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation, velocity_distribution,
     pair_distribution, energy, thermodynamics, particle_counts or health.
-    particles: show the runs with this many disks; by default the 2020 note's 150, or each scene's largest number.
+    particles: show the runs with this many disks; by default each scene's largest number.
 
     Notebooks show it by themselves. Raises FigureError if the dataset has no data for it.
     """
-    reading.choice(Entry(figure, "", ("figure",)), tuple(FIGURES))
+    validated(Literal[tuple(FIGURES)], figure, key="figure")
     if not _is_analysis(result):
         raise FigureError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
     for dim in ("scene", "particles", "engine", "window"):
@@ -185,7 +186,7 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
             raise FigureError(f"result: has no dimension {dim}; plot it before squeeze or sel, which remove it")
         if result.sizes.get(dim) == 0:
             raise FigureError(f"result: the dimension {dim} is empty; there is nothing to plot")
-    drawn = draw(result, figure, _plain(particles))
+    drawn = draw(result, figure, plain(particles))
     drawn._repr_png_ = partial(png_bytes, drawn)  # type: ignore[attr-defined]  # by which notebooks show an object
     return drawn
 
@@ -211,7 +212,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
         with progress.shown("save"):
             trajectories = from_tree(data)
             refuse_foreign(data)
-            write_trajectories(path, *trajectories)
+            write_trajectories(path, *trajectories[:4])
     elif _is_analysis(data):
         _refuse_suffix(path, "datasets", (".nc",))
         write_dataset(path, data)
@@ -220,25 +221,6 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
 
 
 # -- arguments ------------------------------------------------------------------------------------------------------
-
-
-def _plain(value: Any) -> Any:
-    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def _items(name: str, values: Any) -> list[Entry]:
-    return reading.items(Entry(_plain(values), "", (name,)))
-
-
-def _window(entry: Entry) -> tuple[float, float]:
-    """Return start and end of a fit window [time]."""
-    start, end = (reading.number(part, least=0) for part in reading.items(entry, 2, "two times [t0, t1]"))
-    return (start, end) if start < end else must_be(entry, "two times [t0, t1] with t0 < t1")
 
 
 def _words(name: str, value: Any) -> str:
@@ -254,23 +236,6 @@ def _path(name: str, value: Any) -> str | Path:
     return value
 
 
-def _checked(scene: SceneRecord) -> SceneRecord:
-    """Return the same scene, checked: `dataclasses.replace` may have made it."""
-    if bool(scene.species) == bool(scene.disks) and scene.particles:
-        raise RequestError("scene: must have either species or a list of disks, not both")
-    try:
-        checked = parse_scene(_plain(as_mapping(scene)), "scene", name=scene.name)
-    except (AttributeError, TypeError) as error:
-        raise RequestError(f"scene: must be one that Scene or read_scene returns ({error})") from error
-    for field in fields(scene):
-        given, used = getattr(scene, field.name), getattr(checked, field.name)
-        if given != used and not (field.name == "sample_interval" and scene.samples):
-            raise RequestError(
-                f"scene: {field.name}: {reprlib.repr(given)} makes no such scene; it would be {used!r:.80}"
-            )
-    return checked
-
-
 def _seeds(value: Any) -> Sequence[int]:
     """Return the seeds of a count, a text, a range, a list, a set or an array."""
     if isinstance(value, range) and value and value.step == 1 and value[0] >= 0:
@@ -279,7 +244,7 @@ def _seeds(value: Any) -> Sequence[int]:
         value = [*value]
     if isinstance(value, np.ndarray) and value.dtype.kind in "iu" and value.ndim == 1 and value.size:
         value = seed_text(np.unique(value)) if value.min() >= 0 else value
-    return read_seeds(Entry(_plain(value), "", ("seeds",)))
+    return read_seeds(plain(value))
 
 
 def _refuse_suffix(path: str | Path, what: str, suffixes: tuple[str, ...]) -> None:

@@ -1,30 +1,24 @@
-"""Which source files and package versions determine a result. Imports nothing heavy.
+"""Which source files determine a result, and with which versions of packages it was made. Imports nothing heavy.
 
-Both are found by imports, at the head of a file or inside a function. The source files of a result are a module and
-every module of brownpipe that it imports, directly or not, and what lies beside one of these modules under its name: a
-caption, a style sheet or a script. The packages are those that these files import, and all that these packages
-require. The version of Python is not among them: with the same packages it changes no number and no byte of a file, as
-all numbers are computed by packages or by arithmetic that IEEE 754 defines.
+The source files of a result are a module and every module of brownpipe that it imports, at the head of a file or inside
+a function, directly or not, and what lies beside one of these modules under its name: a caption, a style sheet or a
+script. Versions of packages are recorded, but do not make a result another one.
 """
 
 import hashlib
+import json
 import re
-import sys
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from importlib.metadata import PackageMetadata
 
 PACKAGE = Path(__file__).parent
 UNKNOWN = "unknown"  # version of a package that is not installed
 NAME = PACKAGE.name
 CATALOGUE = f"{NAME}.engines"  # imports all engines, but only the one that runs determines the results
 IMPORT = re.compile(r"^[ \t]*(?:from (\w[\w.]*) import (\([^)]*\)|[^\n#]*)|import (\w[\w.]*))", re.MULTILINE)
-BESIDE = (".css", ".js", ".rst")  # suffixes of files that belong to the module of the same name
-REQUIREMENT = re.compile(r"([\w.-]+)(?!.*\bextra\b)")  # of a package; one with `extra` is optional
-DISTRIBUTIONS = {"PIL": "pillow", "yaml": "pyyaml"}  # of packages that are imported under another name
+BESIDE = (".css", ".html", ".js", ".rst")  # suffixes of files that belong to the module of the same name
+PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "scipy")  # that compute and write runs
+ANALYSIS_PACKAGES = ("h5netcdf", "matplotlib", "pandas", "xarray")  # and datasets and figures
 
 # Modules of brownpipe that determine the output of a step, besides its input and options, with all that they import.
 # `figures.*` stands for every module of a layer. The engine that runs is added.
@@ -37,13 +31,14 @@ STEPS = {
 }
 
 
-def made_with(step: str, engine: str | None = None) -> dict[str, str]:
-    """Return the digest of a step's source and the versions of its packages; if one changes, the step is run again.
+def digest_of(*parts: object) -> str:
+    """Return the first digits of a SHA-256 over values as JSON writes them."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
-    With an `engine`, its source is part of the step.
-    """
-    modules = modules_of(step, engine)
-    return {"source": source_digest(*modules)} | {name: _version(name) for name in packages(*modules)}
+
+def made_with(step: str, engine: str | None = None) -> dict[str, str]:
+    """Return the digest of a step's source and the versions of its packages; with an `engine`, that is part of it."""
+    return {"source_digest": source_digest(*modules_of(step, engine))} | versions(step)
 
 
 def modules_of(step: str, engine: str | None = None) -> tuple[str, ...]:
@@ -123,56 +118,23 @@ def _top(module: str) -> str:
 
 
 @cache
-def packages(*modules: str, folder: Path = PACKAGE) -> tuple[str, ...]:
-    """Return the names of the packages that modules of brownpipe and all that they import need, sorted.
-
-    These are the packages that the files import and, directly or not, all installed packages that these require.
-    """
-    waiting = []
-    for file in sources(*modules, folder=folder):
-        tops = {_top(package or module) for package, _, module in _statements(file)}
-        waiting += [DISTRIBUTIONS.get(top, top) for top in tops - sys.stdlib_module_names - {NAME}]
-    found: set[str] = set()
-    while waiting:
-        name = re.sub(r"[-_.]+", "_", waiting.pop()).lower()
-        if name not in found and _version(name) != UNKNOWN:
-            found.add(name)
-            waiting += _requirements(name)
-    return tuple(sorted(found))
-
-
-def _requirements(name: str) -> tuple[str, ...]:
-    """Return the names of the packages that an installed package requires."""
-    found = _metadata(name)
-    lines = (found and found.get_all("Requires-Dist")) or ()
-    return tuple(match[1] for line in lines if (match := REQUIREMENT.match(line)))
-
-
-@cache
 def _file(folder: Path, module: str) -> Path | None:
     """Return the file of a module below the folder of the package, None if there is none."""
     path = folder.joinpath(*module.split(".")[1:])
     return next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
 
 
+def versions(step: str = "simulate") -> dict[str, str]:
+    """Return the versions of brownpipe and of the packages that compute and write what a step makes."""
+    names = (NAME, *PACKAGES, *(() if step == "simulate" else ANALYSIS_PACKAGES))
+    return {f"{name}_version": _version(name) for name in names}
+
+
 @cache
-def versions() -> dict[str, str]:
-    """Return the versions of brownpipe and of the packages that determine runs and their files."""
-    engines = (f"engines.{path.parent.name}.simulation" for path in PACKAGE.glob("engines/*/simulation.py"))
-    return {f"{name}_version": _version(name) for name in (NAME, *packages(*STEPS["simulate"], *engines))}
-
-
 def _version(name: str) -> str:
-    found = _metadata(name)
-    return UNKNOWN if found is None else found["Version"]
-
-
-@cache  # to read those of all packages takes 40 ms
-def _metadata(name: str) -> "PackageMetadata | None":
-    """Return what an installed package says of itself, None if there is no such package."""
-    from importlib.metadata import PackageNotFoundError, metadata  # takes 15 ms
+    from importlib.metadata import PackageNotFoundError, version  # takes 15 ms
 
     try:
-        return metadata(name)
+        return version(name)
     except PackageNotFoundError:
-        return None
+        return UNKNOWN

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import ModuleType
 from typing import NamedTuple
 
-from validation.stability import clocks, conservation, packings, pi_digits, precision, reversal, speeds
+from validation.stability import clocks, conservation, packings, pi_digits, reversal, speeds
 
 
 class Experiment(NamedTuple):
@@ -32,6 +32,5 @@ EXPERIMENTS = {
         Experiment("clocks", clocks, {"durations": (1e5, 1e6), "near": 0.25}, {}),
         Experiment("speeds", speeds, {"powers": (-531, 0, 565), "duration": 1.0}, {}),
         Experiment("pi_digits", pi_digits, {"digits": 4, "games": 0}, {"digits": 8}),
-        Experiment("precision", precision, {"seeds": 2, "long": 1.0, "games": ()}, {}),
     )
 }

@@ -2,9 +2,11 @@
 
 import importlib.util
 import math
+from typing import Any
 
 import numpy as np
 
+from brownpipe.engines.state import State
 from validation.stability.outcome import Outcome, measured
 from validation.stability.start import Start
 
@@ -30,12 +32,8 @@ def pymunk(start: Start, duration: float, step: float | None = None, most_steps:
     step = step or time_step(start)
     if not IS_INSTALLED or not duration <= step * most_steps:
         return None
-    import pymunk as library
-
-    space = library.Space()
+    space, bodies = space_of(start.state, start.x, start.y)
     space.collision_slop = 0.0
-    bodies = [_disk(library, space, *row) for row in zip(*start.state, strict=True)]
-    _walls(library, space, start)
     counts = np.zeros(2, np.int64)
     space.on_collision(1, 1, begin=lambda *_: _count(counts, 0))
     space.on_collision(1, 2, begin=lambda *_: _count(counts, 1))
@@ -52,26 +50,31 @@ def pymunk(start: Start, duration: float, step: float | None = None, most_steps:
     return measured(start, position, velocity, counts, np.zeros(4), depth)._replace(momentum_residual=math.nan)
 
 
-def _disk(library, space, position, velocity, radius, mass):  # type: ignore[no-untyped-def]
-    """Add a disk that does not rotate; return its body."""
-    body = library.Body(float(mass), math.inf)
-    body.position, body.velocity = tuple(position.tolist()), tuple(velocity.tolist())
-    shape = library.Circle(body, float(radius))
-    shape.elasticity, shape.friction, shape.collision_type = 1.0, 0.0, 1
-    space.add(body, shape)
-    return body
+def space_of(state: State, x: tuple[float, float], y: tuple[float, float]) -> tuple[Any, list[Any]]:
+    """Return a space of pymunk with these disks, which do not rotate, between four walls; and their bodies.
 
+    Elasticity 1, no friction. Collision types: 1 of disks, 2 of walls. Each wall is as thick as the box, with its
+    surface at the edge of the box.
+    """
+    import pymunk as library
 
-def _walls(library, space, start: Start) -> None:  # type: ignore[no-untyped-def]
-    """Add the four walls, each as thick as the box and with its surface at the edge of the box."""
-    (left, right), (bottom, top) = start.x, start.y
-    thick = max(right - left, top - bottom)
-    low, high = (left - thick, bottom - thick), (right + thick, top + thick)
+    space, bodies = library.Space(), []
+    shapes: list[library.Shape] = []
+    for position, velocity, radius, mass in zip(*(values.tolist() for values in state), strict=True):
+        bodies.append(library.Body(mass, math.inf))
+        bodies[-1].position, bodies[-1].velocity = tuple(position), tuple(velocity)
+        shapes.append(library.Circle(bodies[-1], radius))
+        shapes[-1].collision_type = 1
+    thick = max(x[1] - x[0], y[1] - y[0])
+    low, high = (x[0] - thick, y[0] - thick), (x[1] + thick, y[1] + thick)
     corners = (low, (low[0], high[1]), high, (high[0], low[1]))
     for k in range(4):
-        wall = library.Segment(space.static_body, corners[k - 1], corners[k], thick)
-        wall.elasticity, wall.friction, wall.collision_type = 1.0, 0.0, 2
-        space.add(wall)
+        shapes.append(library.Segment(space.static_body, corners[k - 1], corners[k], thick))
+        shapes[-1].collision_type = 2
+    for shape in shapes:
+        shape.elasticity, shape.friction = 1.0, 0.0
+    space.add(*bodies, *shapes)
+    return space, bodies
 
 
 def _count(counts: np.ndarray, index: int) -> None:

@@ -1,21 +1,20 @@
 rule aggregate:
     input:
         trajectories,
+        plan=plan_file,
     output:
-        f"{results}/aggregate/{study.name}.nc",
+        dataset=f"{results}/aggregate/{study.name}.nc",
+        made_from=f"{results}/aggregate/made_from_{made_from['aggregate']}.txt",
     log:
-        f"{results}/logs/aggregate/{study.name}.log",
-    benchmark:
-        f"{results}/benchmarks/aggregate/{study.name}.tsv"
-    threads: cores_of_aggregate(study)
+        f"{results}/logs/aggregate.log",
     resources:
         **request["aggregate"],
     params:
-        study=(shell_path(study_file),),
-        config=settings,
+        study=study_words,
         windows=[f"{start}:{end}" for start, end in study.fit_windows],
         options=study.aggregate_options,
-        made_with=made_with("aggregate"),
+        plan=plan_option,
     shell:
-        "brownpipe aggregate --study {params.study} {params.config:q} --output {output:q} --fit-windows {params.windows:q}"
-        " {params.options} --cores {threads} 2> {log:q}"
+        'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
+        " && brownpipe aggregate --study {params.study} {params.plan:q} --output {output.dataset:q}"
+        " --list-runs {output.made_from:q} --fit-windows {params.windows:q} {params.options} 2> {log:q}"

@@ -1,29 +1,27 @@
 rule figures:
     input:
-        dataset=f"{results}/aggregate/{study.name}.nc",
-        replay=replay,
+        rules.aggregate.output.made_from,
+        dataset=rules.aggregate.output.dataset,
     output:
         summary=report(f"{results}/figures/summary.txt", caption="../report/summary.rst", category="Answer"),
         numbers=f"{results}/figures/summary.csv",
-        provenance=f"{results}/figures/provenance.json",
+        provenance=update(f"{results}/figures/provenance.json"),  # lists the files of the drawing before
         figures=[
             report(f"{results}/figures/{name}.svg", caption=f"{captions}/{name}.rst", category="Figures")
             for name in study.figures
         ],
         others=expand("{results}/figures/{name}.{kind}", results=results, name=study.figures, kind=["png", "csv"]),
-        checksums=f"{results}/figures/SHA256SUMS",
         page=f"{results}/report.html",
+        made_from=f"{results}/figures/made_from_{made_from['figures']}.txt",
     log:
-        f"{results}/logs/figures/{study.name}.log",
-    benchmark:
-        f"{results}/benchmarks/figures/{study.name}.tsv"
+        f"{results}/logs/figures.log",
     threads: 2
     resources:
         **request["figures"],
     params:
         names=study.figures,
-        replay=["--replay", *replay] if replay else [],
-        made_with=made_with("figures"),
+        particles=["--particles", study.shown_particles] if study.shown_particles else [],
     shell:
-        'brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
-        " {params.replay:q} --figures {params.names:q} --cores {threads} 2> {log:q}"
+        'rm -f "$(dirname {output.summary:q})"/made_from_*.txt'
+        ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
+        " {params.particles:q} --figures {params.names:q} --cores {threads} 2> {log:q} && touch {output.made_from:q}"

@@ -1,19 +1,16 @@
-# Parameters, not inputs: the path of the scene file and the digest of its physics. Editing a comment reruns nothing.
 rule simulate:
     output:
-        f"{results}/simulate/{batch}.h5",
+        f"{runs}.h5",
     log:
-        f"{results}/logs/simulate/{batch}.log",
-    benchmark:
-        f"{results}/benchmarks/simulate/{batch}.tsv"
+        f"{runs}.log",
     resources:
         **request["simulate"],
     params:
-        scene=lookup(dpath="{scene}/{particles}/file", within=cases),
-        physics=lookup(dpath="{scene}/{particles}/digest", within=cases),
-        engine=lookup(dpath="{engine}/options", within=engines),
+        scene=lookup(dpath="{digest}/scene", within=simulations),
+        engine=lookup(dpath="{digest}/engine", within=simulations),
+        digest=lookup(dpath="{digest}/digest", within=simulations),
         options=study.simulate_options,
-        made_with=lookup(dpath="{engine}/made_with", within=engines),
     shell:
         "brownpipe simulate {params.scene} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
-        " --engine {params.engine} {params.options} --allow-failed all --output {output:q} > {log:q} 2>&1"
+        " --engine {params.engine} {params.options} --planned {params.digest} --allow-failed all --output {output:q}"
+        " > {log:q} 2>&1"

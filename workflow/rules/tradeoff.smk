@@ -2,48 +2,47 @@
 rule tradeoff:
     input:
         trajectories,
+        plan=plan_file,
     output:
-        f"{results}/tradeoff/{study.name}.nc",
+        dataset=f"{results}/tradeoff/{study.name}.nc",
+        made_from=f"{results}/tradeoff/made_from_{made_from['tradeoff']}.txt",
     log:
-        f"{results}/logs/tradeoff/{study.name}.log",
-    benchmark:
-        f"{results}/benchmarks/tradeoff/{study.name}.tsv"
+        f"{results}/logs/tradeoff.log",
     threads: 1000  # limited to all cores
     resources:
         **request["tradeoff"],
     params:
-        study=(shell_path(study_file),),
-        config=settings,
-        instead_of=study.instead_of,
-        made_with=made_with("tradeoff"),
+        study=study_words,
+        plan=plan_option,
     shell:
-        "brownpipe tradeoff {params.study} {params.config:q} --output {output:q} 2> {log:q}"
+        'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
+        " && brownpipe tradeoff {params.study} {params.plan:q} --output {output.dataset:q}"
+        " --list-runs {output.made_from:q} > {log:q} 2>&1"
 
 
 rule tradeoff_drawings:
     input:
-        f"{results}/tradeoff/{study.name}.nc",
+        rules.tradeoff.output.made_from,
+        dataset=rules.tradeoff.output.dataset,
     output:
         table=report(f"{results}/tradeoff/tradeoff.txt", caption=f"{captions}/tradeoff.rst", category="Trade-off"),
         numbers=f"{results}/tradeoff/tradeoff.csv",
-        provenance=f"{results}/tradeoff/provenance.json",
+        provenance=update(f"{results}/tradeoff/provenance.json"),  # lists the files of the drawing before
         figures=[
             report(f"{results}/tradeoff/tradeoff_{name}.svg", caption=f"{captions}/tradeoff.rst", category="Trade-off")
             for name in study.tradeoff_cases
         ],
         others=expand("{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.tradeoff_cases),
-        checksums=f"{results}/tradeoff/SHA256SUMS",
         page=f"{results}/tradeoff/report.html",
+        drawn_from=f"{results}/tradeoff/drawn_from_{made_from['tradeoff_figures']}.txt",
     log:
-        f"{results}/logs/tradeoff_drawings/{study.name}.log",
-    benchmark:
-        f"{results}/benchmarks/tradeoff_drawings/{study.name}.tsv"
+        f"{results}/logs/tradeoff_drawings.log",
     resources:
         **request["tradeoff_drawings"],
-    params:
-        made_with=made_with("tradeoff_figures"),
     shell:
-        'brownpipe figures {input:q} --output "$(dirname {output.table:q})" --page {output.page:q} 2> {log:q}'
+        'rm -f "$(dirname {output.table:q})"/drawn_from_*.txt'
+        ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.table:q})" --page {output.page:q} 2> {log:q}'
+        " && touch {output.drawn_from:q}"
 
 
 # As rule all does for the study, this asks for every file of the trade-off, and shows its answer at each run.
@@ -51,7 +50,7 @@ rule tradeoff_figures:
     input:
         rules.tradeoff_drawings.output,
         rules.tradeoff.output,
-        rules.tradeoff.input,
+        trajectories,
         table=rules.tradeoff_drawings.output.table,
         page=rules.tradeoff_drawings.output.page,
     localrule: True

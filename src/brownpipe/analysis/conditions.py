@@ -18,8 +18,8 @@ def initial_square_speed(scene: Scene) -> float:
     a tracer that exchanges energy before t = 0 with a bath of another temperature.
     """
     if scene.velocities is None:
-        return float(np.square(scene.disks[0].velocity).sum()) if scene.disks else np.nan
-    if scene.equilibrate and scene.tracer_while_equilibrating == "free" and scene.velocities.temperature is None:
+        return float(np.square(scene.listed[0].velocity).sum()) if scene.listed else np.nan
+    if scene.equilibrate.time and scene.equilibrate.tracer == "free" and scene.velocities.temperature is None:
         return np.nan
     share = scene.mass / scene.mass.sum()
     if scene.velocities.temperature is None:
@@ -31,8 +31,8 @@ def initial_square_speed(scene: Scene) -> float:
 
 def start(scene: Scene) -> np.ndarray:
     """Return the position (2,) [length] of the tracer at t = 0; NaN if it is random."""
-    moved = scene.equilibrate > 0 and scene.tracer_while_equilibrating == "free"
-    position = next((disk.position for disk in scene.disks or scene.species), None)
+    moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
+    position = next((disk.position for disk in scene.listed or scene.species), None)
     if position is None or moved:
         return np.full(2, np.nan)
     return np.array(position, float)

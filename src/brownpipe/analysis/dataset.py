@@ -1,17 +1,17 @@
 """One labelled dataset from the trajectory files of a study: all estimates for each scene, particle count, engine."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain, pairwise
+from itertools import accumulate, chain, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from brownpipe import stages
 from brownpipe.analysis import (
     conditions,
     displacement,
     distribution,
-    goodness,
     non_gaussian,
     orientation,
     pairs,
@@ -27,7 +27,6 @@ from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_o
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
 from brownpipe.engines.failures import HEALTH
 from brownpipe.errors import AnalysisError
-from brownpipe.parallel import Report, calculated
 from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.storage import Outline, made_by, origin_attributes
 
@@ -60,11 +59,10 @@ def aggregate(
     dr: float | None = None,
     rings: int | None = None,
     displacement_times: Sequence[float] = (),
-    cores: int = 1,
 ) -> "xarray.Dataset":
     """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
-    A file that is given with what it is to hold (`storage.Expected`) is refused if it holds other runs.
+    A file that is given with what it is to hold (`storage.StoredFile`) is refused if it holds other runs.
     The files may hold any scenes, particle counts, engines and batches of seeds, in any order: the result depends on
     the runs alone, to the bit, and peak memory does not grow with their number. Failed runs are counted and left out of
     every average. Values that a case lacks (a shorter duration, fewer seeds) are NaN.
@@ -73,7 +71,6 @@ def aggregate(
         run to its end.
     dr, rings: width [length] and number of the rings of the displacement distribution, by default from the data.
     displacement_times: its times [time], by default the end of each run.
-    cores: on which as many cases are analysed at the same time; each takes memory of its own.
 
     Raises AnalysisError for files that do not belong together, for windows and times that coincide or that no run
     reaches, for rings far wider than any box, and what `storage.read_trajectories` raises for broken files.
@@ -86,12 +83,11 @@ def aggregate(
     options = Options(fitted, edges, tuple(displacement_times or ()))
     _refuse_same(options)
     outlines = [group.outline for group in groups]
-    cases = [Case(one.scene, one.engine.label, one.times, options, one.average) for one in outlines]
+    cases = [Case(one.scene, one.engine, one.times, options, one.average) for one in outlines]
     _refuse_out_of_reach(cases, windows or (), dr or 0.0)
     _refuse_unsampled(cases, options.displacement_times)
-    if cores > 1:
-        goodness.import_scipy()  # here and not in every process
-    parts = calculated(_results, [*zip(cases, groups, strict=True)], [len(one.seeds) for one in groups], "runs", cores)
+    *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
+    parts = [_results(*given, total) for given in zip(cases, groups, before, strict=True)]
     seeds = np.unique(np.concatenate([group.seeds for group in groups]))
     for part, case, group in zip(parts, cases, groups, strict=True):
         ends = [other.seeds[[0, -1]] for like, other in zip(cases, groups, strict=True) if like.engine == case.engine]
@@ -136,9 +132,8 @@ def _refuse_unsampled(cases: Sequence[Case], times: Sequence[float]) -> None:
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
 
-def _results(item: tuple[Case, Group], report: Report) -> Part:
-    """Return the values of all variables for a case, from its group; report how many of the runs are analysed."""
-    case, group = item
+def _results(case: Case, group: Group, before: int, total: int) -> Part:
+    """Return the values of all variables for a case, from its group; `before` of the `total` runs are analysed."""
     averages, health, masks, stopped = NO_RUNS, [], [], dict[int, str]()
 
     def good_runs() -> Iterator[RunBlock]:
@@ -150,7 +145,7 @@ def _results(item: tuple[Case, Group], report: Report) -> Part:
             health.append(np.stack([runs.observables.get(name, np.full(len(bad), np.nan)) for name in HEALTH]))
             if not bad.all():
                 yield select(runs, ~bad) if bad.any() else runs
-            report(sum(map(len, masks)))
+            stages.report("runs", before + sum(map(len, masks)), total)
 
     blocks = good_runs()
     first = _enough_for_rings(blocks)

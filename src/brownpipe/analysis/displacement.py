@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis import resampling
-from brownpipe.analysis.conditions import initial_square_speed
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled, with_error, with_interval
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import AREA, EACH, FOLLOWED, RATE, TIME, Variable, error_of, estimate_of, kept_always
@@ -118,10 +117,7 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     growth = with_velocity(case, runs, "displacement_velocity")
     if growth is not None:
         means["diffusion_running"] = growth / 2
-    v2 = runs.observables.get("initial_square_speed")
-    if v2 is None or np.isnan(initial_square_speed(case.scene)):
-        return Columns(means)
-    return Columns(means | {"v2": v2}, {"r2_v2": squared * v2[:, None]})
+    return Columns(means)
 
 
 def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -140,36 +136,7 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     }
     if "diffusion_running" in averages:
         values |= with_interval("diffusion_running", averages.estimate("diffusion_running"))
-    return values | _controlled(case, averages)
-
-
-def _controlled(case: Case, averages: Averages) -> dict[str, np.ndarray]:
-    """MSD with the initial square speed as control variate, and the ratio of its variance to that of the plain mean.
-
-    <r^2> - b (<v0^2> - its exact mean), b the regression coefficient of r^2 on v0^2 over runs (R. Y. Rubinstein and
-    R. Marcus, Oper. Res. 33, 661 (1985)). In the replicates the mean over all runs takes the place of the exact one.
-    {} if v0 is the same in all runs.
-    """
-    if "r2_v2" not in averages or not averages.variance("v2") > 0.0 or averages.runs < 3:
-        return {}
-    r2, drawn_r2, plain = averages.mean("msd"), averages.drawn("msd"), averages.variance("msd")
-    v2, drawn_v2 = averages.mean("v2"), averages.drawn("v2")[:, None]
-    b, residual = _regression(averages.mean("r2_v2") - r2 * v2, plain, averages.variance("v2"))
-    of_r2, of_v2 = averages.drawn_variance("msd"), averages.drawn_variance("v2")[:, None]
-    drawn_b, drawn_residual = _regression(averages.drawn("r2_v2") - drawn_r2 * drawn_v2, of_r2, of_v2)
-    value = r2 - b * (v2 - initial_square_speed(case.scene))
-    error = np.sqrt(residual / (averages.runs - 2))
-    shift = drawn_r2 - drawn_b * (drawn_v2 - v2) - r2
-    drawn_square = drawn_residual / resampling.degrees(averages.sums)
-    estimate = resampling.studentized(averages.runs, value, error, shift, drawn_square)
-    ratio = np.divide(residual, plain, out=np.full_like(plain, np.nan), where=plain > 0.0)
-    return with_interval("msd_controlled", estimate) | {"control_variance_ratio": ratio}
-
-
-def _regression(covariance: np.ndarray, of_r2: np.ndarray, of_v2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficient of the regression of r^2 on v0^2, and the residual variance, from covariance and variances."""
-    b = np.divide(covariance, of_v2, out=np.zeros_like(covariance), where=of_v2 > 0.0)
-    return b, np.maximum(of_r2 - b * covariance, 0.0)
+    return values
 
 
 def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
@@ -201,9 +168,7 @@ ESTIMATOR = Estimator(
             **estimate_of("diffusion_coefficient", WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
         }
     )
-    | estimate_of("diffusion_running", TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4")
-    | estimate_of("msd_controlled", TIME, AREA, "mean squared displacement with the known <v0^2> as control variate")
-    | {"control_variance_ratio": Variable(TIME, "1", "variance of msd_controlled over that of msd")},
+    | estimate_of("diffusion_running", TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4"),
     _axes,
     {
         "window": {"long_name": "time window of the straight-line fit"},

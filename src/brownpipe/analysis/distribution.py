@@ -190,23 +190,9 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
                 "p_value": test.p,
                 "p_value_joint": goodness.both(test.p, of_shape) if np.isfinite(test.p) else np.nan,
                 "power_5_percent": min(powers),
-                "verdict": verdict(test.p, of_shape, min(powers)),
             }
         )
     return {name: [test[name] for test in tests] for name in tests[0]}
-
-
-def verdict(p: float, kurtosis_p: float, chance: float) -> str:
-    """Return the result of a model's tests in words: p-values of rings and kurtosis, and the power of the rings."""
-    if np.isnan(p):
-        return "not tested: too few runs, too few rings with runs, or no diffusion coefficient"
-    said = "rejected" if goodness.both(p, kurtosis_p) < goodness.LEVEL else "not rejected"
-    of_each = f"rings {goodness.in_words(p)}"
-    if not np.isnan(kurtosis_p):
-        joint = goodness.in_words(goodness.both(p, kurtosis_p))
-        of_each = f"{joint} ({of_each}, kurtosis {goodness.in_words(kurtosis_p)})"
-    seen = f"power: rings reject a D off by {100 * WRONG_BY:.0f} % with probability {100 * chance:.0f} %"
-    return f"{said} at the {100 * goodness.LEVEL:.0f} % level: {of_each}; {seen}"
 
 
 def kurtosis(averages: Averages, names: tuple[str, str, str] = ("r2", "r4", "r6")) -> resampling.Estimate:
@@ -284,7 +270,6 @@ ESTIMATOR = Estimator(
             "power_5_percent": Variable(
                 MODEL, "1", "power: probability that the test of the rings rejects a D wrong by 5 %"
             ),
-            "verdict": Variable(MODEL, "1", "result of the tests at the 1 % level, in words", object, ""),
             "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
         }
     )

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from brownpipe.analysis import resampling
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.variables import Variable
+from brownpipe.engines import Engine
 from brownpipe.scene import Scene
 
 Arrays = Mapping[str, np.ndarray]
@@ -33,7 +34,7 @@ class Case(NamedTuple):
     """One scene, particle count and engine, and the settings of its analysis."""
 
     scene: Scene
-    engine: str  # label
+    engine: Engine
     times: np.ndarray  # (T,) [time]
     options: Options
     average: str = "runs"  # what displacements and autocorrelations are averaged over (observables.AVERAGES)
@@ -41,7 +42,7 @@ class Case(NamedTuple):
 
     @property
     def key(self) -> tuple[str, int, str]:
-        return self.scene.name, self.scene.particles, self.engine
+        return self.scene.name, self.scene.particles, self.engine.label
 
 
 class Columns(NamedTuple):

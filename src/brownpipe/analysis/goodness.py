@@ -67,12 +67,6 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
     return ChiSquare(statistic, freedom, upper_tail(statistic, *_weights(expected, source, pools, observed.sum())))
 
 
-def import_scipy() -> None:
-    """Import the parts of SciPy that are used here, which takes 0.4 s."""
-    import scipy.optimize
-    import scipy.special  # noqa: F401
-
-
 def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = KNOWN, level: float = LEVEL) -> float:
     """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,) holds.
 

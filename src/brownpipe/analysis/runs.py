@@ -4,7 +4,6 @@ The only reader of studies: `analysis.dataset` and `tradeoff.runs` both take the
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -14,12 +13,10 @@ import numpy as np
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
 from brownpipe.engines.state import NONE_STOPPED, Ensemble, Track, blank
 from brownpipe.errors import AnalysisError
-from brownpipe.scene import Scene
 from brownpipe.stages import tracked
-from brownpipe.storage import Expected, Outline, Trajectories, read_outline, read_trajectories
-from brownpipe.storage.expected import difference
+from brownpipe.storage import Outline, StoredFile, Trajectories, read_outline, read_trajectories
 
-Source = str | Path | Expected | Trajectories  # of runs: a file, perhaps with what it is to hold, or runs in memory
+Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with what it is to hold, or runs in memory
 LOADED = 2  # files kept in memory; enough to read each batch of consecutive seeds only once
 
 
@@ -75,12 +72,12 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
 def _described(number: int, source: Source) -> TrajectoryFile:
     if isinstance(source, Trajectories):
         return TrajectoryFile(f"runs[{number}]", source.outline, block_of(source.ensemble))
-    if not isinstance(source, Expected):
+    if not isinstance(source, StoredFile):
         return TrajectoryFile(str(source), read_outline(source))
     path, outline = str(source.path), read_outline(source.path)
-    if wrong := difference(outline, source.request):
-        raise AnalysisError(f"{path}: {wrong}; delete it and run the study again")
-    return TrajectoryFile(path, outline)
+    if outline.digest != source.digest or not np.array_equal(outline.seeds, range(source.first, source.last + 1)):
+        raise AnalysisError(f"{path}: holds other runs than its name says; delete it and run the study again")
+    return TrajectoryFile(path, outline._replace(seeds=outline.seeds[np.isin(outline.seeds, source.seeds)]))
 
 
 def _group(files: Sequence[TrajectoryFile]) -> Group:
@@ -112,7 +109,7 @@ def _refuse_duplicates(files: Sequence[TrajectoryFile], seeds: np.ndarray) -> No
         raise AnalysisError(
             f"{holders[-1]}: seed {repeated[0]} is already in {holders[0]}; each run may count only once"
         )
-    if files[0].outline.scene.disks and len(seeds) > 1:
+    if files[0].outline.scene.listed and len(seeds) > 1:
         raise AnalysisError(
             f"{files[-1].path}: its disks are listed one by one: all its runs are the same; give one seed"
         )
@@ -120,9 +117,11 @@ def _refuse_duplicates(files: Sequence[TrajectoryFile], seeds: np.ndarray) -> No
 
 def _refuse_namesakes(groups: Sequence[Group]) -> None:
     """Refuse scenes of one name that differ in anything but their particle counts."""
-    known: dict[str, Scene] = {}
+    known: dict[str, dict] = {}
     for scene in (group.outline.scene for group in groups):
-        uncounted = replace(scene, species=tuple(replace(species, count=0) for species in scene.species))
+        uncounted = scene.as_mapping()
+        for counted in (uncounted, *uncounted["disks"]["species"]) if scene.species else ():
+            counted.update(particles=0, count=0)
         if known.setdefault(scene.name, uncounted) != uncounted:
             raise AnalysisError(f"two different scenes are called {scene.name!r}; give one of them another name")
 
@@ -136,7 +135,8 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
     read = lru_cache(maxsize=LOADED)(lambda path: block_of(read_trajectories(path).ensemble))
 
     def load(file: TrajectoryFile) -> RunBlock:
-        return read(file.path) if file.runs is None else file.runs
+        runs, wanted = read(file.path) if file.runs is None else file.runs, file.outline.seeds
+        return runs if len(runs.seeds) == len(wanted) else select(runs, np.isin(runs.seeds, wanted))
 
     files = sorted(group.files, key=lambda file: file.outline.seeds.min())
     blocks = [set(np.unique(file.outline.seeds // SEEDS_PER_BLOCK).tolist()) for file in files]

@@ -11,7 +11,7 @@ from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, with_error
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
-from brownpipe.engines import DEFINITIONS, friction
+from brownpipe.engines import friction
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
@@ -165,7 +165,7 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     values: dict[str, ArrayLike] = {}
     for name in (name for name in COLLISION_COUNTS if name in averages):
         values |= with_error(name, averages.estimate(name))
-    has_bath = DEFINITIONS[case.engine.partition("-")[0]].counts_collisions
+    has_bath = case.engine.definition.counts_collisions
     return values | intervals(averages, MEASURED) | enskog(case.scene, has_bath)
 
 

@@ -4,10 +4,12 @@ A new engine is a package with a `Definition` and its entry in DEFINITIONS. Its 
 """
 
 from collections.abc import Callable, Collection, Sequence
+from functools import cache
 from importlib import import_module
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
-from brownpipe.engines.compiled import KernelCall, seconds_to_compile
+from pydantic import Field, create_model
+
 from brownpipe.engines.definition import Definition
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import Cost
@@ -15,8 +17,7 @@ from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.state import Ensemble
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
-from brownpipe.scene import reading
-from brownpipe.scene.reading import Entry
+from brownpipe.scene.reading import Record, validated
 from brownpipe.scene.scene import Scene
 
 DEFINITIONS = {definition.name: definition for definition in (EXACT, TIMESTEP, LANGEVIN)}
@@ -36,7 +37,7 @@ class Engine(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name in folders, datasets and figures, like timestep-0.001-single, without settings at their default."""
+        """The name in folders, datasets and figures, like timestep-0.001-late, without settings at their default."""
         defaults = _defaults(self.definition)
         return "-".join([self.name, *(str(value) for key, value in self.settings if defaults.get(key) != value)])
 
@@ -58,15 +59,6 @@ class Engine(NamedTuple):
     ) -> Cost:
         """Return the forecast for one run of a scene that the engine does not refuse."""
         return self.definition.forecast(scene, dict(self.settings), record, observables, average)
-
-    def seconds_to_compile(self, scene: Scene) -> dict[str, float]:
-        """Return the CPU seconds to compile each kernel that has no machine code yet, by its name and types."""
-        return seconds_to_compile(self.kernel_calls(scene))
-
-    def kernel_calls(self, scene: Scene) -> list[KernelCall]:
-        """Return the calls that compile the kernels for a scene."""
-        simulation = import_module(self.definition.simulation)
-        return simulation.kernel_calls(scene, **dict(self.settings))
 
     def simulate(
         self,
@@ -111,29 +103,24 @@ def option(setting: str) -> str:
     return f"--{setting.replace('_', '-')}"
 
 
-def read_engine(entry: Entry) -> Engine:
-    """Return the engine of a study: its name, or a mapping with name and settings. Raises RequestError."""
-    mapping = entry.value if isinstance(entry.value, dict) else {"name": entry.value}
-    name = entry.part("name", mapping.get("name"))
-    if "name" not in mapping:
-        reading.refuse(name, f"missing; must be given, as in {{name: {next(iter(DEFINITIONS))}}}")
-    definition = DEFINITIONS[reading.choice(name, tuple(DEFINITIONS))]
-    defaults = _defaults(definition)
-    required = tuple(key for key in definition.settings if key not in defaults)
-    entries = reading.fields(entry._replace(value=mapping), ("name", *required), defaults)
-    settings = tuple((key, setting.read(entries[key])) for key, setting in definition.settings.items())
-    return Engine(definition.name, settings)
+@cache
+def settings_of(name: str) -> type[Record]:
+    """Return the record of the settings of an engine, after its name."""
+    keys: dict[str, Any] = {"name": (Literal[name], name)}
+    for key, setting in DEFINITIONS[name].settings.items():
+        default = ... if setting.default is None else setting.default
+        keys[key] = (setting.kind, Field(default, description=setting.help))
+    return create_model(name, __base__=Record, __doc__=DEFINITIONS[name].summary, **keys)
 
 
 def recorded(mapping: dict, where: str = "") -> Engine:
     """Return the engine that a file or dataset records as a mapping of name and settings; `where` is for messages.
 
-    A setting that an older file does not record has its `unrecorded` value. Raises RequestError.
+    Raises RequestError.
     """
-    definition = DEFINITIONS.get(str(mapping.get("name")))
-    settings = definition.settings if definition else {}
-    older = {key: setting.unrecorded for key, setting in settings.items() if setting.unrecorded is not None}
-    return read_engine(Entry(older | mapping, where))
+    name = validated(Literal[tuple(DEFINITIONS)], mapping.get("name"), where, "name")
+    _, *values = validated(settings_of(name), mapping, where)
+    return Engine(name, tuple(values))
 
 
 def requested(name: str, values: dict[str, object], option: Callable[[str], str] = option) -> Engine:
@@ -142,7 +129,7 @@ def requested(name: str, values: dict[str, object], option: Callable[[str], str]
     `option` returns how a setting is named there: the option of the command line, or the argument in Python.
     Raises RequestError, naming it, for a setting that the engine lacks, that is missing or that is not allowed.
     """
-    definition = DEFINITIONS[reading.choice(Entry(name, "", (option("engine"),)), tuple(DEFINITIONS))]
+    definition = DEFINITIONS[validated(Literal[tuple(DEFINITIONS)], name, key=option("engine"))]
     settings = definition.settings
     defaults = _defaults(definition)
     for key in values.keys() - settings.keys():
@@ -154,5 +141,5 @@ def requested(name: str, values: dict[str, object], option: Callable[[str], str]
         raise RequestError(f"{option(key)} {values[key]}: {wrong}")
     for key in settings.keys() - values.keys() - defaults.keys():
         raise RequestError(f"{option(key)}: missing; must be given with {option('engine')} {name}")
-    entries = {key: Entry(value, "", (option(key),)) for key, value in (defaults | values).items()}
-    return Engine(name, tuple((key, setting.read(entries[key])) for key, setting in settings.items()))
+    given = defaults | values
+    return Engine(name, tuple((key, validated(s.kind, given[key], key=option(key))) for key, s in settings.items()))

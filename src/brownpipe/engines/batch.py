@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import observables, stages
-from brownpipe.engines import kernel_cache
 from brownpipe.engines.saturation import share_failing
 from brownpipe.engines.state import Ensemble, Events, Track, blank, together
 from brownpipe.engines.units import SMALLEST_NORMAL
@@ -19,8 +18,6 @@ EVERY_RUN = 0.99  # share of runs without a place for all disks above which the 
 MOST_TOGETHER = 64  # short runs that are reported at once when they have ended
 ROWS_TOGETHER = 16_384  # disks and samples of these runs at most, which are kept in memory until then
 Ended = TypeVar("Ended")  # what an engine keeps of a run that has ended
-
-kernel_cache.on_compile.append(stages.remark)
 
 
 class RunResult(NamedTuple):

@@ -1,29 +1,26 @@
 """What is known of an engine before it runs: its settings, its model, the scenes it refuses, and the cost of a run."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from brownpipe.engines.forecast import Cost
-from brownpipe.scene import reading
-from brownpipe.scene.reading import Entry
 from brownpipe.scene.scene import Scene
 
 
 class Setting(NamedTuple):
     """A setting of an engine."""
 
-    read: Callable[[Entry], object]  # returns the value of an entry; raises RequestError if it is not allowed
+    kind: Any  # the type of its values, for pydantic
     metavar: str  # of the command line's option
     help: str  # of the option: the values, in a few words
     default: object = None  # None: it must be given
-    unrecorded: object = None  # its value in files written before the setting existed; None: `default`
     is_positive: bool = False  # the option takes a positive number; otherwise a word
     words: tuple[str, ...] = ()  # those allowed, if it takes a word
 
 
 def one_of(words: tuple[str, ...], metavar: str, help: str, **more: Any) -> Setting:
     """Return a setting whose value is one of the words."""
-    return Setting(lambda entry: reading.choice(entry, words), metavar, help, words=words, **more)
+    return Setting(Literal[words], metavar, help, words=words, **more)
 
 
 class Definition(NamedTuple):

@@ -2,7 +2,6 @@
 
 CPU time is a sum of terms in proportion to the numbers of collisions, of cell crossings, of samples, and of disks that
 an observable measures in a sample; the costs of an observable are in its record (`observables.Observable`).
-`benchmarks/bench_cost.py` compares the forecast with the CPU time taken.
 
 The forecast is rough on purpose. Collision counts hold in equilibrium, within some percent up to a packing fraction of
 0.65. In a scene that gives disks of all masses the same standard deviation of the velocity, they hold for the first
@@ -48,7 +47,7 @@ EVENT_IN_FILE = 22  # bytes of a collision, compressed
 COMPRESSED = 0.95  # size of compressed random coordinates, relative to the bytes of the numbers
 BYTES_PER_NUMBER = 8
 MOST_RUNS = 10**9  # of one process
-COPIES_KEPT, COPIES_WRITTEN = 2, 3  # of what is recorded, as arrays and as a file, while it is written and verified
+COPIES_KEPT, COPIES_WRITTEN = 2, 2  # of what is recorded, as arrays and as a file, while it is written
 
 
 class Cost(NamedTuple):
@@ -83,7 +82,7 @@ def of_run(
 
     `record` and `average` as in `engines.batch.new_batch`.
     """
-    time = scene.duration + scene.equilibrate
+    time = scene.duration + scene.equilibrate.time
     mixture = mixture_of(scene)
     pair_collisions = time * pair_rate(scene, mixture)
     wall_collisions = time * wall_rate(scene, mixture)
@@ -93,7 +92,7 @@ def of_run(
     every_disk = measures.needs_every_disk(scene, observables, average)
     disks_recorded = 1 + (scene.particles if every_disk or "all" in record else 0)
     working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * len(scene.times) * disks_recorded
-    seconds = EACH_RUN + EQUILIBRATION * (scene.equilibrate > 0) + SECONDS_TO_FAIL * share_failing(scene)
+    seconds = EACH_RUN + EQUILIBRATION * (scene.equilibrate.time > 0) + SECONDS_TO_FAIL * share_failing(scene)
     seconds += (SECONDS_PER_DISK + SECONDS_PER_BLOCK * blocks(time, mixture)) * scene.particles
     seconds += slower * SECONDS_PER_COLLISION * events
     seconds += slower * SECONDS_PER_CROSSING * time * crossing_rate(scene, mixture)
@@ -168,7 +167,7 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
 
 def mixture_of(scene: Scene) -> Mixture:
     """Return the disks of a scene by radius and mass, in ascending order."""
-    groups = scene.species or scene.disks
+    groups = scene.species or scene.listed
     counts = [getattr(group, "count", 1) for group in groups]
     radius_and_mass = np.array([(group.radius, group.mass) for group in groups]).reshape(-1, 2)
     components, component = np.unique(radius_and_mass, axis=0, return_inverse=True)
@@ -185,7 +184,7 @@ def _speeds(scene: Scene, mass: np.ndarray) -> np.ndarray:
     if scene.particles == 0:
         return np.zeros(len(mass))
     if scene.velocities is None:
-        velocity = np.array([disk.velocity for disk in scene.disks])
+        velocity = np.array([disk.velocity for disk in scene.listed])
         unit = float(np.abs(velocity).max()) or 1.0  # so that no square overflows
         return unit * np.sqrt(np.mean(scene.mass * np.sum((velocity / unit) ** 2, axis=1)) / 2 / mass)
     if scene.velocities.temperature is not None:

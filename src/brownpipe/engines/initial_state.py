@@ -22,8 +22,8 @@ def draw(scene: Scene, seed: int) -> State:
     """
     radius, mass = scene.radius, scene.mass
     if scene.velocities is None:
-        position = np.array([disk.position for disk in scene.disks]).reshape(-1, 2)
-        velocity = np.array([disk.velocity for disk in scene.disks]).reshape(-1, 2)
+        position = np.array([disk.position for disk in scene.listed]).reshape(-1, 2)
+        velocity = np.array([disk.velocity for disk in scene.listed]).reshape(-1, 2)
         return State(position, velocity, radius, mass)
     stream = _stream(ROOT_SEED, scene, seed)
     velocity = _velocities(scene, mass, stream)
@@ -41,7 +41,7 @@ def draw_tracer(
     """
     zero_momentum = scene.velocities.zero_momentum
     velocity = _velocities(scene, mass if zero_momentum else mass[:1], _stream(ROOT_SEED, scene, seed))
-    if zero_momentum and scene.equilibrate > 0:
+    if zero_momentum and scene.equilibrate.time > 0:
         velocity = without_total_momentum(velocity, mass)
     tracer = next(species for species in scene.species if species.count)
     if tracer.position is not None:
@@ -69,7 +69,7 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
         velocity = distribution.standard_deviation * normal
     else:
         velocity = np.sqrt(distribution.temperature / mass)[:, None] * normal
-    if distribution.zero_momentum and len(mass) and scene.equilibrate == 0:
+    if distribution.zero_momentum and len(mass) and scene.equilibrate.time == 0:
         return without_total_momentum(velocity, mass)
     return velocity
 

@@ -7,13 +7,11 @@ into each cell or -1; `following` (N,) int64, the disk inserted into the same ce
 
 import numpy as np
 
-from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.kernels import entry_point, kernel
 
 # How `insert` ends: all disks are placed; it needs more random numbers; a disk found no place in TRIES tries.
 PLACED, OUT_OF_NUMBERS, STUCK = range(3)
 TRIES = 1_000_000
-SECONDS_TO_COMPILE = 1.0  # of CPU
 
 
 @kernel
@@ -112,9 +110,8 @@ def insert(
     return PLACED if i == len(radius) else OUT_OF_NUMBERS
 
 
-def warm_up_call() -> KernelCall:
-    """Return the call that inserts no disk."""
+def insert_nothing() -> None:
+    """Insert no disk, so that the kernel is compiled."""
     no_disks, none = np.zeros((0, 2)), np.zeros(0, np.int64)
     cells = np.zeros((1, 1), np.int64)
-    arguments = (no_disks, no_disks[:, 0], 1.0, none, np.ones(2), False, no_disks, cells, none, np.zeros(2, np.int64))
-    return KernelCall(insert, arguments, SECONDS_TO_COMPILE)
+    insert(no_disks, no_disks[:, 0], 1.0, none, np.ones(2), False, no_disks, cells, none, np.zeros(2, np.int64))

@@ -1,70 +1,42 @@
 """Compile kernels with Numba.
 
-An `entry_point` is called from Python; all functions marked `kernel` that it calls are inlined into it. Its machine
-code is kept on disk (`engines/kernel_cache.py`). `engines/compiling.py` compiles it before the first run.
+An `entry_point` is called from Python; all functions marked `kernel` that it calls are inlined into it. Numba keeps its
+machine code on disk (`FOLDER`). `engines/compiling.py` compiles it before the first run.
 """
 
+import fcntl
 import hashlib
-import sys
-from collections.abc import Callable
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core.cpu import CPUContext, CPUTargetOptions
+from numba.core.caching import FunctionCache
+from numba.core.cpu import CPUContext
 from numba.extending import intrinsic, register_jitable
 
-from brownpipe.engines import inlining, kernel_cache, passes
+from brownpipe.engines import indices, inlining
+from brownpipe.provenance import PACKAGE
 
-inlining.install()
 config: Any = numba.config  # Numba sets its attributes from the environment, unseen by type checkers
 
 # error_model="numpy": x / 0 is inf, as for arrays, and no division needs a branch.
 # forceinline: of all kernels an entry point becomes one function, with the workspace in registers (3.4 times faster).
-# _nrt=False: no reference counts of array arguments (1.6 times faster); private to Numba, left out where it is unknown.
+# _nrt=False: no reference counts of array arguments (1.6 times faster); private to Numba.
 # fastmath is never used: results would depend on the model of the CPU.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
-if hasattr(CPUTargetOptions, "_nrt"):
-    OPTIONS["_nrt"] = False
 if inlining.is_tested():
-    OPTIONS["pipeline_class"] = passes.KernelCompiler
-
-
-def _defer_blas() -> None:
-    """Let Numba import scipy.linalg for the first function that needs BLAS, not for its own array functions.
-
-    `numba.np.arraymath` calls `ensure_blas` once, when it is imported, to learn whether SciPy has a BLAS. This costs
-    0.1 to 0.2 s of CPU in every process, and no kernel here calls BLAS. During that import `ensure_blas` only checks
-    the width of BLAS's integers, in versions of Numba that have this check. A function with np.dot calls the original
-    when it is compiled; its machine code imports SciPy's BLAS when it is executed.
-    """
-    usual = getattr(CPUContext, "load_additional_registries", None)
-    if usual is None or not inlining.is_tested() or "scipy" not in sys.modules:  # imported by Numba if installed
-        return
-
-    def load(context: CPUContext) -> None:
-        CPUContext.load_additional_registries = usual  # type: ignore[method-assign]
-        from numba.np import linalg
-
-        ensure_blas = getattr(linalg, "ensure_blas", None)
-        if ensure_blas is None:
-            usual(context)
-            return
-        linalg.ensure_blas = getattr(linalg, "_check_lapack_int_width", lambda: None)
-        try:
-            usual(context)
-        finally:
-            linalg.ensure_blas = ensure_blas
-            if arraymath := sys.modules.get("numba.np.arraymath"):
-                arraymath.ensure_blas = ensure_blas  # type: ignore[attr-defined]
-
-    CPUContext.load_additional_registries = load  # type: ignore[method-assign]  # replaced on purpose
-
-
-_defer_blas()
+    OPTIONS["_nrt"] = False
+    OPTIONS["pipeline_class"] = indices.Compiler
+    inlining.install()
+NEWEST = 4  # folders of machine code that are kept, each of another version of the source
 
 
 def kernel(function: Callable) -> Callable:
@@ -73,19 +45,66 @@ def kernel(function: Callable) -> Callable:
 
 
 def entry_point(function: Callable) -> Callable:
-    """Compile a function with all kernels that it calls at its first call from Python, once per machine.
-
-    Other threads of Python can run meanwhile (nogil), such as the one that ends the process after Ctrl-C.
-    """
+    """Compile a function with all kernels that it calls at its first call from Python, once per machine."""
     dispatcher = numba.njit(**OPTIONS, nogil=True)(function)
-    if not config.DISABLE_JIT:
-        before, _, module = function.__module__.partition("brownpipe.")
-        is_ours = not before and bool(module)
-        folder = kernel_cache.folder_of(module if is_ours else "engines.kernels")
-        digest = "" if is_ours else hashlib.sha256(Path(function.__code__.co_filename).read_bytes()).hexdigest()
-        if folder is not None:
-            dispatcher._cache = kernel_cache.DiskCache(folder, function, digest)
+    if FOLDER is not None and not config.DISABLE_JIT:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(FOLDER)  # read when the cache is made
+        dispatcher._cache = DiskCache(function)
+        config.CACHE_DIR = before
     return dispatcher
+
+
+class DiskCache(FunctionCache):
+    """Numba's own cache. Without the lock a variant can be saved in the file that another process takes for its own."""
+
+    def load_overload(self, *variant: Any) -> Any:
+        """Return a variant; None if it is not there. Files that a loss of power has truncated are forgotten.
+
+        Numba would first import all that could be compiled: 0.3 s. In our machine code that is inlined.
+        """
+        load = self._load_overload if inlining.is_tested() else super().load_overload
+        try:
+            return load(*variant)
+        except (EOFError, UnpicklingError):
+            self.flush()
+            return None
+
+    def save_overload(self, *variant: Any) -> None:
+        """Save a variant. If that fails, it stays in memory, and other processes compile it again."""
+        with suppress(OSError), _locked(FOLDER):
+            super().save_overload(*variant)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Let no other process write to the folder; raise OSError if it cannot be written to or has no locks."""
+    with open(folder / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _folder() -> Path | None:
+    """Return the folder of machine code: the first place that can be written to; None if there is none.
+
+    It is named after a digest of all that kernels are made from. Numba itself compares the source of the file with the
+    entry point alone, and would execute outdated code after an edit of another one.
+    """
+    sources = sorted([*PACKAGE.glob("engines/**/*.py"), PACKAGE / "elementary.py"])
+    name = f"kernels-{hashlib.sha256(b''.join(file.read_bytes() for file in sources)).hexdigest()[:16]}"
+    of_user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser(), "brownpipe")
+    for place in [Path(config.CACHE_DIR)] if config.CACHE_DIR else [PACKAGE / "__pycache__", of_user]:
+        with suppress(OSError):
+            folder = place.absolute() / name
+            folder.mkdir(parents=True, exist_ok=True)
+            with _locked(folder):
+                for old in sorted(place.glob("kernels-*"), key=os.path.getmtime)[:-NEWEST]:
+                    shutil.rmtree(old, ignore_errors=True)
+            return folder
+    return None
+
+
+FOLDER = _folder()
 
 
 def prefetch(array: np.ndarray, index: int | np.integer) -> None:

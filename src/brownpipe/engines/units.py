@@ -13,10 +13,10 @@ from brownpipe.engines.state import State
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-LARGEST_RATIO = 1e12  # of a mass to the smallest; `thermal_speed` takes heavier disks to have this mass
+LARGEST_RATIO = 1e12  # of a mass to the smallest; `rms_speed` takes heavier disks to have this mass
 SMALLEST_NORMAL = float(np.finfo(float).smallest_normal)  # the smallest floating-point number with all its digits
 SHORTEST_UNIT = 1e-305  # of time: the unit, its inverse and its products with speeds are normal floating-point numbers
-# The longest path in a block of time of the exact engine, in contact distances, of a disk at thermal speed. Times are
+# The longest path in a block of time of the exact engine, in contact distances, of a disk at rms speed. Times are
 # counted from the start of the block: at its end, round-off of the time moves such a disk by 1e-13 contact distances.
 PATH_PER_BLOCK = 1024.0
 
@@ -45,12 +45,12 @@ def frame_of(scene: Scene) -> Frame:
     box, radius, mass = scene.box, scene.radius, scene.mass
     origin = np.array([0.0 if low <= 0.0 <= high else low + (high - low) / 2 for low, high in (box.x, box.y)])
     common = common_radius(radius) if len(radius) else box.width
-    length, speed = power_of_two(2 * common), thermal_speed(scene)
+    length, speed = power_of_two(2 * common), rms_speed(scene)
     time_at_rest = max(length, power_of_two(scene.duration * 2.0**-960))  # in this unit the duration does not overflow
     time = length / power_of_two(speed) if speed > 0 else time_at_rest
     if not SHORTEST_UNIT <= time <= 1 / SHORTEST_UNIT:
         raise RequestError(
-            f"{scene.name}: velocities: the thermal speed {speed:.3g} must be from {length * SHORTEST_UNIT:.3g} to "
+            f"{scene.name}: velocities: the rms speed {speed:.3g} must be from {length * SHORTEST_UNIT:.3g} to "
             f"{length / SHORTEST_UNIT:.3g} for disks of radius {common:.3g}; choose other units"
         )
     order = np.argsort(radius <= common, kind="stable")
@@ -60,15 +60,15 @@ def frame_of(scene: Scene) -> Frame:
     return Frame(origin, length, time, unit, order, np.argsort(order))
 
 
-def thermal_speed(scene: Scene) -> float:
-    """Return the thermal speed sqrt(2 kT/m) of the lightest disks [length/time]; 0 if all disks are at rest.
+def rms_speed(scene: Scene) -> float:
+    """Return the rms speed sqrt(2 kT/m) of the lightest disks [length/time]; 0 if all disks are at rest.
 
     kT is the mean kinetic energy per disk, by the velocities that the scene gives; equipartition is assumed.
     """
     if scene.particles == 0:
         return 0.0
     if scene.velocities is None:
-        velocity = np.array([disk.velocity for disk in scene.disks])
+        velocity = np.array([disk.velocity for disk in scene.listed])
         largest = power_of_two(np.abs(velocity).max())
         squares = np.sum((velocity / largest) ** 2, axis=1)
     else:

@@ -5,39 +5,20 @@ A case is one scene with one particle count and one engine: the dataset without 
 
 from __future__ import annotations
 
-import re
-from contextlib import contextmanager, suppress
-from functools import wraps
-from pathlib import Path
-from traceback import extract_tb
-from typing import TYPE_CHECKING, Concatenate, ParamSpec, SupportsFloat, TypeVar
+import json
+from typing import TYPE_CHECKING, SupportsFloat
 
 import numpy as np
 
-from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
-from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
-from brownpipe.provenance import PACKAGE
-from brownpipe.scene.reading import NAME
-from brownpipe.storage.origin import read_origins
-from brownpipe.tradeoff import is_tradeoff
-from brownpipe.tradeoff.variables import COORDINATES, VARIABLES
+from brownpipe.errors import FigureError
+from brownpipe.scene import parse_scene
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable
 
     from xarray import DataArray, Dataset
 
     from brownpipe.scene import Scene
-
-LABEL = re.compile(r"[ -#%-~]{1,200}")  # of engines, windows, models, ...: ASCII without $, by which formulae begin
-NOTE_PARTICLES = 150  # of the 2020 note
-P = ParamSpec("P")
-R = TypeVar("R")
-OF_DATASETS = {*ALL_VARIABLES, *ALL_COORDINATES, *VARIABLES, *COORDINATES}  # names of variables and coordinates
-OF_DIMENSIONS = ALL_COORDINATES.keys() | COORDINATES.keys()
-DIMENSIONS = {dim for variable in (*ALL_VARIABLES.values(), *VARIABLES.values()) for dim in variable.dims}
-LONGEST_CAUSE = 120  # characters of another library's message within ours
-MISSING_PART = "{}: is missing in the dataset; make it again"
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
@@ -45,91 +26,6 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
     labels = [(s, n, e) for s in dataset.scene.values for n in dataset.particles.values for e in dataset.engine.values]
     cases = [dataset.sel(scene=s, particles=n, engine=e) for s, n, e in labels]
     return [case for case in cases if int(case.runs) + int(case.failed_runs) > 0]
-
-
-def of_whole_dataset(function: Callable[Concatenate[Dataset, P], R]) -> Callable[Concatenate[Dataset, P], R]:
-    """Let a function of a dataset raise FigureError, not an error of a library, if the dataset is not as it was made.
-
-    What is seen before the function is called: an empty dimension, one without its coordinate, in place of which xarray
-    would count, and a coordinate whose values are not those of an axis. A missing variable or dimension is seen by the
-    error that the function ends with. Any other error is given with its place in the source: it may come from a wrong
-    value anywhere in the dataset.
-    """
-
-    @wraps(function)
-    def naming(dataset: Dataset, *arguments: P.args, **options: P.kwargs) -> R:
-        for name in sorted(DIMENSIONS.intersection(dataset.dims)):
-            if dataset.sizes[name] == 0 or (name in OF_DIMENSIONS and name not in dataset.coords):
-                raise FigureError(MISSING_PART.format(name))
-            if name in dataset.coords:
-                _check_axis(dataset[name])
-        try:
-            return function(dataset, *arguments, **options)
-        except BrownpipeError:
-            raise
-        except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
-            name = _missing_variable(dataset, error) or _missing_dimension(dataset)
-            raise FigureError(_other_error(error) if name is None else MISSING_PART.format(name)) from error
-
-    return naming
-
-
-@contextmanager
-def of_file(path: str | Path) -> Iterator[None]:
-    """Put the name of the dataset's file before what it is refused for."""
-    try:
-        yield
-    except (FigureError, RequestError) as error:
-        raise type(error)(f"{path}: {error}") from error
-
-
-def _check_axis(coordinate: DataArray) -> None:
-    """Raise FigureError unless numbers are finite and increase along a coordinate, or labels differ."""
-    values = coordinate.values
-    if values.dtype.kind in "fiu":
-        is_axis, allowed = np.isfinite(values).all() and (values[1:] > values[:-1]).all(), "increasing numbers"
-    else:
-        is_axis, allowed = len({*values.tolist()}) == len(values), "labels that differ"
-    if not is_axis:
-        raise FigureError(f"{coordinate.name}: must have {allowed} in the dataset; make it again")
-
-
-def _other_error(error: Exception) -> str:
-    """Return the message for an error that neither a missing variable nor a missing dimension explains."""
-    *_, place = (frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_relative_to(PACKAGE))
-    cause = f"{type(error).__name__}: {str(error)[:LONGEST_CAUSE]}"
-    return (
-        f"{cause} ({Path(place.filename).relative_to(PACKAGE)}, line {place.lineno}); a value in the dataset may be "
-        "wrong: make it again, and if the error remains, please report it"
-    )
-
-
-def _missing_variable(dataset: Dataset, error: Exception) -> str | None:
-    """Return the variable whose lack caused an error; None for other errors.
-
-    xarray's KeyError is a text that lists variables; the name alone is in the KeyError that caused it.
-    """
-    names: list[object] = [getattr(error, "name", None), *error.args, *getattr(error.__cause__, "args", ())]
-    missing = OF_DATASETS.difference(dataset.variables)
-    return next((name for name in names if isinstance(name, str) and name in missing), None)
-
-
-def _missing_dimension(dataset: Dataset) -> str | None:
-    """Return the first dimension that a variable lacks, as where one point of it was selected."""
-    table = VARIABLES if is_tradeoff(dataset) else ALL_VARIABLES
-    missing = set[str]()
-    for name in table.keys() & dataset.variables.keys():
-        missing.update(set(table[str(name)].dims).difference(map(str, dataset[name].dims)))
-    return min(missing, default=None)
-
-
-def check_names(dataset: Dataset) -> None:
-    """Raise FigureError for a name that no scene, engine, window, ... has; names are in figures and names of files."""
-    for dim, coordinate in dataset.coords.items():
-        allowed = NAME if dim == "scene" else LABEL
-        for name in coordinate.values.ravel() if coordinate.dtype.kind in "OSU" else ():
-            if not allowed.fullmatch(str(name)):
-                raise FigureError(f"{dim}: {str(name)[:80]!r} is no name that brownpipe gives; make the dataset again")
 
 
 def has(case: Dataset, *names: str) -> bool:
@@ -145,20 +41,15 @@ def check_count(cases: list[Dataset], particles: int | None) -> None:
 
 
 def one_count(cases: list[Dataset], particles: int | None = None) -> list[Dataset]:
-    """Return the cases with one particle count per scene: the requested one, or else the note's, or else the largest.
+    """Return the cases with one particle count per scene: the requested one, or else the largest.
 
     A scene that lacks the requested count is left out.
     """
     selected = []
     for in_scene in _grouped(cases, lambda case: case.scene.item()).values():
-        count = particles or shown_count([int(case.particles) for case in in_scene])
+        count = particles or max(int(case.particles) for case in in_scene)
         selected += [case for case in in_scene if case.particles == count]
     return selected
-
-
-def shown_count(counts: Sequence[int]) -> int:
-    """Return which of the particle counts of a scene is shown: the note's, or else the largest."""
-    return NOTE_PARTICLES if NOTE_PARTICLES in counts else max(counts)
 
 
 def by_series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
@@ -219,10 +110,11 @@ def _engine_suffix(case: Dataset) -> str:
 
 def scene_of(case: Dataset) -> Scene | None:
     """Return the scene of a case, by the attributes of its dataset; None if they do not have it."""
-    with suppress(StorageError):
-        for origin in read_origins("", case.attrs):
-            if origin.scene is not None and (origin.name, origin.scene.particles) == (case.scene, case.particles):
-                return origin.scene
+    for runs in json.loads(case.attrs.get("made_from", "[]")):
+        if runs["scene"] is not None and runs["scene_name"] == case.scene:
+            scene = parse_scene(runs["scene"], f"{runs['scene_name']}.yaml")
+            if scene.particles == case.particles:
+                return scene
     return None
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from brownpipe.analysis import goodness
 from brownpipe.analysis.variables import EACH
 from brownpipe.figures.cases import distributions_of, has, parts_of, plus_minus, title_of
 from brownpipe.figures.style import (
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-# By the source of a model's D, the first word of its name in the dataset:
+# By the source of a model's D; msd and square are also the names of their models, all others are slopes:
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (MODEL, DASHED, "s"), "square": (INK, DOTTED, "^")}  # colour, line, marker
 SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "reflecting square, D"}
 LINE = 58  # characters of a line below a column
@@ -100,13 +101,28 @@ def _verdicts(case: Dataset) -> str:
     """The verdict on every model that is shown, the power of the first test, and the kurtosis, in wrapped lines."""
     models = _models(case)
     tested = [SOURCES[source] if source == "square" else f"eq. (18) with {SOURCES[source]}" for source in models]
-    verdicts = [model.verdict.item().partition("; ") for model in models.values()]
-    lines = [f"{model}: {verdict}" for model, (verdict, _, _) in zip(tested, verdicts, strict=True)]
-    lines += [power for _, _, power in verdicts[:1]]
+    lines = [f"{name}: {_verdict(model)}" for name, model in zip(tested, models.values(), strict=True)]
+    lines += [_power(model) for model in [*models.values()][:1] if np.isfinite(model.p_value)]
     if np.isfinite(case.kurtosis):
         lines.append(f"kurtosis: {plus_minus(case.kurtosis, case.kurtosis_standard_error)}; by eq. (18): 1")
     lines = [re.sub(r"\bp ([=<]) ", "p\u00a0\\1\u00a0", line) for line in lines]  # no break between p and its value
     return "\n".join(part for line in lines for part in textwrap.wrap(line, LINE))
+
+
+def _verdict(model: Dataset) -> str:
+    """The result of a model's tests in words: p-values of the rings and, for eq. (18), of the kurtosis."""
+    p, joint = model.p_value.item(), model.p_value_joint.item()
+    if np.isnan(p):
+        return "not tested: too few runs, too few rings with runs, or no diffusion coefficient"
+    said = "rejected" if joint < goodness.LEVEL else "not rejected"
+    of_each = f"rings {goodness.in_words(p)}"
+    if model.model != "square" and np.isfinite(model.kurtosis_p_value):
+        of_each = f"{goodness.in_words(joint)} ({of_each}, kurtosis {goodness.in_words(model.kurtosis_p_value.item())})"
+    return f"{said} at the {100 * goodness.LEVEL:.0f} % level: {of_each}"
+
+
+def _power(model: Dataset) -> str:
+    return f"power: rings reject a D off by 5 % with probability {100 * model.power_5_percent.item():.0f} %"
 
 
 def _counts(axes: Axes, case: Dataset) -> None:
@@ -172,7 +188,8 @@ def _models(case: Dataset) -> dict[str, Dataset]:
     """The first defined model of each source of D; the reflecting square only where its walls matter."""
     first: dict[str, Dataset] = {}
     for model in parts_of(case, "model", "model_diffusion_coefficient"):
-        first.setdefault(model.model.item().partition(" ")[0], model)
+        name = model.model.item()
+        first.setdefault(name if name in LOOKS else "slope", model)
     if {"msd", "square"} <= first.keys() and not _differ(first["msd"], first["square"]):
         del first["square"]
     return first

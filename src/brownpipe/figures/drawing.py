@@ -17,11 +17,10 @@ class Drawing(NamedTuple):
     """One figure in all its forms."""
 
     name: str  # of its files
-    figure: Figure  # laid out
-    images: Mapping[str, bytes]  # PNG and SVG, without a record
+    images: Mapping[str, bytes]  # PNG and SVG
     table: Table
 
 
-def drawing_of(name: str, figure: Figure, table: Table) -> Drawing:
-    """Lay out a figure and make its pictures; to be called within `style.drawing()`."""
-    return Drawing(name, figure, {suffix: image_bytes(figure, suffix) for suffix in ("png", "svg")}, table)
+def drawing_of(name: str, figure: Figure, table: Table, metadata: Mapping[str, str]) -> Drawing:
+    """Lay out a figure and make its pictures with these metadata; to be called within `style.drawing()`."""
+    return Drawing(name, {suffix: image_bytes(figure, suffix, metadata) for suffix in ("png", "svg")}, table)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
+import json
 import shutil
 import subprocess
 import tempfile
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.errors import FigureError, RequestError
+from brownpipe.figures.origin import Record, metadata
 from brownpipe.figures.snapshot import COLOURS, WholeRun, scenery_of, snapshot, whole_run
 from brownpipe.figures.style import drawing
 from brownpipe.stages import remark, tracked
@@ -36,14 +38,14 @@ def movie(
     seed: int | None = None,
     frames: int | None = None,
     fps: float = 25.0,
-    comment: str = "",
+    record: Record | None = None,
 ) -> bytes:
     """Return the bytes of a picture (`.png`), an animation (`.gif`) or else a video (`.mp4`) of one whole run.
 
     `path` is the file of the trajectories, for messages. A picture shows the run at its end. An animation shows
     `frames` of its samples (default: all), equally spaced and ending with the last, at `fps` per second. A GIF
-    rounds the time per frame to hundredths of a second; a remark says which rate that gives. `comment` goes into the
-    metadata of a video. The same run gives the same bytes, except for a video, which ffmpeg encodes.
+    rounds the time per frame to hundredths of a second; a remark says which rate that gives. `record` goes into the
+    metadata. The same run gives the same bytes, except for a video, which ffmpeg encodes.
 
     Raise RequestError for a file without this run, and for a rate that a GIF cannot have; for a video, FigureError if
     ffmpeg is not installed and OSError if it fails.
@@ -51,10 +53,11 @@ def movie(
     pause = _pause(fps) if suffix == ".gif" else 0
     run = whole_run(trajectories, path, seed)
     if suffix == ".png":
-        return snapshot(run)
+        return snapshot(run, metadata(record or {}))
+    comment = json.dumps(record)
     with drawing():
         pictures = _frames(run, samples_shown(len(run.times), frames))
-        return _gif(pictures, pause) if suffix == ".gif" else _video(pictures, fps, comment)
+        return _gif(pictures, pause, comment) if suffix == ".gif" else _video(pictures, fps, comment)
 
 
 def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
@@ -94,14 +97,15 @@ def _pause(fps: float) -> int:
     return pause
 
 
-def _gif(frames: Iterator[np.ndarray], pause: int) -> bytes:
+def _gif(frames: Iterator[np.ndarray], pause: int, comment: str) -> bytes:
     """The bytes of an animation that repeats forever and shows each frame for a time `pause` [0.01 s]."""
     from PIL import Image
 
     palette = _palette()
     buffer = io.BytesIO()
     pictures = (Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, duration=10 * pause, loop=0)
+    how = {"duration": 10 * pause, "loop": 0, "comment": comment}
+    next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, **how)
     return buffer.getvalue()
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brownpipe.analysis.variables import EACH
 from brownpipe.figures.cases import by_series, fits_of, over_time
-from brownpipe.figures.style import GREY, SERIES, apart, band, bars, error_bars, grid, heads, shades
+from brownpipe.figures.style import GREY, SERIES, apart, band, bars, grid, heads, shades
 from brownpipe.figures.tables import PARTS, Table, label_of
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 HEADROOM = 1.05  # upper end of a vertical axis over the largest value
 APART = 0.065  # least distance of two labels beside a panel, as a fraction of the axis
-SIDE = 0.025  # distance of the markers of two windows, as a fraction of the range of particle counts
 DIGIT = 0.024  # width of a digit below the horizontal axis, as a fraction of the axis
 VARIABLES = ("msd",)
 LACKING = "it has fewer than two particle counts"
@@ -37,8 +36,7 @@ def draw(cases: list[Dataset]) -> Figure:
         left.set_ylabel("MSD $\\langle r^2 \\rangle$, 95 % bands")
         right.set_ylabel("$D$ = slope/4")
     axes[-1, 0].set_xlabel("time $t$")
-    several = " (windows side by side)" if cases[0].sizes["window"] > 1 else ""
-    axes[-1, 1].set_xlabel(f"number of disks $N${several}")
+    axes[-1, 1].set_xlabel("number of disks $N$")
     axes[0, 0].set_xlim(0, max(float(over_time(case).time[-1]) for case in cases))
     axes[0, 0].set_ylim(0, top)
     axes[0, 1].set_ylim(*_extent(cases))
@@ -56,21 +54,16 @@ def _curves(axes: Axes, cases: list[Dataset], top: float) -> None:
 
 
 def _diffusion(axes: Axes, cases: list[Dataset]) -> None:
-    """Draw D of every fit window; the windows of a count stand side by side, centred on it."""
+    """Draw D of every fit window at each count; markers are hollow, so that equal points show each other."""
     axes.axhline(0, color=GREY, linewidth=0.8)
-    counts = sorted({case.particles.item() for case in cases})
     all_fits = [fit for case in cases for fit in fits_of(case)]
-    windows = list(cases[0].window.values)
-    nearest = min(np.diff(counts), default=1)
-    step = min(SIDE * (counts[-1] - counts[0]), 0.6 * nearest / len(windows))
-    for k, (window, (colour, _, marker)) in enumerate(zip(windows, cycle(SERIES), strict=False)):
+    for window, (colour, _, marker) in zip(cases[0].window.values, cycle(SERIES), strict=False):
         fits = [fit for fit in all_fits if fit.window == window]
-        counted = [fit.particles.item() for fit in fits]
-        n = [count + (k - (len(windows) - 1) / 2) * step for count in counted]
-        d = [float(fit.diffusion_coefficient) for fit in fits]
-        reach, label = bars(fits, "diffusion_coefficient"), f"window {window}"
-        looks = {"color": colour, "markersize": 5, "markerfacecolor": "white", "elinewidth": 1.3}
-        error_bars(axes, counted, d, reach, n, fmt=marker, label=label, **looks)
+        counts = [fit.particles.item() for fit in fits]
+        values = [float(fit.diffusion_coefficient) for fit in fits]
+        looks: dict[str, Any] = {"color": colour, "markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
+        reach = bars(fits, "diffusion_coefficient")
+        axes.errorbar(counts, values, reach, fmt=marker, label=f"window {window}", **looks)
 
 
 def _extent(cases: list[Dataset]) -> tuple[float, float]:

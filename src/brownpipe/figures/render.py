@@ -6,27 +6,26 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import cases_of, check_count, check_names, has, of_whole_dataset, one_count
+from brownpipe.figures.cases import cases_of, check_count, has, one_count
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.drawing import Drawing, drawing_of
 from brownpipe.figures.style import drawing
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from types import ModuleType
 
     from matplotlib.figure import Figure
     from xarray import Dataset
 
 
-def drawn(name: str, cases: list[Dataset]) -> Drawing:
-    """Draw the figure of this name, with the cases that it shows (`cases_shown`)."""
+def drawn(name: str, cases: list[Dataset], metadata: Mapping[str, str]) -> Drawing:
+    """Draw the figure of this name, with the cases that it shows (`cases_shown`) and these metadata."""
     module = module_of(name)
     with drawing():
-        return drawing_of(name, module.draw(cases), module.table(cases))
+        return drawing_of(name, module.draw(cases), module.table(cases), metadata)
 
 
-@of_whole_dataset
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
     """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
     shown = cases_shown(dataset, particles, [name])
@@ -45,12 +44,10 @@ def cases_shown(
     """Return the cases that each figure shows: those with data for it, of one particle count or of all.
 
     `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
-    particle count of each scene: `particles`, or by default the 2020 note's 150 if the scene has it, or else its
-    largest.
+    particle count of each scene: `particles`, or by default its largest.
 
     Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
     """
-    check_names(dataset)
     cases = cases_of(dataset)
     check_count(cases, particles)
     shown = {name: _selected(name, cases, particles) for name in names or FIGURES}

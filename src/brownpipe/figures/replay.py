@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.figures.origin import Record, in_script
+from brownpipe.figures.origin import in_script
 from brownpipe.figures.snapshot import legend_entries, shades_of
 from brownpipe.quoting import printable
 from brownpipe.storage import runs_record
@@ -52,19 +52,6 @@ class Replay(NamedTuple):
     end: float  # time up to which the collisions are there [time]
     collisions: int  # of the whole run
     departure: float  # largest distance of a flown disk from its recorded samples [smallest radius]
-
-
-class Fragment(NamedTuple):
-    """The replay of a run as a part of a page."""
-
-    text: str  # an HTML section, which stands in a page beside any others
-    run: Record  # all that is needed to make the run again
-
-
-def replay_fragment(trajectories: Trajectories, path: str) -> Fragment:
-    """Return the replay of the run of the smallest seed as a part of a page; errors as of `replay_of`."""
-    replay = replay_of(trajectories, path)
-    return Fragment(_section(replay), runs_record(trajectories.outline, [replay.seed], RECORD))
 
 
 def replay_page(replay: Replay) -> bytes:
@@ -272,7 +259,7 @@ def _data(replay: Replay) -> dict[str, Any]:
     scene, flight = replay.scene, replay.flight
     box, shades, first = scene.box, shades_of(scene).tolist(), 0
     species = []
-    for members in scene.disks or scene.species:
+    for members in scene.listed or scene.species:
         count = getattr(members, "count", 1)
         for part in (min(1, count), count - 1) if first == 0 else (count,):  # disk 0 has a shade of its own
             if part > 0:

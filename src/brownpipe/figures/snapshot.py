@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -51,12 +51,12 @@ def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) ->
     return WholeRun(trajectories.scene, seed, trajectories.ensemble.times, track.position, image)
 
 
-def snapshot(run: WholeRun) -> bytes:
+def snapshot(run: WholeRun, metadata: Mapping[str, str]) -> bytes:
     """Return the bytes of a PNG that shows a run at its last sample. The same run gives the same bytes."""
     with drawing():
         figure, _, show = scenery_of(run)
         show(len(run.times) - 1)
-        return image_bytes(figure, "png")
+        return image_bytes(figure, "png", metadata)
 
 
 def scenery_of(run: WholeRun) -> tuple[Figure, tuple[Artist, ...], Callable[[int], None]]:

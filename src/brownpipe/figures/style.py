@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from contextlib import AbstractContextManager
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.typing import RcKeyType
-    from numpy.typing import ArrayLike
     from xarray import Dataset
 
 # Colours by meaning: measured data, fits, models, reference lines, text and theory
@@ -41,11 +40,10 @@ BETWEEN = 0.09  # padding on each side of a panel [inch]
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 FONT_SIZE = 10  # of words in general [point]
 KEY_SIZE = 8.8  # of the words of a legend [point]
-KEY = 3.65  # width of these words that fits above a panel [inch]; longer ones are set smaller
+KEY = 3.5  # width of these words that fits above a panel [inch]; longer ones are set smaller
 FILL = 0.22  # opacity of a band
 LIKELY = 2.0  # half-height of the grey band of likely residuals, in standard errors
-STATED_X = "stated_x"  # attribute of error bars: where they belong
-LAYOUT_DIGITS = 9  # of positions, in units of the figure
+NOTHING: Mapping[str, str] = {}
 SAVE: dict[str, dict] = {
     "png": {"dpi": 160, "metadata": {"Software": None}},
     "svg": {"metadata": {"Date": None, "Creator": None}},
@@ -100,17 +98,14 @@ def import_libraries() -> None:
     import matplotlib.figure  # noqa: F401
 
 
-def image_bytes(figure: Figure, suffix: str) -> bytes:
-    """Return the bytes of a PNG or SVG file, without date or version. The first call computes the layout.
+def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] = NOTHING) -> bytes:
+    """Return the bytes of a PNG or SVG file with these metadata, without date or version.
 
-    The solver of the layout ends with a round-off that differs from one call to the next, and SVG names its clipping
-    rectangles by a hash of their corners. Panels are therefore moved to rounded positions before any later call.
+    The first call computes the layout.
     """
     _lay_out(figure)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=suffix, **SAVE[suffix])
-    for axes in figure.axes:
-        axes.set_position(np.round(axes.get_position().bounds, LAYOUT_DIGITS))
+    figure.savefig(buffer, format=suffix, **SAVE[suffix] | {"metadata": SAVE[suffix]["metadata"] | metadata})
     return buffer.getvalue()
 
 
@@ -199,30 +194,19 @@ def _log_labels(places: np.ndarray) -> list[str]:
 
 
 def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:
-    """Return places moved as little as possible (least squares) until they lie `least` apart in [low, high].
+    """Return the places of labels, moved up and where there is no room above down, so that they lie `least` apart.
 
-    Their order stays. If the interval is too short for that, they divide it evenly.
+    Their order stays, and they stay in [low, high]. If the interval is too short for that, they divide it evenly.
     """
-    places, count = np.asarray(places, float), len(places)
     order = np.argsort(places, kind="stable")
-    steps = min(least, (high - low) / max(1, count - 1)) * np.arange(count)
-    moved = np.empty(count)
-    moved[order] = np.clip(_never_falling(places[order] - steps), low, high - steps[-1]) + steps
-    return moved
-
-
-def _never_falling(values: np.ndarray) -> np.ndarray:
-    """Return the numbers (K,) that never fall and are closest to the values (K,) by least squares.
-
-    Number k is the largest, over all i <= k, of the smallest mean of values i to j, over all j >= k: the max-min
-    formula of Robertson, Wright and Dykstra, Order Restricted Statistical Inference (1988), section 1.4. SciPy
-    has a solver for it, whose import would take as long as drawing two figures.
-    """
-    sums = np.append(0.0, np.cumsum(values))
-    first, end = np.ogrid[: len(values), 1 : len(values) + 1]
-    means = np.where(first < end, (sums[end] - sums[first]) / np.maximum(end - first, 1), np.inf)
-    smallest = np.minimum.accumulate(means[:, ::-1], axis=1)[:, ::-1]
-    return np.where(first < end, smallest, -np.inf).max(axis=0)
+    moved = np.clip(np.asarray(places, float)[order], low, high)
+    least = min(least, (high - low) / max(1, len(moved) - 1))
+    for k in range(1, len(moved)):
+        moved[k] = max(moved[k], moved[k - 1] + least)
+    moved[-1] = min(moved[-1], high)
+    for k in reversed(range(len(moved) - 1)):
+        moved[k] = min(moved[k], moved[k + 1] - least)
+    return moved[np.argsort(order)]
 
 
 def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **line: Any) -> None:
@@ -235,11 +219,6 @@ def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **lin
 def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
     """Return how far the 95 % intervals of `name` reach down and up, (2, cases), as `axes.errorbar` takes it."""
     return np.abs([[float(case[f"{name}_{end}"]) - float(case[name]) for case in cases] for end in ("low", "high")])
-
-
-def error_bars(axes: Axes, x: Sequence, y: ArrayLike, reach: np.ndarray, at: Sequence, **looks: Any) -> None:
-    """Draw error bars of values at x, shifted to the places `at` so that they do not overlap; they note their x."""
-    setattr(axes.errorbar(at, y, reach, **looks), STATED_X, [*x])
 
 
 def grid(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:

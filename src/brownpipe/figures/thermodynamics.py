@@ -13,7 +13,7 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import by_series, has
-from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, apart, bars, error_bars, grid, heads
+from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, bars, grid, heads
 from brownpipe.figures.tables import Table, long_table
 
 if TYPE_CHECKING:
@@ -31,10 +31,9 @@ PANELS = {
     TRACER: ("collisions per unit time", "collision rate of the tracer"),
 }
 MARGIN = 0.12  # beyond the data, as a fraction of their range; at least 0.1 of the value, except for Z
-MARKER = 0.022  # least distance of two markers, as a fraction of the horizontal axis
 # Of the markers of the first, second, ... scene: 16 pairs of colour and shape
 LOOKS = [{"color": SERIES[k % 4][0], "fmt": SERIES[(k + k // 4) % 4][2]} for k in range(16)]
-HOLLOW = {"markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
+HOLLOW: dict[str, Any] = {"markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
 VARIABLES = (RATE,)
 LACKING = "there are no collision rates"
 
@@ -51,8 +50,7 @@ def draw(cases: list[Dataset]) -> Figure:
         measured = [case for case in cases if has(case, name)]
         phi = _values(measured, "packing_fraction")
         ends = _horizontal(phi)
-        places = apart(phi, min(MARKER, 0.5 / len(phi)) * (ends[1] - ends[0]), *ends)
-        series = by_series([case.assign_attrs(place=place) for case, place in zip(measured, places, strict=True)])
+        series = by_series(measured)
         _points(main, series, name)
         compared = [case for case in measured if np.isfinite(_expected(case, name))]
         for panel in low:
@@ -63,8 +61,7 @@ def draw(cases: list[Dataset]) -> Figure:
         main.set_xlim(*ends)
         main.locator_params(axis="x", nbins=5)
         below = low[0] if compared else main
-        moved = not np.allclose(places, phi, rtol=1e-9)
-        below.set_xlabel("packing fraction $\\phi$" + (" (markers shifted to avoid overlap)" if moved else ""))
+        below.set_xlabel("packing fraction $\\phi$")
         below.tick_params(labelbottom=True)
     heads(axes[0], [PANELS[name][1] for name in names])
     return figure
@@ -89,9 +86,8 @@ def _values(cases: list[Dataset], name: str) -> list[float]:
 
 
 def _markers(axes: Axes, cases: list[Dataset], y: ArrayLike, reach: np.ndarray, **looks: Any) -> None:
-    """Draw values of cases with error bars at the places of their markers."""
-    places = [case.attrs["place"] for case in cases]
-    error_bars(axes, _values(cases, "packing_fraction"), y, reach, places, **HOLLOW, **looks)
+    """Draw values of cases with error bars; markers are hollow, so that equal points show each other."""
+    axes.errorbar(_values(cases, "packing_fraction"), y, reach, **HOLLOW, **looks)
 
 
 def _points(axes: Axes, series: dict[str, list[Dataset]], name: str) -> None:

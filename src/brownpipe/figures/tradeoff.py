@@ -1,6 +1,6 @@
-"""Figures `tradeoff_SCENE`: expected error of the MSD against CPU time, one line per engine; the trade-off as text.
+"""Figures `tradeoff_SCENE_N150`: expected error of the MSD against CPU time, one line per engine; the same as text.
 
-An engine with its settings is named by its label, as in studies and result folders (`timestep-0.001-single`).
+An engine with its settings is named by its label, as in studies and result folders (`timestep-0.001-late`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brownpipe.figures.cases import check_names, plus_minus
+from brownpipe.figures.cases import plus_minus
 from brownpipe.figures.drawing import Drawing, drawing_of
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, log_axis
 from brownpipe.figures.tables import Table, aligned
@@ -20,7 +20,7 @@ from brownpipe.stages import tracked
 from brownpipe.tradeoff.front import FEWEST_RUNS, Interval, MeasuredSetting, pareto_front, settings_of, total_error
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -172,7 +172,7 @@ HEADER = ("setting", "runs", "ms/run", "cost", "MSD bias", "D bias", "distance",
 
 def _of_scene(dataset: Dataset, scene: str) -> Iterator[str]:
     """The lines of one scene."""
-    yield f"{scene}, N = {int(dataset.sel(scene=scene).particles)}"
+    yield scene
     yield from (f"  {line}" for line in aligned(columns_of(dataset, scene)))
     yield from (f"  {line}" for line in off_front(dataset, scene))
     yield ""
@@ -254,11 +254,10 @@ def scenes_of(dataset: Dataset) -> list[str]:
     return [scene for scene in dataset.scene.values if np.count_nonzero(dataset.runs.sel(scene=scene)) > 1]
 
 
-def drawn(dataset: Dataset) -> list[Drawing]:
-    """Draw the trade-off of every scene; the table of each drawing has that scene alone."""
-    check_names(dataset)
+def drawn(dataset: Dataset, metadata: Mapping[str, str]) -> list[Drawing]:
+    """Draw the trade-off of every scene with these metadata; the table of each drawing has that scene alone."""
     with drawing():
         return [
-            drawing_of(f"tradeoff_{scene}", draw(dataset, scene), table(dataset, [scene]))
+            drawing_of(f"tradeoff_{scene}", draw(dataset, scene), table(dataset, [scene]), metadata)
             for scene in tracked(scenes_of(dataset), "figures")
         ]

@@ -4,16 +4,17 @@ The reports show numbers as figures and summary do, and runs are made by the eng
 not part of `figures` or `storage`, because a change of a report must not run any step of a study again.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from brownpipe.errors import WrongFileError
-from brownpipe.figures.cases import of_file
 from brownpipe.inspection import results, runs
 from brownpipe.quoting import in_lines
 from brownpipe.scene import scene_yaml
-from brownpipe.storage import Trajectories, read_dataset, read_trajectories
+from brownpipe.storage import Trajectories
+from brownpipe.storage.datasets import dataset_in
+from brownpipe.storage.files import naming, read_sealed
+from brownpipe.storage.trajectories import is_trajectories, trajectories_in
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -32,8 +33,7 @@ def report(path: str | Path) -> str:
     if isinstance(contents, Trajectories):
         lines = runs.describe_trajectories(path, contents)
     else:
-        with of_file(path):
-            lines, table = results.describe_dataset(contents), ["", *results.table(contents)]
+        lines, table = results.describe_dataset(contents), ["", *results.table(contents)]
     size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
     return in_lines([f"{path}  {size}", *lines, "intact       yes: every byte as it was written", *table])
 
@@ -68,19 +68,8 @@ def trajectories_of(path: str | Path, option: str) -> Trajectories:
     return contents
 
 
-def is_dataset(path: str | Path) -> bool:
-    """Return whether a file is a dataset. Errors as of `report`."""
-    return not isinstance(read_contents(path), Trajectories)
-
-
 def read_contents(path: str | Path) -> "Trajectories | Dataset":
-    """Return the contents of a file of either kind.
-
-    The extension decides which kind is tried first, and so which command a message about a damaged file names.
-    """
-    readers: list[Callable[[str | Path], Trajectories | Dataset]] = [read_trajectories, read_dataset]
-    first, second = readers[::-1] if Path(path).suffix == ".nc" else readers
-    try:
-        return first(path)
-    except WrongFileError:
-        return second(path)
+    """Return the contents of a file of either kind; the file is read once."""
+    with naming(path, "aggregate" if Path(path).suffix == ".nc" else "simulate"):
+        image = read_sealed(path)
+        return trajectories_in(image) if is_trajectories(image) else dataset_in(image)

@@ -5,6 +5,7 @@ on their batch, so a single one can be compared, too. The same source, packages 
 bits.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +20,6 @@ from brownpipe.inspection.runs import column_of, seeds_in_words
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
-from brownpipe.storage.trajectories import read_header
 
 
 class Original(NamedTuple):
@@ -49,16 +49,16 @@ def read_original(path: str | Path, seed: int | None = None) -> Original:
     fit into memory; WrongFileError for a dataset, StorageError for a damaged file.
     """
     contents = trajectories_of(path, "--reproduce")
-    scene, engine, ensemble, _ = contents
+    scene, engine, ensemble, _, header = contents
     seeds = ensemble.seeds if seed is None else ensemble.seeds[[column_of(path, ensemble, seed)]]
     outline = contents.outline
     record, observables = outline.record or frozenset({"none"}), outline.observables or ()
     engine.refuse_unfit(scene, record)
     forecast.refuse_too_large(scene, len(seeds), engine.forecast(scene, record, observables, ensemble.average))
-    return Original(scene, engine, ensemble, tuple(seeds.tolist()), record, observables, _changes(read_header(path)))
+    return Original(scene, engine, ensemble, tuple(seeds.tolist()), record, observables, _changes(header))
 
 
-def _changes(header: dict[str, str]) -> tuple[str, ...]:
+def _changes(header: Mapping[str, str]) -> tuple[str, ...]:
     """Return what differs between source and packages that made a file and those of this installation."""
     here = versions() | {"source": source_digest(*modules_of("simulate", header["engine"]))}
     stored = {name: header.get(name, "unknown") for name in here} | {"source": header["source_digest"]}

@@ -9,7 +9,7 @@ import numpy as np
 
 from brownpipe.analysis.variables import EACH
 from brownpipe.figures import tradeoff
-from brownpipe.figures.cases import cases_of, has, of_whole_dataset
+from brownpipe.figures.cases import cases_of, has
 from brownpipe.figures.summary import estimates_of, heading_of_msd, legend_of_estimates, missing_runs
 from brownpipe.figures.tables import aligned
 from brownpipe.inspection.lines import provenance, worst
@@ -28,11 +28,10 @@ def describe_dataset(dataset: Dataset) -> list[str]:
         f"title        {dataset.attrs.get('title', '-')}",
         f"dimensions   {', '.join(f'{name} {size}' for name, size in dataset.sizes.items())}",
         f"variables    {len(dataset.data_vars)}; --variables lists them with units and meaning",
-        *provenance(dataset.attrs, made_with("tradeoff" if is_tradeoff(dataset) else "aggregate")["source"]),
+        *provenance(dataset.attrs, made_with("tradeoff" if is_tradeoff(dataset) else "aggregate")["source_digest"]),
     ]
 
 
-@of_whole_dataset
 def table(dataset: Dataset) -> list[str]:
     """Return the results of a dataset of `brownpipe aggregate` or `brownpipe tradeoff`, each kind in its own table.
 

@@ -8,7 +8,7 @@ import numpy as np
 from brownpipe.engines.failures import reason_of, stopped_in_words
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import RequestError
-from brownpipe.inspection.lines import DIGITS, provenance, worst
+from brownpipe.inspection.lines import provenance, worst
 from brownpipe.observables import ARRAYS
 from brownpipe.observables.displacement import displacement
 from brownpipe.provenance import modules_of, source_digest
@@ -17,7 +17,6 @@ from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage import Trajectories
 from brownpipe.storage.layout import MEANING
-from brownpipe.storage.trajectories import read_header
 
 HEALTH = {  # observable: name of its largest absolute value in the report
     "energy_drift": "worst energy drift",
@@ -28,7 +27,7 @@ HEALTH = {  # observable: name of its largest absolute value in the report
 
 def describe_trajectories(path: str | Path, contents: Trajectories) -> list[str]:
     """Return the lines of the report on a trajectory file."""
-    ensemble, header = contents.ensemble, read_header(path)
+    ensemble, header = contents.ensemble, contents.header
     runs = len(ensemble.seeds)
     return [
         *_setting(contents),
@@ -39,7 +38,6 @@ def describe_trajectories(path: str | Path, contents: Trajectories) -> list[str]
         *_statistics(ensemble.observables),
         *_arrays(ensemble),
         *provenance(header, source_digest(*modules_of("simulate", header["engine"]))),
-        f"contents     {header['contents_digest'][:DIGITS]}",
         f"run again    brownpipe inspect {shell_path(path)} --reproduce",
     ]
 

@@ -44,7 +44,7 @@ class RunArray(NamedTuple):
 class Observable(NamedTuple):
     """An observable: how it is measured, its arrays, the scenes that it fits, the CPU time that it takes.
 
-    Forecasts (`engines.forecast`) add up the CPU seconds; `benchmarks/bench_cost.py` compares them with those taken.
+    Forecasts (`engines.forecast`) add up the CPU seconds.
     """
 
     measure: Callable[[Scene, Run, str], Mapping[str, np.ndarray | int]]  # (scene, run, average) -> values by array
@@ -189,7 +189,6 @@ OBSERVABLES = {
         is_over_samples=True,
     ),
 }
-RENAMED = {"displacement": "square_displacement", "kinetic_energy": "species_energy"}  # names of an earlier version
 
 
 def observe(scene: Scene, run: Run, names: Iterable[str], average: str = "runs") -> dict[str, np.ndarray | int]:

@@ -24,10 +24,10 @@ def species_table(scene: Scene) -> SpeciesTable:
     An explicit list of disks names no species: disks of equal radius and mass are one, called kind-1, kind-2, ... in
     the order of the list.
     """
-    if scene.disks:
-        alike = {pair: k for k, pair in enumerate(dict.fromkeys((disk.radius, disk.mass) for disk in scene.disks))}
+    if scene.listed:
+        alike = {pair: k for k, pair in enumerate(dict.fromkeys((disk.radius, disk.mass) for disk in scene.listed))}
         sizes, names = list(alike), tuple(f"kind-{k + 1}" for k in alike.values())
-        label = np.array([alike[disk.radius, disk.mass] for disk in scene.disks])
+        label = np.array([alike[disk.radius, disk.mass] for disk in scene.listed])
     else:
         present = [species for species in scene.species if species.count]
         sizes, names = [(species.radius, species.mass) for species in present], tuple(s.name for s in present)

@@ -22,9 +22,9 @@ def why_not_stationary(scene: Scene) -> str | None:
         return "its disks are listed one by one"
     if scene.velocities.temperature is None:
         return "velocities.temperature is not given"
-    if scene.equilibrate == 0:
+    if scene.equilibrate.time == 0:
         return "equilibrate.time is 0"
-    if scene.tracer_while_equilibrating == "pinned":
+    if scene.equilibrate.tracer == "pinned":
         return "its tracer is pinned while it equilibrates"
     return None
 

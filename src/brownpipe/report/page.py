@@ -1,25 +1,36 @@
-"""A page with all results of a dataset: one HTML file that needs neither network nor other files."""
+"""A page with all results of a dataset: one HTML file that needs neither network nor other files, from `page.html`."""
 
 from __future__ import annotations
 
-import html
+import base64
 import json
+import math
+import re
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from jinja2 import Environment, Template
+from markupsafe import Markup, escape
+
+from brownpipe import figures
 from brownpipe.figures.origin import closing_lines
-from brownpipe.quoting import shell_path
-from brownpipe.report.parts import details, paragraphs, table, text
+from brownpipe.quoting import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
+    from brownpipe.figures.drawing import Drawing
     from brownpipe.figures.origin import Record
+    from brownpipe.figures.tables import Table
 
-STYLE, SCRIPT = (Path(__file__).with_suffix(suffix) for suffix in (".css", ".js"))
-POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"  # nothing is loaded
-HINT = "Point at a figure or tap it: the nearest point shows its values. By keyboard: Tab to a figure, then arrow keys."
+CAPTIONS = Path(figures.__file__).parent
 FROM_DATASET = ("sha256", "source_digest", "git_commit", "python")
+MOST_ROWS = 400  # of a table of numbers
+DIGITS = 6  # of a number
+SVG_SIZE = re.compile(rb'viewBox="0 0 (\S+) (\S+)"')
+NUMBER = re.compile(r"-|[<+-]?[ 0-9.e+-]+( ± [0-9.e-]+)?( ?%)?( \([0-9.e-]+\))?")  # cells that are set right
+WHOLE = re.compile(r"(±|p =|below) \S+")  # not to be divided at the end of a line
 
 
 class Section(NamedTuple):
@@ -30,61 +41,41 @@ class Section(NamedTuple):
     contents: str  # HTML
 
 
-def page(title: str, lead: str, sections: Sequence[Section], record: Record, name: str) -> bytes:
-    """Return the page: a title, a sentence below it, its sections, and how to make it again.
-
-    record: what it was made from. name: that of its file.
-    """
-    sections = [*sections, Section("again", "Make it again", _again(record, name))]
-    links = "".join(f'<li><a href="#{section.name}">{text(section.heading)}</a></li>' for section in sections)
-    body = "\n".join(
-        f'<section id="{section.name}">\n<h2>{text(section.heading)}</h2>\n{section.contents}</section>'
-        for section in sections
+@cache
+def _template() -> Template:
+    """Return the page and its parts; what is filled in is escaped, and shown as one line."""
+    environment = Environment(
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: value if isinstance(value, Markup) else printable(value),
     )
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{POLICY}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>{text(title)}: {text(lead)}</title>
-<style>
-{STYLE.read_text(encoding="utf-8")}</style>
-</head>
-<body>
-<header>
-<h1>{text(title)}</h1>
-<p>{text(lead)}</p>
-<nav aria-label="Sections"><ul>{links}</ul></nav>
-</header>
-<main>
-{body}
-</main>
-<script>
-{SCRIPT.read_text(encoding="utf-8")}</script>
-</body>
-</html>
-""".encode()
+    environment.filters["cell"] = _cell
+    return environment.from_string(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
 
 
-def _again(record: Record, name: str) -> str:
-    """Return the commands that make page and runs again, versions and digests, and the record."""
-    made_from = record["dataset"].get("made_from", []) + ([record["replay"]] if "replay" in record else [])
-    commands = "\n".join(text(origin["command"]) for origin in made_from)
-    stated = json.dumps({"file": name} | record, sort_keys=True, indent=1)
-    runs = f"<p>The runs:</p>\n{_code(commands)}" if commands else ""
-    return (
-        "<p>This makes the page again, from the dataset or without it from scenes and seeds, and compares every"
-        f" byte:</p>\n{_code(text(f'brownpipe inspect {shell_path(name)} --reproduce'))}{runs}"
-        f"{paragraphs(closing_lines(record).splitlines()[:1], 'remark')}"
-        + details("Versions and digests", table(_versions(record), "Versions and digests"))
-        + details("Scenes, seeds, options", f'<pre tabindex="0">{html.escape(stated, quote=False)}</pre>\n')
+def _part(name: str, *contents: object) -> Markup:
+    """Return a part of a page, made by the macro of this name."""
+    return getattr(_template().module, name)(*contents)
+
+
+def page(title: str, lead: str, sections: Sequence[Section], record: Record) -> bytes:
+    """Return the page: a title, a sentence below it, its sections, and how to make it again from its `record`."""
+    sections = [*sections, Section("again", "Make it again", _again(record))]
+    style = Markup(Path(__file__).with_suffix(".css").read_text(encoding="utf-8"))
+    return _template().render(title=title, lead=lead, sections=sections, style=style).strip().encode() + b"\n"
+
+
+def _again(record: Record) -> Markup:
+    """Return the commands that make the runs again, versions and digests, and the record."""
+    made_from = record["dataset"].get("made_from", [])
+    return _part(
+        "again",
+        [origin["command"] for origin in made_from],
+        closing_lines(record).splitlines()[:1],
+        table(_versions(record), "Versions and digests"),
+        json.dumps(record, sort_keys=True, indent=1).splitlines(),
     )
-
-
-def _code(lines: str) -> str:
-    return f'<pre tabindex="0"><code>{lines}</code></pre>\n'
 
 
 def _versions(record: Record) -> list[list[str]]:
@@ -97,3 +88,67 @@ def _versions(record: Record) -> list[list[str]]:
         ["dataset", *(str(dataset.get(name, "-")) for name in names)],
         ["figures", *(str(made.get(name, "-")) for name in names)],
     ]
+
+
+def paragraphs(lines: Iterable[str], kind: str = "") -> Markup:
+    """Return lines, each as a paragraph, in a division of the class `kind`, if there are any."""
+    return _part("paragraphs", list(lines), kind)
+
+
+def table(
+    columns: Sequence[Sequence[str]], title: str, above: tuple[str, int] | None = None, grouped: bool = False
+) -> Markup:
+    """Return a table given its columns of words, each with its heading; the cells of the first name the rows.
+
+    `title` says what the table shows, to those who cannot see it. `above`: a heading above the last columns, and their
+    number. `grouped`: the first column names groups of rows, and has a line of its own above each.
+    """
+    groups, columns = (columns[0][1:], columns[1:]) if grouped else ((), columns)
+    kinds = ["number" if all(map(NUMBER.fullmatch, cells)) else "" for _, *cells in columns]
+    header, *rows = zip(*columns, strict=True)
+    return _part("table", title, header, rows, kinds, above, groups)
+
+
+def _cell(words: str) -> Markup:
+    """Return the words of a cell: numbers with errors in one piece, and verdicts that begin with yes stand out."""
+    whole = WHOLE.sub(r'<span class="whole">\g<0></span>', str(escape(printable(words))))
+    return Markup(re.sub("^yes,", "<strong>yes</strong>,", whole))
+
+
+def caption_of(name: str) -> tuple[str, list[str]]:
+    """Return title and paragraphs of the caption of a figure, which lies beside its module (reStructuredText)."""
+    contents = (CAPTIONS / f"{name}.rst").read_text(encoding="utf-8")
+    title, _, rest = contents.removeprefix("**").partition("**")
+    return title.strip().removesuffix("."), [" ".join(part.split()) for part in rest.split("\n\n")]
+
+
+def figure(drawing: Drawing, caption: str, title: str | None = None) -> Markup:
+    """Return a figure with the caption of this name and its numbers; `title` replaces that of the caption.
+
+    The picture is an image of its own, so that ids in its SVG cannot collide with those of other figures. Of a long
+    table the first MOST_ROWS rows are shown.
+    """
+    own_title, parts = caption_of(caption)
+    svg, shown = drawing.images["svg"], drawing.table
+    width, height = (float(size) for size in SVG_SIZE.search(svg).groups())
+    image, count = base64.b64encode(svg).decode(), len(shown.rows)
+    which = f"the first {MOST_ROWS} of {count:,} rows" if count > MOST_ROWS else f"{count:,} row{'s' * (count != 1)}"
+    remark = (
+        f"Rounded to {DIGITS} digits. The CSV file of this figure has all {'rows and ' * (count > MOST_ROWS)}digits."
+    )
+    numbers = _numbers(shown, f"Numbers: {title or own_title}")
+    size = f"{width:g}", f"{height:g}"
+    return _part("figure", drawing.name, title or own_title, parts, *size, image, which, remark, numbers)
+
+
+def _numbers(shown: Table, title: str) -> Markup:
+    """Return the first MOST_ROWS rows of a table of numbers and names."""
+    cells = [[_in_digits(value) for value in row] for row in shown.rows[:MOST_ROWS]]
+    return table([list(column) for column in zip(shown.header, *cells, strict=True)], title)
+
+
+def _in_digits(value: object) -> str:
+    """Return a number or name of a table of numbers in words."""
+    if isinstance(value, float):
+        return "-" if math.isnan(value) else f"{value:.{DIGITS}g}"
+    return str(value)

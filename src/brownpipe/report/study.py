@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from markupsafe import Markup
+
 from brownpipe.figures import health
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.summary import QUESTION, TESTS, answer
 from brownpipe.figures.tables import label_of
-from brownpipe.report.page import HINT, Section
+from brownpipe.report.page import Section, paragraphs, table
 from brownpipe.report.page import page as whole_page
-from brownpipe.report.parts import paragraphs, table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,24 +22,22 @@ if TYPE_CHECKING:
     from brownpipe.figures.summary import Answer
 
 TITLE = "Brownian motion of hard disks"
-SEE_ANSWER = '<p>Runs failed or are missing: see <a href="#answer">the answer</a>.</p>\n'
+SEE_ANSWER = Markup('<p>Runs failed or are missing: see <a href="#answer">the answer</a>.</p>\n')
 
 
-def page(dataset: Dataset, figures: Mapping[str, str], record: Record, name: str, replay: str | None = None) -> bytes:
-    """Return the page of a dataset and its figures; `name` is that of its file.
+def page(dataset: Dataset, figures: Mapping[str, str], record: Record) -> bytes:
+    """Return the page of a dataset and its figures.
 
-    figures: their sections of the page by name (`parts.figure`). replay: HTML that shows one run.
+    figures: their sections of the page by name (`page.figure`).
     """
     found, cases = answer(dataset), cases_of(dataset)
     sections = [Section("answer", "Answer", _answer(found))]
-    if replay is not None:
-        sections.append(Section("replay", "One run", replay))
     shown = dict(figures)
-    of_runs = shown.pop("health", "")  # stands in a section of its own
+    of_runs = shown.pop("health", Markup())  # stands in a section of its own
     if shown:
-        sections.append(Section("figures", "Figures", paragraphs([HINT], "hint") + "".join(shown.values())))
+        sections.append(Section("figures", "Figures", Markup("").join(shown.values())))
     sections.append(Section("runs", "Health of the runs", _health(cases, found) + of_runs))
-    return whole_page(TITLE, _lead(cases), sections, record, name)
+    return whole_page(TITLE, _lead(cases), sections, record)
 
 
 def _lead(cases: Sequence[Dataset]) -> str:
@@ -68,4 +67,4 @@ def _health(cases: Sequence[Dataset], found: Answer) -> str:
     columns = [column for column in zip(*rows, strict=True) if column[0] != "engine" or len({*column[1:]}) > 1]
     title = "Largest value of any run"
     fate = SEE_ANSWER if found.missing else paragraphs(["No run failed, and no seed is missing."])
-    return f"{fate}{paragraphs([f'{title}:'])}{table(columns, title, grouped=True)}"
+    return fate + paragraphs([f"{title}:"]) + table(columns, title, grouped=True)

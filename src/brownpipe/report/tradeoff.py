@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from markupsafe import Markup
+
 from brownpipe.figures.tradeoff import REMARK, columns_of, off_front, scenes_of
-from brownpipe.report.page import HINT, Section
+from brownpipe.quoting import printable
+from brownpipe.report.page import Section, caption_of, paragraphs, table
 from brownpipe.report.page import page as whole_page
-from brownpipe.report.parts import caption_of, paragraphs, table, text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -21,23 +23,22 @@ CAPTION = "tradeoff"
 NEXT = re.compile(r"\n(?=\w+: )")  # before the explanation of a column
 
 
-def page(dataset: Dataset, figures: Iterable[str], record: Record, name: str) -> bytes:
-    """Return the page of a trade-off and its figures; `name` is that of its file.
+def page(dataset: Dataset, figures: Iterable[str], record: Record) -> bytes:
+    """Return the page of a trade-off and its figures.
 
-    figures: their sections of the page (`parts.figure`), one for each scene.
+    figures: their sections of the page (`page.figure`), one for each scene.
     """
     scenes = scenes_of(dataset)
     title, _ = caption_of(CAPTION)
-    answers = "".join(_answer(dataset, scene) for scene in scenes)
+    answers = Markup("").join(_answer(dataset, scene) for scene in scenes)
     legend = paragraphs((" ".join(part.split()) for part in NEXT.split(REMARK.strip())), "legend")
     sections = [
         Section("answer", "Answer", answers + legend),
-        Section("figures", "Figures", paragraphs([HINT], "hint") + "".join(figures)),
+        Section("figures", "Figures", Markup("").join(figures)),
     ]
-    return whole_page(title, ", ".join(scenes), sections, record, name)
+    return whole_page(title, ", ".join(scenes), sections, record)
 
 
 def _answer(dataset: Dataset, scene: str) -> str:
-    heading = f"{scene}, N = {int(dataset.sel(scene=scene).particles)}"
     lines = paragraphs(off_front(dataset, scene))
-    return f"<h3>{text(heading)}</h3>\n{table(columns_of(dataset, scene), heading)}{lines}"
+    return Markup("<h3>{}</h3>\n").format(printable(scene)) + table(columns_of(dataset, scene), scene) + lines

@@ -1,232 +1,171 @@
-"""Checked access to the values of a scene or study file, of options and of arguments.
+"""Values of files, options and arguments, checked by pydantic: every refusal is one line.
 
-Every refusal is one line that names the file, its line, the key, the value and the allowed values.
+It names the file, its line, the key, the allowed values and the value found.
 """
 
 import difflib
-import math
 import re
-import sys
 from collections.abc import Mapping
-from typing import NamedTuple, NoReturn
+from typing import Annotated, Any, NamedTuple, NoReturn, Self
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from brownpipe.errors import RequestError
-from brownpipe.quoting import printable
-from brownpipe.scene.yaml_file import DEEPEST, LONGEST_SHOWN, NUMBER, Document, line_in, scalar, shown
+from brownpipe.scene.yaml_file import Document
 
-MOST_VALUES = 100_000  # of a key on a command line, whose words have at most 131,072 characters
-LONGEST_TEXT = 240  # characters of a part of a message
+LONGEST_SHOWN = 80  # characters of a value in a message
+MOST_DISKS = 10_000_000
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-_LIST = "a list has brackets: [{}]"
-_SYNONYMS = {"runs": ["seeds"], "n": ["particles"], "kt": ["temperature"], "dt": ["time_step", "sample_interval"]}
+SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
+WORDS = {  # of pydantic, and the same in messages here
+    "Input should be": "must be",
+    "a valid number": "a number",
+    "a finite number": "a finite number",
+    "a valid integer": "an integer",
+    "a valid boolean": "true or false",
+    "a valid string": "a text",
+    "a valid tuple": "a list",
+}
+BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+
+NO_MINUS_ZERO = AfterValidator(lambda value: value + 0.0)
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), NO_MINUS_ZERO]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0), NO_MINUS_ZERO]
+Pair = tuple[Number, Number]
+Flag = Annotated[bool, Field(strict=True)]
+Count = Annotated[int, Field(strict=True, ge=0, le=MOST_DISKS)]
+Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
 
 
-class SourceText(NamedTuple):
-    """The text of a file, in which messages look up the line of a value."""
+class As(NamedTuple):
+    """In an annotation: values are read as this type, which is made at run time."""
 
-    text: str
-    keys: Mapping[str, str | None] = {}  # first key of a path: that in the text, or None if it has none
+    kind: Any
 
-
-class Entry(NamedTuple):
-    """A value with its file and key, which every message about it names."""
-
-    value: object
-    file: str
-    path: tuple[str | int, ...] = ()  # ("disks", 3, "radius") is disks[3].radius
-    origin: SourceText | None = None
-
-    def part(self, key: str | int, value: object) -> "Entry":
-        """Return the entry of a value in this mapping or list."""
-        return self._replace(value=value, path=(*self.path, key))
-
-    @property
-    def key(self) -> str:
-        """The key as messages show it, disks[3].radius."""
-        return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.path).lstrip(".")
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return handler.generate_schema(self.kind)
 
 
-def whole(mapping: object, file: str) -> Entry:
-    """Return the entry of all that a file contains; for a `Document`, messages name lines, too."""
-    return Entry(mapping, file, (), SourceText(mapping.text) if isinstance(mapping, Document) else None)
+class Record(BaseModel):
+    """The keys of a mapping. A key whose value is null is taken as not given."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, value: object) -> object:
+        if isinstance(value, cls):
+            return value
+        keys = tuple(cls.model_fields)
+        if not isinstance(value, Mapping):
+            found = "a text" if isinstance(value, str) else shown(value)  # of a wrong file, maybe a secret
+            refuse(f"must be a mapping with the keys {', '.join(keys)}, not {found}")
+        for key in value:
+            if key not in keys:
+                refuse(f"unknown key; {did_you_mean(str(key), keys)}allowed: {', '.join(keys)}", key)
+        return {key: part for key, part in value.items() if part is not None}
+
+    def replace(self, **keys: object) -> Self:
+        """Return a record with other values of some keys. Raises RequestError for what a file may not have either."""
+        return validated(type(self), {key: getattr(self, key) for key in self.model_fields_set} | plain(keys))
+
+    def _resolve(self, **values: object) -> None:
+        """Give fields the values that follow from others; they do not count as given."""
+        self.__dict__.update(values)
 
 
-def _line_of(entry: Entry) -> int | None:
-    """Return the line, from 1, where the key of an entry or its item of a list begins; of a missing key, its mapping.
+def key(meaning: str, default: Any = ..., **more: Any) -> Any:
+    """Return the field of a record: what it means, and its default unless it must be given."""
+    return Field(default, description=meaning, **more)
 
-    None for a value that is not from a text. Looked up by parsing the text again, as only refusals need it.
+
+def refuse(problem: str, *path: str | int) -> NoReturn:
+    """Refuse, within a validator, the value at a path of keys and indices below that which is validated."""
+    raise PydanticCustomError("refused", "{problem}", {"problem": problem, "path": path})
+
+
+def validated(kind: Any, value: object, file: str = "", key: str = "", context: dict | None = None) -> Any:
+    """Return a value as `kind`, a type that pydantic knows. Raises RequestError, naming the file and the key.
+
+    The line is named, too, if the value is a `Document`.
     """
-    if entry.origin is None:
-        return None
-    head: tuple[str | int | None, ...] = entry.path[:1]
-    if head:
-        head = (entry.origin.keys.get(str(head[0]), head[0]),)
-    if None in head:
-        return None
-    return line_in(entry.origin.text, (*head, *entry.path[1:]), is_missing=entry.value is None)
-
-
-def with_types(entry: Entry) -> object:
-    """Return a value with every text in it, at any depth, read as a plain scalar of YAML.
-
-    Raises RequestError for what files may not have either: some numbers, and deep nesting.
-    """
-    if len(entry.path) > DEEPEST:
-        refuse(entry._replace(path=entry.path[:1]), f"nested more than {DEEPEST} levels deep")
-    if isinstance(entry.value, dict):
-        return {key: with_types(entry.part(key, value)) for key, value in entry.value.items()}
-    if isinstance(entry.value, list):
-        return [with_types(item) for item in items(entry)]
     try:
-        return scalar(entry.value) if isinstance(entry.value, str) else entry.value
-    except ValueError as problem:
-        refuse(entry, str(problem))
+        return TypeAdapter(kind).validate_python(value, context=context)
+    except ValidationError as error:
+        path, problem = _place_and_problem(error)
+    line = value.line_of(path) if isinstance(value, Document) else None
+    file += f" with {', '.join(value.replaced)} replaced" if isinstance(value, Document) and value.replaced else ""
+    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in (key, *path) if part != "")
+    parts = (file, line and f"line {line}", place.removeprefix("."), problem)
+    raise RequestError(": ".join(part for part in parts if part)) from None
 
 
-def refuse_huge(entry: Entry) -> None:
-    """Refuse a value with more than MOST_VALUES values in it, as aliases (*name) make of a short text."""
-    waiting, number_of_values = [entry.value], 0
-    while waiting:
-        value = waiting.pop()
-        parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-        number_of_values += len(parts)
-        if number_of_values > MOST_VALUES:
-            refuse(entry, f"more than {MOST_VALUES} values; aliases (*name) are not allowed, write the value out")
-        waiting.extend(parts)
+def _place_and_problem(error: ValidationError) -> tuple[list[str | int], str]:
+    """Return the path of the first refused value, and what is wrong with it."""
+    first = error.errors(include_url=False)[0]
+    context = first.get("ctx", {})
+    path = [part for part in (*first["loc"], *context.get("path", ())) if not str(part).startswith("{")]  # a tag
+    kind, problem, value = first["type"], first["msg"], first["input"]
+    if kind == "refused":
+        return path, problem
+    if kind == "value_error":
+        return path, str(context["error"])
+    if kind == "missing" and isinstance(path[-1], str):
+        return path, "missing; must be given"
+    if kind == "missing" or (kind == "too_long" and context["max_length"] == 2):
+        return path[:-1] if kind == "missing" else path, f"must be a list of two, not {shown(value)}"
+    if kind == "union_tag_invalid":
+        options = re.findall("{([^}]+)}", context["expected_tags"])
+        word = context["tag"].strip("{}")
+        return [*path, "name"], f"must be {' or '.join(options)}, not {word}; {did_you_mean(word, options)}".strip("; ")
+    if "{word}" in first["loc"]:
+        problem = f"must be a number or {context['expected']}"
+    if kind == "string_pattern_mismatch":
+        problem = "must be a name: letters, digits, '.', '_', '-', the first a letter or digit, at most 64"
+    for name in BOUNDS.keys() & context.keys():
+        problem = f"must be {BOUNDS[name]} {context[name]:.10g}"
+    for theirs, ours in WORDS.items():
+        problem = problem.replace(theirs, ours)
+    hint = did_you_mean(str(value), re.findall("'([^']+)'", context["expected"])) if kind == "literal_error" else ""
+    if kind in ("float_type", "int_type") and isinstance(value, str):
+        hint = "without quotes, unit or comma"
+    return path, f"{problem}, not {shown(value)}{'; ' if hint else ''}{hint.strip()}"
 
 
-def refuse(entry: Entry, problem: str, at: Entry | None = None) -> NoReturn:
-    """Raise RequestError with file, line, key and problem; the line is that of `at`, if it is given."""
-    line = _line_of(at or entry)
-    place = "" if line is None else f"line {line}"
-    raise RequestError(": ".join(part for part in (entry.file, place, entry.key, problem) if part))
+def plain(value: Any) -> Any:
+    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def must_be(entry: Entry, allowed: str, hint: str = "") -> NoReturn:
-    """Raise RequestError with file, key, the allowed values, the value, and a hint that follows it."""
-    refuse(entry, f"must be {allowed}, not {shown(entry.value)}{hint}")
-
-
-def fields(entry: Entry, required: tuple[str, ...], optional: Mapping[str, object] | None = None) -> dict[str, Entry]:
-    """Return the entries of a mapping by key, with defaults for optional keys; refuse unknown and missing keys."""
-    allowed = (*required, *(optional or {}))
-    if not isinstance(entry.value, dict):
-        wanted = f"a mapping with the keys {', '.join(allowed)}"
-        if not entry.path and isinstance(entry.value, str):  # maybe a wrong file, whose text is no business of ours
-            refuse(entry, f"must be {wanted}, not a text")
-        must_be(entry, wanted)
-    for key, value in entry.value.items():
-        if key not in allowed:
-            hint = "a number has a decimal point; " if key.isdigit() else _did_you_mean(key, allowed)
-            problem = f"unknown key {shown(key)}; {hint}allowed: {', '.join(allowed)}"
-            refuse(entry, problem, at=entry.part(key, value))
-    for key in required:
-        if key not in entry.value:
-            refuse(entry.part(key, None), "missing; must be given")
-    return {key: entry.part(key, value) for key, value in (dict(optional or {}) | entry.value).items()}
-
-
-def items(entry: Entry, length: int | None = None, what: str = "a list") -> list[Entry]:
-    """Return the entries of a list, of `length` if given; `what` says in the refusal what is allowed."""
-    if not isinstance(entry.value, list | tuple) or length not in (None, len(entry.value)):
-        must_be(entry, what)
-    return [entry.part(index, value) for index, value in enumerate(entry.value)]
-
-
-def number(entry: Entry, above: float | None = None, least: float | None = None) -> float:
-    """Return a finite float, > `above` and >= `least` if given. (-0.0 becomes 0.0.)"""
-    value = entry.value
-    bound = f" > {above:g}" if above is not None else f" >= {least:g}" if least is not None else ""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        must_be(entry, f"a finite number{bound}", _number_hint(value))
-    try:
-        value = float(value) + 0.0
-    except OverflowError:
-        value = math.inf
-    fits = math.isfinite(value) and (above is None or value > above) and (least is None or value >= least)
-    return value if fits else must_be(entry, f"a finite number{bound}")
-
-
-def integer(entry: Entry, least: int, most: int, otherwise: str = "") -> int:
-    """Return an int from `least` to `most`; `otherwise` adds further allowed values to the refusal."""
-    value = entry.value
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        must_be(entry, f"an integer from {least} to {most}{otherwise}", _integer_hint(value))
-    return value
-
-
-def flag(entry: Entry) -> bool:
-    """Return a bool."""
-    return entry.value if isinstance(entry.value, bool) else must_be(entry, "true or false")
-
-
-def choice(entry: Entry, options: tuple[str, ...]) -> str:
-    """Return a str that is one of the options."""
-    if not isinstance(entry.value, str):
-        must_be(entry, " or ".join(options))
-    if entry.value not in options:
-        is_list = entry.file and "," in entry.value and len(entry.value) <= LONGEST_SHOWN
-        hint = f"{_LIST.format(entry.value)}; " if is_list else _did_you_mean(entry.value, options)
-        refuse(entry, f"{shown(entry.value)} is unknown; {hint}must be {' or '.join(options)}")
-    return entry.value
-
-
-def current_name(entry: Entry, renamed: dict[str, str]) -> Entry:
-    """Return the entry, a name of an earlier version replaced by the current one, with a line about it on stderr."""
-    if not isinstance(entry.value, str) or entry.value not in renamed:
-        return entry
-    current = renamed[entry.value]
-    place = ": ".join(filter(None, (entry.file, entry.key)))
-    print("brownpipe:", printable(f"{place} {entry.value}: now called {current}"), file=sys.stderr)
-    return entry._replace(value=current)
-
-
-def name(entry: Entry) -> str:
-    """Return a name that can be part of a path."""
-    if not isinstance(entry.value, str) or not NAME.fullmatch(entry.value):
-        must_be(entry, "a name: letters, digits, '.', '_', '-', the first a letter or digit, at most 64")
-    return entry.value
-
-
-def pair(entry: Entry) -> tuple[float, float]:
-    """Return two finite numbers."""
-    x, y = items(entry, 2, "two numbers [x, y]")
-    return number(x), number(y)
-
-
-def _did_you_mean(word: object, options: tuple[str, ...]) -> str:
+def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:
     """Return a question about the most similar option, "" if none is similar."""
-    near = [name for name in _SYNONYMS.get(str(word).lower(), ()) if name in options]
-    near += difflib.get_close_matches(str(word)[:80].lower(), options, n=1)
-    return f"did you mean {near[0]}? " if near else ""
+    near = [SYNONYMS.get(word.lower(), ""), *difflib.get_close_matches(word[:LONGEST_SHOWN].lower(), options, n=1)]
+    return next((f"did you mean {name}? " for name in near if name in options), "")
 
 
-def _number_hint(value: object) -> str:
-    """Return what to change in a text that is nearly a number, "" otherwise."""
-    text = value if isinstance(value, str) else ""
-    if NUMBER.fullmatch(text):
-        return "; without quotes"
-    if NUMBER.fullmatch(text.replace("\N{MINUS SIGN}", "-")):
-        return "; with the sign - for minus"
-    if NUMBER.fullmatch(text.replace(",", ".", 1)):
-        return "; with a decimal point"
-    if re.fullmatch(rf"({NUMBER.pattern}) ?[^\W\d]\S*", text):
-        return "; without a unit: all quantities are in reduced units"
-    return ""
-
-
-def _integer_hint(value: object) -> str:
-    """Return what to write in place of a value that is nearly an integer or a list of them, "" otherwise."""
-    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
-        return f"; write {int(value)}"
-    text = value.strip("() ") if isinstance(value, str) else ""
-    if re.fullmatch(r"[0-9]+(_[0-9]+)+", text):
-        return f"; write {text.replace('_', '')}"
-    is_list = len(text) <= LONGEST_SHOWN and re.fullmatch(r"[0-9]+( *, *[0-9]+)+", text)
-    return f"; {_LIST.format(text)}" if is_list else ""
-
-
-def shortened(text: str) -> str:
-    """Return a text of at most LONGEST_TEXT characters, the middle of a longer one left out."""
-    half = LONGEST_TEXT // 2 - 2
-    return text if len(text) <= LONGEST_TEXT else f"{text[:half]}...{text[-half:]}"
+def shown(value: object) -> str:
+    """Return the value as in YAML, on one line and shortened."""
+    if isinstance(value, Mapping):
+        return "a mapping"
+    if isinstance(value, list | tuple) and len(value) > 4:
+        return f"a list of {len(value)}"
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    text = repr(list(value) if isinstance(value, tuple) else value)
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."

@@ -1,28 +1,73 @@
 """The scene: box, disks and times of a run, everything that decides its physics but the seed. Frozen and hashable.
 
-Scenes are made by `scene_file` and valid by construction: all numbers are finite, radii and masses positive; listed
-disks lie inside the box and do not overlap, and no species has more disks than can fit.
+Its fields are the keys of scene files, with their bounds. A scene is valid by construction: listed disks lie inside the
+box and do not overlap, and no species has more disks than can fit.
 """
 
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
 
+from brownpipe.errors import RequestError
+from brownpipe.quoting import shell_path
 from brownpipe.scene import sample_times
-from brownpipe.scene.sample_times import Samples
+from brownpipe.scene.packing import ROUND_OFF, most_disks, overlap
+from brownpipe.scene.reading import (
+    MOST_DISKS,
+    NO_MINUS_ZERO,
+    Count,
+    Flag,
+    Name,
+    NotNegative,
+    Pair,
+    Positive,
+    Record,
+    key,
+    refuse,
+    validated,
+)
+from brownpipe.scene.yaml_file import Document, read_yaml, yaml_text
+
+MOST_SAMPLES = 10_000_000
+LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
+LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
+SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
+HEAVIEST = 1e302  # mass; its inverse the lightest
+FASTEST = 1e300  # velocity component
+SLOWEST_SQUARE = 1e-300  # smallest kT/m except 0
+ONLY_WITH_SPECIES = ("particles", "velocities", "equilibrate")  # keys
+STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
+
+Mass = Annotated[Positive, Field(ge=1 / HEAVIEST, le=HEAVIEST)]
+Velocity = Annotated[float, Field(strict=True, ge=-FASTEST, le=FASTEST, allow_inf_nan=False), NO_MINUS_ZERO]
+Width = Annotated[NotNegative, Field(le=FASTEST)]
+PerDecade = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+FirstTime = Annotated[Positive, Field(gt=1e-290)]
 
 
-@dataclass(frozen=True)
-class Box:
+class Box(Record):
     """A rectangle [length]. Reflecting walls are hard and touch a disk at its edge."""
 
-    x: tuple[float, float]
-    y: tuple[float, float]
-    boundary: str  # "reflecting" or "periodic"
+    x: Pair = key("its sides, [low, high] [length]")
+    y: Pair = key("its sides, [low, high] [length]")
+    boundary: Literal["reflecting", "periodic"] = key(
+        "hard walls, hit by the edge of a disk, or periodic", "reflecting"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Box":
+        for side, (low, high) in (("x", self.x), ("y", self.y)):
+            if not low < high:
+                refuse(f"must be [low, high] with low < high, not {[low, high]}", side)
+            if not 1 / LONGEST <= high - low <= LONGEST:
+                refuse(f"must be {1 / LONGEST:g} to {LONGEST:g} long, not {high - low!r}; choose other units", side)
+        return self
 
     @property
     def width(self) -> float:
@@ -54,113 +99,352 @@ class Box:
         return np.array(self.origin) + margin, np.array((self.width, self.height)) - 2 * margin
 
 
-@dataclass(frozen=True)
-class Species:
+class Disk(Record):
+    """A disk of an explicit list."""
+
+    position: Pair = key("initial centre, [x, y] [length]")
+    velocity: tuple[Velocity, Velocity] = key("[x, y] [length/time]")
+    radius: Positive = key("[length]")
+    mass: Mass = key("[mass]")
+    count: ClassVar = 1
+
+
+class Tracer(Record):
+    """Disk 0, whose motion is recorded and analysed. It is a species of its own."""
+
+    radius: Positive = key("[length]")
+    mass: Mass = key("[mass]")
+    position: Pair | None = key("its initial centre [length]; by default it is placed like the others", None)
+    name: ClassVar = "tracer"
+    count: ClassVar = 1
+
+
+CountOrRest = Annotated[
+    Annotated[Count, Tag("{number}")] | Annotated[Literal["rest"], Tag("{word}")],
+    Discriminator(lambda value: "{word}" if isinstance(value, str) else "{number}"),
+]
+
+
+class Species(Record):
     """Equal disks, which `engines.initial_state.draw` places."""
 
-    name: str
-    count: int
-    radius: float
-    mass: float
-    position: tuple[float, float] | None = None  # of the tracer; None: it is placed like the other disks
+    name: Name = key("differs from the others and from `tracer`")
+    count: CountOrRest = key("a number; one species at most is the `rest` of `particles`")
+    radius: Positive = key("of each disk [length]")
+    mass: Mass = key("of each disk [mass]")
+    position: ClassVar = None
 
 
-@dataclass(frozen=True)
-class Disk:
-    """A disk of an explicit list, with its initial position [length] and velocity [length/time]."""
+class Mixture(Record):
+    """Disks that are placed by the program. Without a tracer, disk 0 is the first disk of the first species."""
 
-    position: tuple[float, float]
-    velocity: tuple[float, float]
-    radius: float
-    mass: float
+    tracer: Tracer | None = key("disk 0, whose motion is recorded and analysed", None)
+    species: tuple[Species, ...] = key("all other disks", ())
+    placement: Literal["random", "lattice"] = key("random sequential insertion, or a lattice if dense", "random")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Mixture":
+        if not self.model_fields_set & {"tracer", "species"}:
+            refuse("must have tracer, species or both")
+        names = ["tracer", *(species.name for species in self.species)]
+        rest = [k for k, species in enumerate(self.species) if species.count == "rest"]
+        for k, name in enumerate(names[1:]):
+            if name in names[: k + 1]:
+                refuse(f"must be a name of its own (tracer is reserved), not {name!r}", "species", k, "name")
+        if len(rest) > 1:
+            refuse("must be a number, as only one species can be the rest", "species", rest[1], "count")
+        return self
 
 
-@dataclass(frozen=True)
-class Velocities:
+class Velocities(Record):
     """Normal distribution of the initial velocity components: one of the two widths is given.
 
     Theory relies on it, wherever `scene.velocities` is read.
     """
 
-    standard_deviation: float | None  # the same for all disks [length/time]
-    temperature: float | None  # kT [energy]; the variance is kT/m
-    zero_momentum: bool = False  # whether velocities are taken relative to the centre of mass
+    standard_deviation: Width | None = key("of every velocity component of every disk [length/time]", None)
+    temperature: NotNegative | None = key("kT: velocity components have variance kT/m [energy]", None)
+    zero_momentum: Flag = key("subtract the velocity of the centre of mass", False)
+
+    @model_validator(mode="after")
+    def _check(self) -> "Velocities":
+        if (self.standard_deviation is None) == (self.temperature is None):
+            refuse("must have either standard_deviation or temperature")
+        return self
 
 
-@dataclass(frozen=True)
-class Scene:
+class Samples(Record):
+    """Logarithmic sample times: 0, first * 10^(k/per_decade) for k = 0, 1, ..., and the duration."""
+
+    per_decade: PerDecade = key("sample times per factor of ten in time")
+    first: FirstTime | None = key("the first sample time after 0 [time] (default: 1e-4 of the duration)", None)
+
+
+class Equilibration(Record):
+    """What is simulated before t = 0."""
+
+    time: NotNegative = key("[time]")
+    tracer: Literal["pinned", "free"] | None = key("whether the tracer is held (default, if there is one)", None)
+
+
+Disks = Annotated[
+    Annotated[Mixture, Tag("{species}")] | Annotated[tuple[Disk, ...], Field(max_length=MOST_DISKS), Tag("{list}")],
+    Discriminator(lambda value: "{list}" if isinstance(value, list | tuple) else "{species}"),
+]
+
+
+Before = Annotated[
+    Equilibration,
+    BeforeValidator(
+        lambda value: {"time": value} if isinstance(value, int | float) else value,
+        json_schema_input_type=NotNegative | Equilibration,
+    ),
+]
+
+
+class Scene(Record):
     """The physics of one run. Disk 0 is the tracer."""
 
-    name: str
-    box: Box
-    species: tuple[Species, ...]  # the tracer, if any, first; () for explicit disks
-    disks: tuple[Disk, ...]  # () for species
-    placement: str  # "random" or "lattice"
-    velocities: Velocities | None  # None for explicit disks
-    duration: float  # [time]
-    sample_interval: float  # [time]
-    equilibrate: float = 0.0  # simulated before t = 0 [time]
-    tracer_while_equilibrating: str = "free"  # or "pinned"
-    samples: Samples | None = None  # logarithmic sample times, which replace the sample interval
+    box: Box = key("the rectangle, and what happens at its sides")
+    disks: Disks = key("species, whose disks are placed by the program, or a list of disks")
+    duration: Positive = key("a run goes from t = 0 to t = duration [time]")
+    particles: Count | None = key("total number of disks, tracer included (default: sum of the counts)", None)
+    velocities: Velocities | None = key("initial velocities; must be given with species", None)
+    sample_interval: Positive | None = key("sample times: its multiples and the duration [time]", None)
+    samples: Samples | None = key("logarithmic sample times, in place of `sample_interval`", None)
+    equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", Equilibration(time=0.0))
+    _name: str = PrivateAttr("scene")
+
+    @model_validator(mode="after")
+    def _check(self) -> "Scene":
+        self._resolve_times()
+        if isinstance(self.disks, Mixture):
+            self._check_species(self.disks)
+        else:
+            self._check_list(self.disks)
+        self._check_sizes([disk for disk in self.listed or self.species if disk.count])
+        return self
+
+    def _check_sizes(self, disks: list[Any]) -> None:
+        """Refuse masses too far apart, and a periodic box in which a disk could touch two images of one neighbour."""
+        lightest, heaviest = (end((disk.mass for disk in disks), default=1.0) for end in (min, max))
+        if heaviest / LARGEST_MASS_RATIO > lightest:
+            pair = f"masses {lightest!r} and {heaviest!r} are too far apart"
+            refuse(f"{pair}; must be within a factor of {LARGEST_MASS_RATIO:g}", "disks")
+        least = 4 * max((disk.radius for disk in disks), default=0.0)
+        if self.box.periodic and min(self.box.width, self.box.height) < least:
+            size = f"a periodic box of {self.box.width!r} by {self.box.height!r}"
+            refuse(f"{size} is too narrow; must be at least {least!r} both ways, four times the largest radius", "box")
+
+    def _resolve_times(self) -> None:
+        if self.samples is not None:
+            if self.sample_interval is not None:
+                refuse("must not be given with sample_interval; give one of the two", "samples")
+            first = self.duration * 1e-4 if self.samples.first is None else self.samples.first
+            self._resolve(samples=self.samples.model_copy(update={"first": first}))
+            if first >= self.duration:
+                refuse(f"must be below the duration, {self.duration!r}, not {first!r}", "samples", "first")
+            if sample_times.intervals(self.samples.per_decade, first, self.duration) > MOST_SAMPLES:
+                refuse(f"must be smaller, for at most {MOST_SAMPLES} samples", "samples", "per_decade")
+        interval = self.duration if self.sample_interval is None else self.sample_interval
+        if interval > self.duration:
+            refuse(f"must be at most the duration, {self.duration!r}, not {interval!r}", "sample_interval")
+        if self.duration / interval > MOST_SAMPLES:
+            least = f"at least {self.duration / MOST_SAMPLES:g}, for at most {MOST_SAMPLES} samples"
+            refuse(f"must be {least}, not {interval!r}", "sample_interval")
+        self._resolve(sample_interval=interval)
+
+    def _check_list(self, disks: tuple[Disk, ...]) -> None:
+        """Refuse keys that only species have, and disks that are not in the box or overlap."""
+        if self.velocities is not None or self.equilibrate.time > 0:
+            given = "equilibrate" if self.velocities is None else "velocities"
+            refuse("must not be given with an explicit list of disks, which says it all", given)
+        if self.particles not in (None, len(disks)):
+            refuse(f"must be {len(disks)}, the number of disks listed, not {self.particles}", "particles")
+        self._resolve(particles=len(disks), equilibrate=Equilibration(time=0.0, tracer="free"))
+        for k, disk in enumerate(disks):
+            self._check_radius(disk.radius, "disks", k)
+            self._check_position(disk, "disks", k)
+        pair = overlap(np.array([d.position for d in disks]), self.radius, self._sides if self.box.periodic else None)
+        if pair is not None:
+            a, b, gap = pair
+            at = f"disk {a} at {list(disks[a].position)} and disk {b} at {list(disks[b].position)}"
+            refuse(f"{at} overlap: the gap between their edges is {gap:.6g}; must be >= 0", "disks")
+
+    def _check_species(self, disks: Mixture) -> None:
+        """Refuse numbers that do not add up, and disks that cannot fit; those accepted may still be hard to place."""
+        self._count(disks)
+        for k, s in enumerate(disks.species):
+            self._check_radius(s.radius, "disks", "species", k)
+        if disks.tracer is not None:
+            self._check_radius(disks.tracer.radius, "disks", "tracer")
+            self._check_position(disks.tracer, "disks", "tracer")
+        box, phi = self.box, 0.0
+        for s in self.species:
+            most = most_disks(box.width, box.height, 2 * s.radius, box.periodic)
+            if s.count > most:
+                crowd = f"{s.count} disks of radius {s.radius!r} ({s.name})"
+                refuse(f"{crowd} cannot fit; must be at most {most}", "disks")
+            phi += math.pi * s.count * (s.radius / box.width) * (s.radius / box.height)
+        if phi > 1:
+            refuse(f"the disks cover {phi:.4g} times the area of the box; must be at most 1", "disks")
+        self._check_motion(disks.tracer is not None)
+
+    def _count(self, disks: Mixture) -> None:
+        """Resolve the total number of disks."""
+        numbers = [species.count for species in disks.species]
+        known = (disks.tracer is not None) + sum(n for n in numbers if n != "rest")
+        if self.particles is None and "rest" in numbers:
+            refuse("missing; must be given with `count: rest`", "particles")
+        total = known if self.particles is None else self.particles
+        if total < known or (total > known and "rest" not in numbers):
+            least = "at least " if "rest" in numbers else ""
+            what = "which is what the tracer and the species with numbers add up to"
+            refuse(f"must be {least}{known}, {what}, not {total}", "particles")
+        self._resolve(particles=total)
+
+    def _check_motion(self, has_tracer: bool) -> None:
+        """Check velocities and equilibration of species."""
+        if self.velocities is None:
+            refuse("missing; must be given with species", "velocities")
+        kt = self.velocities.temperature
+        for s in self.species:
+            if kt and s.count and not SLOWEST_SQUARE <= kt / s.mass < math.inf:
+                allowed = f"0, or {SLOWEST_SQUARE:g} to 1.8e308 times the mass {s.mass!r} ({s.name})"
+                refuse(f"must be {allowed}, not {kt!r}", "velocities", "temperature")
+        time, tracer = self.equilibrate.time, self.equilibrate.tracer
+        if tracer == "pinned" and not has_tracer:
+            refuse("must be free, as there is no tracer", "equilibrate", "tracer")
+        default: Literal["pinned", "free"] = "pinned" if has_tracer else "free"
+        self._resolve(equilibrate=Equilibration(time=time, tracer=tracer if tracer and time > 0 else default))
+
+    def _check_radius(self, radius: float, *path: str | int) -> None:
+        """Refuse a disk that does not fit into the box, or so small that round-off of its position is not below it."""
+        most, longer = min(self.box.width, self.box.height) / 2, max(self.box.width, self.box.height)
+        if radius > most:
+            refuse(f"must be at most half the shorter side of the box, {most!r}, not {radius!r}", *path, "radius")
+        if radius < SMALLEST_RADIUS * longer:
+            least = f"{SMALLEST_RADIUS:g} of the longer side of the box, {SMALLEST_RADIUS * longer:.4g}"
+            refuse(f"must be at least {least}, not {radius!r}", *path, "radius")
+
+    def _check_position(self, disk: Disk | Tracer, *path: str | int) -> None:
+        """Refuse a centre outside a periodic box, or nearer to walls than its radius."""
+        for axis, value, (low, high) in zip("xy", disk.position or (), self._sides, strict=False):
+            slack = ROUND_OFF * disk.radius + 2 * math.ulp(max(-low, high))
+            place, found = (*path, "position"), f"not {list(disk.position or ())}"
+            if self.box.periodic and not low <= value < high:
+                refuse(f"must be inside the periodic box, {low!r} <= {axis} < {high!r}, {found}", *place)
+            first, last = value - disk.radius, value + disk.radius
+            if not self.box.periodic and not low - slack <= first <= last <= high + slack:
+                inside = f"inside the walls, {low!r} <= {axis} <= {high!r}, by the radius {disk.radius!r} or more"
+                refuse(f"must be {inside}, {found}", *place)
 
     def __repr__(self) -> str:
         box = f"{self.box.boundary} box {self.box.width:g} x {self.box.height:g}"
         packing = f"packing fraction {self.packing_fraction:.4g}"
         return f"<Scene {self.name}: {self.particles} disks in a {box}, {packing}, duration {self.duration:g}>"
 
-    @cached_property
-    def particles(self) -> int:
-        """The number of disks, N."""
-        return len(self.disks) + sum(species.count for species in self.species)
+    __str__ = __repr__
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scene) and (self.name, self.text) == (other.name, other.text)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.digest))
 
     @property
+    def name(self) -> str:
+        """The name in results: that of the file."""
+        return self._name
+
+    @property
+    def label(self) -> str:
+        """Name and number of disks, by which a trade-off names it."""
+        return f"{self.name}_N{self.particles}"
+
+    @property
+    def _sides(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        return self.box.x, self.box.y
+
+    @property
+    def listed(self) -> tuple[Disk, ...]:
+        """The disks of an explicit list; () for species."""
+        return () if isinstance(self.disks, Mixture) else self.disks
+
+    @cached_property
+    def species(self) -> tuple[Any, ...]:
+        """The tracer, if any, and the species, each with its name, count, radius, mass; () for a list of disks."""
+        if not isinstance(self.disks, Mixture):
+            return ()
+        tracer = () if self.disks.tracer is None else (self.disks.tracer,)
+        known = len(tracer) + sum(s.count for s in self.disks.species if s.count != "rest")
+        rest = {"count": (self.particles or 0) - known}
+        return (*tracer, *(s.model_copy(update=rest) if s.count == "rest" else s for s in self.disks.species))
+
+    @property
+    def placement(self) -> str:
+        """How species are placed: "random" or "lattice"."""
+        return self.disks.placement if isinstance(self.disks, Mixture) else "random"
+
+    @cached_property
     def radius(self) -> np.ndarray:
         """Radii (N,) [length], read-only."""
-        return _of_each_disk(self.disks or self.species, "radius")
+        return self._of_each_disk("radius")
 
-    @property
+    @cached_property
     def mass(self) -> np.ndarray:
         """Masses (N,), read-only."""
-        return _of_each_disk(self.disks or self.species, "mass")
+        return self._of_each_disk("mass")
 
-    @property
+    def _of_each_disk(self, field: str) -> np.ndarray:
+        groups = self.listed or self.species
+        counts = np.array([group.count for group in groups], dtype=int)
+        return _read_only(np.repeat(np.array([getattr(group, field) for group in groups], dtype=float), counts))
+
+    @cached_property
     def packing_fraction(self) -> float:
         """Packing fraction, phi = sum(pi R^2)/A."""
         return float(math.pi * np.sum((self.radius / self.box.width) * (self.radius / self.box.height)))
 
-    @property
+    @cached_property
     def times(self) -> np.ndarray:
         """Sample times (T,) [time] from 0 to the duration, both exactly, read-only.
 
         Multiples of the interval, or logarithmic.
         """
-        return _times(self.samples, self.sample_interval, self.duration)
+        if self.samples is not None:
+            first = self.samples.first or 0.0
+            return _read_only(sample_times.logarithmic_times(self.samples.per_decade, first, self.duration))
+        return _read_only(sample_times.linear_times(self.sample_interval or self.duration, self.duration))
 
-    @property
+    def replace(self, **keys: object) -> "Scene":
+        """Return a scene of the same name with other values of some keys."""
+        scene = super().replace(**keys)
+        scene._name = self.name
+        return scene
+
+    def as_mapping(self) -> dict:
+        """Return the scene as a mapping like that of a scene file, with every default written out."""
+        mapping = self.model_dump(exclude=set(ONLY_WITH_SPECIES) if self.velocities is None else None)
+        del mapping["samples" if self.samples is None else "sample_interval"]
+        if isinstance(self.disks, Mixture):
+            for written, species in zip(mapping["disks"]["species"][::-1], self.species[::-1], strict=False):
+                written["count"] = species.count
+        return mapping
+
+    @cached_property
     def text(self) -> str:
         """The physics as canonical JSON: `parse_scene(json.loads(scene.text), ...)` gives an equal scene."""
-        return json.dumps(as_mapping(self), sort_keys=True, allow_nan=False)
+        return json.dumps(self.as_mapping(), sort_keys=True, allow_nan=False)
 
-    @property
+    @cached_property
     def digest(self) -> str:
-        """SHA-256 of the text: equal for equal physics, whatever the scene's name."""
+        """SHA-256 of the text, whatever the name of the scene.
+
+        It covers the canonical scene as it is stored, names of species included, as they are in the results, and
+        species of which there are no disks. Another way to write the same (defaults, `rest`) has the same digest.
+        """
         return hashlib.sha256(self.text.encode()).hexdigest()
-
-
-# Arrays of the last scene are kept, as each of its runs reads them.
-@lru_cache(maxsize=2)
-def _of_each_disk(records: tuple[Disk, ...] | tuple[Species, ...], field: str) -> np.ndarray:
-    """Return a field of the listed disks or of the species, repeated for each of their disks, (N,)."""
-    counts = np.array([getattr(record, "count", 1) for record in records], dtype=int)
-    return _read_only(np.repeat(np.array([getattr(record, field) for record in records], dtype=float), counts))
-
-
-@lru_cache(maxsize=1)
-def _times(samples: Samples | None, interval: float, duration: float) -> np.ndarray:
-    """Return the sample times of a scene."""
-    if samples is not None:
-        return _read_only(sample_times.logarithmic_times(samples, duration))
-    return _read_only(sample_times.linear_times(interval, duration))
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
@@ -169,25 +453,38 @@ def _read_only(values: np.ndarray) -> np.ndarray:
     return values
 
 
-def as_mapping(scene: Scene) -> dict:
-    """Return the scene as a mapping like that of a scene file, with every default written out."""
-    common = {"box": asdict(scene.box), "duration": scene.duration}
-    if scene.samples is None:
-        common["sample_interval"] = scene.sample_interval
-    else:  # other scenes do not have the key, so that their digests stay those of earlier versions
-        common["samples"] = asdict(scene.samples)
-    if scene.velocities is None:
-        return common | {"disks": [asdict(disk) for disk in scene.disks]}
-    disks: dict = {"tracer": None, "species": [], "placement": scene.placement}
-    for species in scene.species:
-        size = {"radius": species.radius, "mass": species.mass}
-        if species.name == "tracer":
-            disks["tracer"] = size | {"position": species.position}
-        else:
-            disks["species"].append({"name": species.name, "count": species.count} | size)
-    return common | {
-        "particles": scene.particles,
-        "disks": disks,
-        "velocities": asdict(scene.velocities),  # a new field must be left out at its default: it changes all digests
-        "equilibrate": {"time": scene.equilibrate, "tracer": scene.tracer_while_equilibrating},
-    }
+def read_scene(path: str | Path, particles: int | None = None) -> Scene:
+    """Return the scene of a YAML file, with `particles` disks in total if that is given.
+
+    Raises RequestError, one line, for anything wrong with the file or the scene.
+    """
+    return parse_scene(read_yaml(path), str(path), particles)
+
+
+def scene_yaml(scene: Scene) -> str:
+    """Return the text of a scene file, with every default written out; `read_scene` returns an equal scene from it."""
+    return yaml_text(scene.as_mapping())
+
+
+def parse_scene(mapping: Any, where: str, particles: int | None = None, name: str | None = None) -> Scene:
+    """Return the scene of a mapping as read from a scene file.
+
+    where: the file that messages name; its stem is the name of the scene, unless `name` is given.
+    particles: total number of disks instead of the file's; for an explicit list it must be the length of the list.
+
+    Raises RequestError for anything wrong.
+    """
+    if isinstance(mapping, dict) and "box" not in mapping and is_study(mapping):
+        raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
+    if particles is not None and isinstance(mapping, dict):
+        document = mapping if isinstance(mapping, Document) else Document(mapping)
+        mapping = document.with_values({"particles": particles})
+    scene = validated(Scene, mapping, where)
+    stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
+    scene._name = validated(Name, stem, where, key)
+    return scene
+
+
+def is_study(mapping: dict) -> bool:
+    """Whether a mapping is meant as a study, by its keys; a scene with a misplaced study key is none."""
+    return "scenes" in mapping or ("box" not in mapping and bool(mapping.keys() & STUDY_KEYS))

@@ -1,13 +1,14 @@
-"""Seeds on the command line and in study files, ranges of consecutive seeds, and batches of them."""
+"""Seeds of runs: texts of them, ranges of consecutive seeds, and batches of them."""
 
 import re
 from collections.abc import Sequence
 from itertools import chain
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, PlainValidator
 
-from brownpipe.scene import reading
-from brownpipe.scene.reading import Entry, must_be
+from brownpipe.scene.reading import refuse, shown, validated
 
 MOST_SEEDS = 10_000_000
 LARGEST_SEED = 2**63 - 1
@@ -15,25 +16,45 @@ LONGEST_TEXT = 60  # characters of a brief list of seeds
 RANGE = re.compile(r"([0-9]{1,19})(?:-([0-9]{1,19}))?")
 
 
-def parse_seeds(text: str, entry: Entry | None = None) -> Sequence[int]:
-    """Return the seeds of "0-2399", "17" or "3,5,9", ascending and without repeats; a `range` if there is no gap.
+def read_seeds(value: object) -> Sequence[int]:
+    """Return the seeds of a study or call: a number is a count (seeds 0, 1, ...), a text or a list names them.
 
-    Raises RequestError, naming `entry`, for any other text and for more than MOST_SEEDS seeds.
+    "0-2399", "17" or "3,5,9"; ascending and without repeats, a `range` if there is no gap. Raises RequestError for
+    anything else, and for more than MOST_SEEDS seeds.
     """
-    entry = entry or Entry(text, "", ("seeds",))
-    parts = [RANGE.fullmatch(part.strip()) for part in text.split(",")]
-    if None in parts:
-        must_be(entry, "seeds like 17, 0-2399 or 3,5,9")
-    ends = [(int(part[1]), int(part[2] or part[1])) for part in parts]
+    return validated(Seeds, value, key="seeds")
+
+
+def _seeds(value: Any) -> Sequence[int]:
+    """Return the seeds of a value, within a validator."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return range(value) if 1 <= value <= MOST_SEEDS else _must_be(f"an integer from 1 to {MOST_SEEDS}", value)
+    parts = value if isinstance(value, list | tuple) else [value]
+    if not parts or not all(isinstance(part, int | str) and not isinstance(part, bool) for part in parts):
+        _must_be("a count like 2400, a range like 0-2399, or a list of seeds and ranges", value)
+    found = [RANGE.fullmatch(word.strip()) for part in parts for word in str(part).split(",")]
+    ends = [(int(part[1]), int(part[2] or part[1])) for part in found if part]
+    if None in found:
+        _must_be("seeds like 17, 0-2399 or 3,5,9", value)
     if any(first > last for first, last in ends):
-        must_be(entry, "ranges that ascend, like 0-2399")
+        _must_be("ranges that ascend, like 0-2399", value)
     if any(last > LARGEST_SEED for _, last in ends):
-        must_be(entry, "seeds below 2**63")
+        _must_be("seeds below 2**63", value)
     merged = _merged(ends)
     if sum(last - first + 1 for first, last in merged) > MOST_SEEDS:
-        must_be(entry, f"at most {MOST_SEEDS} seeds")
+        _must_be(f"at most {MOST_SEEDS} seeds", value)
     seeds = [range(first, last + 1) for first, last in merged]
     return seeds[0] if len(seeds) == 1 else tuple(chain.from_iterable(seeds))
+
+
+def _must_be(allowed: str, value: object) -> Any:
+    refuse(f"must be {allowed}, not {shown(value)}")
+
+
+_Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]
+_Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
+_Range = Annotated[str, Field(pattern=rf"^\s*{RANGE.pattern}\s*(,\s*{RANGE.pattern}\s*)*$")]
+Seeds = Annotated[Any, PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[_Seed | _Range])]
 
 
 def _merged(ends: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -46,18 +67,8 @@ def _merged(ends: list[tuple[int, int]]) -> list[tuple[int, int]]:
     return merged
 
 
-def read_seeds(entry: Entry) -> Sequence[int]:
-    """Return the seeds of a study: a number is a count (seeds 0, 1, ...), a string or a list names them."""
-    if isinstance(entry.value, int) and not isinstance(entry.value, bool):
-        return range(reading.integer(entry, 1, MOST_SEEDS))
-    parts = entry.value if isinstance(entry.value, list | tuple) else [entry.value]
-    if not parts or not all(isinstance(part, int | str) and not isinstance(part, bool) for part in parts):
-        must_be(entry, "a count like 2400, a range like 0-2399, or a list of seeds and ranges")
-    return parse_seeds(",".join(map(str, parts)), entry)
-
-
 def seed_text(seeds: Sequence[int] | np.ndarray) -> str:
-    """Return ascending seeds as `parse_seeds` reads them: [0, 1, 2, 7] is 0-2,7."""
+    """Return ascending seeds as `read_seeds` reads them: [0, 1, 2, 7] is 0-2,7."""
     return ",".join(f"{first}-{last}" if first < last else f"{first}" for first, last in ranges(seeds))
 
 
@@ -77,7 +88,7 @@ def ranges(seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     return list(zip(first.tolist(), last.tolist(), strict=True))
 
 
-def batches(seeds: Sequence[int], size: int) -> list[tuple[int, int]]:
+def batches(seeds: Sequence[int] | np.ndarray, size: int) -> list[tuple[int, int]]:
     """Return first and last seed of each batch.
 
     Every range of consecutive seeds is cut at multiples of `size`: a study with more seeds keeps its complete batches.

@@ -22,39 +22,35 @@ times, N disks, E collisions:
                                      square_displacement (S, T), ... and their scales time (T,), species, species_pair,
                                      velocity, speed, distance
         events/seed_00017/           all collisions of one run, if recorded: time (E,), a (E,), b (E,), impulse (E, 2)
-    parameters/                      scene, settings (JSON); attributes: format, scene_name, particles, engine, seeds,
+    parameters/                      scene, settings (JSON); attributes: scene_name, particles, engine, seeds,
                                      average (over runs, origins or disks), rerun (commands), versions,
-                                     source_digest, contents_digest, seal
+                                     source_digest
 
 Every dataset has attributes `units` (reduced units of the scene) and `long_name` (its meaning). Numbers are stored with
-gzip 4, shuffle and fletcher32; `files` says what each checksum is for. Nothing in a file depends on when, where or by
-whom it was written: the same runs give the same bytes.
+gzip 4 and shuffle; a SHA-256 at the end of the file is verified when it is read (`files`). Nothing in a file depends on
+when, where or by whom it was written: the same runs give the same bytes.
 
 A dataset says in its attributes what it was made from (`origin`) and by which source, versions and commit, so that the
 same installation gives the same bytes of the same runs.
 """
 
 from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
-from brownpipe.storage.datasets import made_by, read_dataset, seal_of, write_dataset
-from brownpipe.storage.expected import Expected
-from brownpipe.storage.files import free_space, try_to_write, write_file, write_files
-from brownpipe.storage.origin import Origin, origin_attributes, read_options, read_origins, runs_record
+from brownpipe.storage.datasets import made_by, read_dataset, write_dataset
+from brownpipe.storage.files import seal_of, write_file, write_files
+from brownpipe.storage.origin import origin_attributes, runs_record
+from brownpipe.storage.store import StoredFile
 from brownpipe.storage.trajectories import Outline, Trajectories, read_outline, read_trajectories, write_trajectories
 from brownpipe.storage.tree import from_tree, refuse_foreign, to_tree
 
 __all__ = [
-    "Expected",
-    "Origin",
     "Outline",
+    "StoredFile",
     "Trajectories",
-    "free_space",
     "from_tree",
     "made_by",
     "origin_attributes",
     "read_checkpoint",
     "read_dataset",
-    "read_options",
-    "read_origins",
     "read_outline",
     "read_trajectories",
     "refuse_foreign",
@@ -62,7 +58,6 @@ __all__ = [
     "runs_record",
     "seal_of",
     "to_tree",
-    "try_to_write",
     "write_checkpoint",
     "write_dataset",
     "write_file",

@@ -1,17 +1,13 @@
 """Checkpoint files: the stored state of a batch of runs, kept beside the output file until that is complete."""
 
-import glob
 import json
 from pathlib import Path
 
 import numpy as np
 
 from brownpipe.errors import RequestError, StorageError
-from brownpipe.storage.admission import understood
-from brownpipe.storage.files import BLANK_SEAL, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import CHANGED, Node, digest, from_bytes, to_bytes
-
-NUMBERS = "biufV"  # kinds of types: truth values, integers, floats, and a table of them
+from brownpipe.storage.files import read_sealed, sealed, write_file
+from brownpipe.storage.hdf5 import Node, from_bytes, to_bytes
 
 
 def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarray]) -> None:
@@ -22,8 +18,7 @@ def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarr
     """
     nodes = {"checkpoint": Node(None, {})} | {f"checkpoint/{name}": Node(value, {}) for name, value in arrays.items()}
     nodes["made_by"] = Node(json.dumps(made_by), {})
-    nodes["checkpoint"].attributes.update(contents_digest=digest(nodes), seal=BLANK_SEAL)
-    write_file(path, seal(to_bytes(nodes, compress=False)))
+    write_file(path, sealed(to_bytes(nodes, compress=False)))
 
 
 def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | None:
@@ -34,35 +29,24 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
     if not Path(path).exists():
         return None
     try:
-        with understood():
-            nodes = from_bytes(read_sealed(path))
-            if "checkpoint" not in nodes:
-                raise StorageError("is a file of brownpipe, but not a checkpoint")
-            if nodes["checkpoint"].attributes["contents_digest"] != digest(nodes):
-                raise StorageError(CHANGED)
-            stored = dict(json.loads(nodes["made_by"].value))
+        nodes = from_bytes(read_sealed(path))
+        if "checkpoint" not in nodes:
+            raise StorageError("is a file of brownpipe, but not a checkpoint")
     except StorageError as error:
         raise StorageError(f"{path}: {error}; delete it to begin anew") from error
+    stored = json.loads(nodes["made_by"].value)
     differing = [name for name in made_by if stored.get(name) != made_by[name]]
     if differing:
         cure = "repeat that command, delete this file to begin anew, or choose another --output"
         raise RequestError(f"{path}: is of a run with {_difference(differing[0], stored, made_by)}; {cure}")
-    arrays = {
-        name.removeprefix("checkpoint/"): node.value
-        for name, node in nodes.items()
-        if name.startswith("checkpoint/") and node.value is not None
-    }
-    for name, value in arrays.items():
-        if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in NUMBERS:
-            raise StorageError(f"{path}: has a text in place of numbers ({name}); delete it to begin anew")
-    return arrays
+    arrays = ((name.removeprefix("checkpoint/"), node.value) for name, node in nodes.items())
+    return {name: value for name, value in arrays if name not in ("checkpoint", "made_by")}
 
 
 def remove_checkpoint(path: str | Path) -> None:
-    """Remove a checkpoint file, and partial files of processes that were killed while they wrote one."""
-    path = Path(path)
-    for file in (path, *path.parent.glob(f"{glob.escape(path.name)}.*.part")):
-        file.unlink(missing_ok=True)
+    """Remove a checkpoint file, and the part of one that a killed process has left."""
+    for file in (path, f"{path}.brownpipe.part"):
+        Path(file).unlink(missing_ok=True)
 
 
 def _difference(name: str, stored: dict, made_by: dict) -> str:

@@ -23,7 +23,6 @@ from brownpipe.engines.failures import stopped_in_words
 from brownpipe.engines.state import Track
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
-from brownpipe.opening import opened_unlinked
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import replacing, sync
@@ -119,6 +118,7 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
     edges = np.array([box.width, box.height])
     _refuse_if_not_single([edges, scene.radius, scene.mass], track.velocity)
     diameter, mass = (2 * scene.radius).astype(np.float32), scene.mass.astype(np.float32)
+    path.touch()  # gsd would let others not read a file that it creates
     file = gsd.fl.open(path, "w", application="brownpipe", schema="hoomd", schema_version=GSD_SCHEMA)
     with gsd.hoomd.HOOMDTrajectory(file) as trajectory:
         for k, time in enumerate(times):
@@ -168,7 +168,7 @@ def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
     head += ":velo:R:3:momenta:R:3" if track.velocity is not None else ""
     head += ":image:I:3" if track.image is not None else ""
     made = "".join(f" {key}={json.dumps(record[key])}" for key in ("command", "scene_digest", "source_digest"))
-    with open(path, "w", encoding="ascii", opener=opened_unlinked) as file:
+    with open(path, "w", encoding="ascii") as file:
         for k, time in enumerate(times.tolist()):
             columns = [track.position[k], none, scene.radius[:, None], mass, mass]
             if track.velocity is not None:
@@ -187,7 +187,7 @@ def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
     first = next(iter(tracks.values()))
     titles = dict(zip(Track._fields, (["x", "y"], ["velocity_x", "velocity_y"], ["image_x", "image_y"]), strict=True))
     recorded = [name for name, values in first._asdict().items() if values is not None]
-    with open(path, "w", encoding="ascii", newline="", opener=opened_unlinked) as file:
+    with open(path, "w", encoding="ascii", newline="") as file:
         write = csv.writer(file, lineterminator="\n").writerows
         write([["seed", "time", "disk", "species", *(title for name in recorded for title in titles[name])]])
         for seed, track in tracks.items():

@@ -1,60 +1,32 @@
-"""Files that are written completely or not at all, with a seal (checksum) that is verified before they are read.
+"""Files that are written completely or not at all, and their seal: the SHA-256 at the end, verified when one is read.
 
-Four checks protect the contents, each against faults of a different origin:
-
-    fletcher32   HDF5's checksum of each chunk of numbers. For readers other than brownpipe (h5py, xarray, h5dump): they
-                 fail at a damaged chunk. Brownpipe verifies the seal first, which covers all of these chunks.
-    digest       SHA-256 of names, types, shapes, values and attributes (`hdf5.digest`), taken from the arrays before
-                 HDF5 encodes them and compared with what HDF5 decodes, when a file is written and when it is read.
-                 Finds faults of memory, HDF5 or zlib between arrays and bytes. (Datasets are instead decoded and
-                 compared as xarray.Dataset when they are written.)
-    seal         SHA-256 of all bytes of the file but the seal's own digits. Finds damage, truncation and edits after
-                 the file was written, before HDF5 parses a byte of it.
-    read-back    The bytes are read again before the file gets its name. Finds a file system that returns other bytes
-                 than were written, while the runs are still in memory; later the seal finds that, too. After fsync the
-                 bytes usually come from the page cache: this is no test of the disk itself.
+The seal is a last line of text, `# brownpipe-sha256:` and the digest of all bytes before it. Programs that read HDF5
+or YAML do not notice it.
 """
 
 import errno
 import hashlib
 import os
 import re
-import resource
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
-from functools import cache
-from itertools import islice
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from zlib import crc32
 
-from brownpipe import interrupts
-from brownpipe.errors import StorageError, WrongFileError
-from brownpipe.opening import opened_unlinked, read_ordinary
+from brownpipe.errors import BrownpipeError, StorageError, WrongFileError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
-PREFIX = "brownpipe-sha256:"
-NO_RESULTS = (
-    "is YAML, not HDF5; brownpipe simulate makes trajectory files of a scene, brownpipe run the results of a study"
-)
-READABLE = "trajectory files, datasets, figures and tables can be inspected and verified"
-LOG = f"is a log; {READABLE}"
-SEALED_TEXT = f"is text that is verified with its study, by brownpipe verify results/STUDY; {READABLE} alone"
-WRONG_PATH = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL, errno.ENXIO)
-BLANK_SEAL = PREFIX + 64 * "0"
-BLOCK = 4096  # bytes that a disk hands out at once
-MEMORY = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")  # bytes of this machine
-LONGEST_WRITING = 86_400.0  # s; a part that has not changed for so long is abandoned, wherever its process is
-SEAL = re.compile(PREFIX.encode() + b"[0-9a-f]{64}")
+SEAL = re.compile(rb"# brownpipe-sha256:([0-9a-f]{64})\n")
+SEAL_LENGTH = len("# brownpipe-sha256:\n") + 64
+PLACE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.EEXIST, errno.ENOTDIR, errno.EISDIR)
+MALFORMED = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError)
 
 
 def write_file(path: str | Path, contents: bytes) -> None:
     """Write a file such that any reader sees the old file or the complete new one, never a part of it.
 
-    The bytes go to a part beside it (`replacing`; its folder is created if missing), are flushed to the disk and read
-    back; only then is the part renamed. If anything fails before, the part is removed.
+    The bytes go to a part beside it (`replacing`) and are flushed to the disk; only then is the part renamed.
 
-    Raises StorageError if the disk is full, the folder cannot be written to, or the file reads back differently.
+    Raises StorageError if the disk is full or the folder cannot be written to; the part is removed.
     """
     write_files({path: contents})
 
@@ -63,109 +35,36 @@ def write_files(files: Mapping[str | Path, bytes]) -> None:
     """Write files that belong together, as `write_file`; none is replaced before all of them are on the disk."""
     with ExitStack() as parts:
         for path, contents in files.items():
-            _write_through(parts.enter_context(replacing(path)), contents)
-
-
-class _TriedError(Exception):
-    """Ends a writing that was only to be tried."""
-
-
-def try_to_write(path: str | Path) -> None:
-    """Write a block to the part of a file and remove it again, before the work whose result the file is to hold.
-
-    Raises StorageError as `write_file` does, also if a folder has the name of the file.
-    """
-    if Path(path).is_dir():
-        raise StorageError(f"{path}: not written: is a folder; choose the name of a file")
-    with suppress(_TriedError), replacing(path) as part:
-        _write_through(part, bytes(BLOCK))
-        raise _TriedError
-
-
-def free_space(folder: str | Path) -> float:
-    """Return the bytes that a new file in a folder may have: the space on the disk or the limit of file sizes."""
-    disk, limit = os.statvfs(folder), resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-    free = disk.f_bavail * disk.f_frsize
-    return free if limit == resource.RLIM_INFINITY else min(free, limit)
+            _write(parts.enter_context(replacing(path)), contents)
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Create a part, NAME.<process>-<place>-<random>.part, to write to. It becomes the file, or is removed on an error.
+    """Yield a part to write to, NAME.brownpipe.part, which then becomes the file at `path`; on an error it is removed.
 
-    The part is a new file: a file or link of its name, which another user may have planted, is neither opened nor
-    followed. Writers reopen it by `opening.opened_unlinked`. A link in place of the file is replaced, not followed.
-    Parts of the same NAME that a killed process has left are removed first.
-
-    Raises StorageError as `write_file` does, and if another process has replaced the part.
+    The folder is created if missing. A part that a killed process has left is overwritten by the next writer of the
+    file. Raises StorageError as `write_file` does.
     """
     path = Path(path)
-    if not path.name:
-        raise StorageError(f"{path}: is a folder; choose the name of a file")
-    part = path.with_name(f"{path.name}.{os.getpid()}-{_place()}-{os.urandom(4).hex()}.part")
+    part = path.with_name(f"{path.name}.brownpipe.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        remove_abandoned_parts(path)
-        handle, may_exist = -1, True
-        interrupts.unfinished.add(str(part))  # before: an interrupt may come when there is the part, but no handle yet
         try:
-            try:
-                handle = opened_unlinked(str(part), os.O_WRONLY | os.O_CREAT | os.O_EXCL)
-            except OSError:
-                may_exist = False  # or it is another one's
-                raise
             yield part
-            if not os.path.samestat(os.fstat(handle), os.lstat(part)):
-                raise OSError(errno.EIO, "another process has replaced its part; choose a folder of your own")
             os.replace(part, path)
         finally:
-            if handle >= 0:
-                os.close(handle)
-            if may_exist:
-                part.unlink(missing_ok=True)
-            interrupts.unfinished.discard(str(part))
+            part.unlink(missing_ok=True)
         sync(path.parent)
     except OSError as error:
         raise StorageError(f"{path}: not written: {_reason(error)}") from error
 
 
-def remove_abandoned_parts(path: Path) -> None:
-    """Remove parts of a file that are a day old, or whose process on this machine has ended without removing them."""
-    parts = re.compile(re.escape(path.name) + r"\.([0-9]{1,9})(?:-([0-9a-f]{8})-[0-9a-f]{8})?\.part")
-    with suppress(OSError), os.scandir(path.parent) as entries:
-        for entry in entries:
-            if found := parts.fullmatch(entry.name):
-                with suppress(OSError):
-                    age = time.time() - entry.stat(follow_symlinks=False).st_mtime
-                    if age > LONGEST_WRITING or (found[2] == _place() and not _is_running(int(found[1]))):
-                        os.unlink(entry.path)
-
-
-@cache
-def _place() -> str:
-    """Return the name of the space in which process numbers are unique: the machine, and its PID namespace."""
-    namespace = os.readlink("/proc/self/ns/pid") if os.path.exists("/proc/self/ns/pid") else ""
-    return f"{crc32(f'{os.uname().nodename} {namespace}'.encode()):08x}"
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):  # it belongs to another user, or it is none that can be asked for
-        return True
-    return True
-
-
-def _write_through(path: Path, contents: bytes) -> None:
-    """Write the bytes to an existing file, wait until they are on the disk, and read them back."""
-    with open(path, "wb", opener=opened_unlinked) as file:
+def _write(path: Path, contents: bytes) -> None:
+    """Write the bytes to a file and wait until they are on the disk."""
+    with open(path, "wb") as file:
         file.write(contents)
         file.flush()
         os.fsync(file.fileno())
-    if path.read_bytes() != contents:
-        raise OSError(errno.EIO, "it reads back differently; check the disk and rerun")
 
 
 def sync(path: Path) -> None:
@@ -185,78 +84,64 @@ def sync(path: Path) -> None:
 
 def _reason(error: OSError) -> str:
     """Return why a file was not written and, where it is known, what to do about it."""
-    if error.errno == errno.EFBIG:
-        limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-        return f"{error.strerror}: no file may have more than {limit:,} bytes (ulimit -f); must be a higher limit"
-    if error.errno == errno.ENAMETOOLONG:
-        return f"{error.strerror}; choose a shorter one"
+    said = error.strerror or str(error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return f"{error.strerror}; free some space and rerun"
-    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
-        return f"{error.strerror}; choose a place that can be written"
-    return error.strerror or str(error)
+        return f"{said}; free some space and rerun"
+    if error.errno == errno.ENAMETOOLONG:
+        return f"{said}; choose a shorter one"
+    return f"{said}; choose a place that can be written" if error.errno in PLACE else said
 
 
-def seal(contents: bytes) -> bytes:
-    """Return the contents with their blank seal replaced by their SHA-256.
+def sealed(contents: bytes) -> bytes:
+    """Return the contents with their seal behind them."""
+    return contents + f"# brownpipe-sha256:{hashlib.sha256(contents).hexdigest()}\n".encode()
 
-    HDF5's checksums cover chunks of numbers, not its metadata. Of 3,000 single-bit flips in a small file, 71 went
-    unnoticed and changed names, texts or numbers, and 2 crashed the library; the seal covers every byte.
-    """
-    if contents.count(BLANK_SEAL.encode()) != 1:
-        raise ValueError("the contents need exactly one blank seal")
-    return contents.replace(BLANK_SEAL.encode(), PREFIX.encode() + hashlib.sha256(contents).hexdigest().encode())
+
+def seal_of(path: str | Path) -> str:
+    """Return the SHA-256 that the seal of a file states, without verifying it; "" without a seal."""
+    with open(path, "rb") as file:
+        file.seek(max(0, os.fstat(file.fileno()).st_size - SEAL_LENGTH))
+        found = SEAL.fullmatch(file.read())
+    return found[1].decode() if found else ""
 
 
 def read_sealed(path: str | Path) -> bytes:
-    """Return the bytes of a sealed HDF5 file after verifying its seal.
+    """Return the contents of a file without its seal, which is verified.
 
-    Raises StorageError, without the name of the file, if the seal is broken or missing; WrongFileError if there is no
-    file, one that is not an ordinary file, or one without any mark of HDF5 and brownpipe.
+    Raises StorageError, without the name of the file, if it is damaged; WrongFileError if it cannot be read or has
+    neither a seal nor the first bytes of HDF5.
     """
     try:
-        if os.stat(path).st_size > MEMORY:
-            raise WrongFileError("is larger than the memory of this machine")
-        contents = read_ordinary(path, MEMORY)
-    except MemoryError:
-        raise WrongFileError("does not fit into memory") from None
-    except OSError as error:
-        problem = WrongFileError if error.errno in WRONG_PATH else StorageError
-        raise problem(f"cannot be read: {error.strerror}") from error
-    except ValueError as error:  # a path that no system allows
-        raise WrongFileError(f"cannot be read: {error}") from None
-    if not contents.startswith(HDF5):
-        raise _not_hdf5(contents, Path(path).suffix)
-    seals = [*islice(SEAL.finditer(contents), 2)]
-    if len(seals) != 1:
-        raise StorageError("is cut short, damaged, or not a file of brownpipe")
-    first, last = seals[0].span()
-    total = hashlib.sha256(memoryview(contents)[:first])
-    total.update(BLANK_SEAL.encode())
-    total.update(memoryview(contents)[last:])
-    if total.hexdigest() != seals[0].group().decode().removeprefix(PREFIX):
+        contents = Path(path).read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a path that no system allows
+        problem = StorageError if isinstance(error, OSError) and error.errno == errno.EIO else WrongFileError
+        raise problem(f"cannot be read: {getattr(error, 'strerror', error)}") from error
+    rest, seal = contents[:-SEAL_LENGTH], SEAL.fullmatch(contents[-SEAL_LENGTH:])
+    if seal is None and not HDF5.startswith(contents[: len(HDF5)]):
+        raise WrongFileError("is not a trajectory file or dataset of brownpipe")
+    if seal is None:
+        raise StorageError("is cut short, damaged, or not a file of brownpipe; if brownpipe wrote it")
+    if hashlib.sha256(rest).hexdigest() != seal[1].decode():
         raise StorageError("was damaged or edited after it was written")
-    return contents
-
-
-def _not_hdf5(contents: bytes, suffix: str) -> StorageError:
-    """Return the error for a file that is not HDF5; it may have been if it is empty or has a seal outside a comment."""
-    if f"# {PREFIX}".encode() in contents:
-        return WrongFileError(SEALED_TEXT)
-    if suffix == ".log":
-        return WrongFileError(LOG)
-    if not contents or PREFIX.encode() in contents:
-        return StorageError("is not an HDF5 file")
-    is_yaml = suffix in (".yaml", ".yml")
-    return WrongFileError(NO_RESULTS if is_yaml else "is not an HDF5 file, as trajectory files and datasets are")
+    return rest
 
 
 @contextmanager
-def naming(path: str | Path, remedy: Callable[[str | Path], str]) -> Iterator[None]:
-    """Put the name of the file before errors of reading it and, if it is damaged, its remedy behind them."""
+def naming(path: str | Path, verb: str) -> Iterator[None]:
+    """Put the name of the file before errors of reading it and, if it is damaged, what to do behind them.
+
+    verb: of brownpipe, which makes such files. What is intact but cannot be understood is of another version.
+    """
+    again = f"delete it and run the study, or brownpipe {verb}, again"
     try:
         yield
     except WrongFileError as error:
         raise WrongFileError(f"{path}: {error}") from error
     except StorageError as error:
-        raise StorageError(f"{path}: {error}; {remedy(path)}") from error
+        raise StorageError(f"{path}: {error}; {again}".replace("wrote it; ", "wrote it, ")) from error
+    except MemoryError:
+        raise WrongFileError(f"{path}: does not fit into memory") from None
+    except MALFORMED as error:
+        if isinstance(error, BrownpipeError):
+            raise
+        raise StorageError(f"{path}: is intact, but not as this version of brownpipe writes it; {again}") from error

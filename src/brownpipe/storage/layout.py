@@ -15,7 +15,6 @@ from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.hdf5 import Link, Node, Nodes
 from brownpipe.storage.rerun import rerun
 
-FORMAT = 1
 TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
 
 MEANING = {  # dataset: units, long_name
@@ -167,10 +166,9 @@ def _events(group: str, events: Events) -> Nodes:
     return nodes
 
 
-def parameter_nodes(scene: Scene, engine: Engine, ensemble: Ensemble, source: str) -> dict[str, Node]:
+def parameter_nodes(scene: Scene, engine: Engine, ensemble: Ensemble, source: str, digest: str) -> dict[str, Node]:
     """Return the group /parameters: scene, engine, versions, and the commands that make the runs again."""
     attributes = {
-        "format": FORMAT,
         "scene_name": scene.name,
         "particles": scene.particles,
         "engine": engine.name,
@@ -178,6 +176,7 @@ def parameter_nodes(scene: Scene, engine: Engine, ensemble: Ensemble, source: st
         "average": ensemble.average,
         "rerun": rerun(scene, engine, ensemble),
         "source_digest": source,
+        "runs_digest": digest,
     }
     return {
         "parameters": Node(None, attributes | versions()),

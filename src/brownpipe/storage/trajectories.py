@@ -1,27 +1,22 @@
 """Trajectory files: a batch of runs of one scene by one engine; their layout is drawn in `brownpipe.storage`."""
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, recorded
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
-from brownpipe.observables import AXES, observables_making
-from brownpipe.provenance import modules_of, source_digest, versions
+from brownpipe.observables import ARRAYS, AXES, axes, observables_making
+from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.scene.reading import NAME
 from brownpipe.scene.seeds import seed_text
-from brownpipe.storage.admission import opened, understood
-from brownpipe.storage.consistency import refuse_axes, refuse_sizes, refuse_values
-from brownpipe.storage.files import BLANK_SEAL, naming, read_sealed, seal, write_file
-from brownpipe.storage.hdf5 import CHANGED, Node, digest, from_bytes, nodes_of, some_from_bytes, to_bytes
-from brownpipe.storage.layout import FORMAT, parameter_nodes, run_nodes
-from brownpipe.storage.rerun import remedy
+from brownpipe.storage.files import naming, read_sealed, sealed, write_file
+from brownpipe.storage.hdf5 import Node, from_bytes, some_from_bytes, to_bytes
+from brownpipe.storage.layout import parameter_nodes, run_nodes
 
 OUTLINE = (  # paths from which an Outline is made
     "parameters",
@@ -32,8 +27,8 @@ OUTLINE = (  # paths from which an Outline is made
     "observables/run/time",
 )
 WITHOUT_RESULTS = {"seed", "failed", "stopped"}  # all that is known of runs that could not go on
+NO_TRAJECTORIES = "is a file of brownpipe, but not a trajectory file (of `brownpipe simulate`)"
 LISTED = ("particles", "observables/run", "observables/events")  # groups whose names an Outline needs
-TEXTS = ("scene_name", "engine", "average", "source_digest", "contents_digest")  # attributes of /parameters
 
 
 class Trajectories(NamedTuple):
@@ -43,6 +38,7 @@ class Trajectories(NamedTuple):
     engine: Engine
     ensemble: Ensemble
     source: str = ""  # digest of the source code that made the runs
+    header: Mapping[str, str] = {}  # of the file: versions, and what else its /parameters says; empty without a file
 
     @property
     def outline(self) -> "Outline":
@@ -65,6 +61,7 @@ class Outline(NamedTuple):
     source: str  # digest of the source code that made the runs
     observables: tuple[str, ...] | None = ()  # measured in the runs; None if none of them came to its end
     average: str = "runs"  # as in Ensemble
+    digest: str = ""  # of all that determines the runs (`store.runs_digest`); empty for runs that were only saved
 
     @property
     def tracer(self) -> bool:
@@ -73,33 +70,44 @@ class Outline(NamedTuple):
 
 
 def write_trajectories(
-    path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble, source: str | None = None
+    path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble, source: str | None = None, digest: str = ""
 ) -> None:
     """Write a batch of runs to a trajectory file.
 
     source: digest of the source code that made the runs, by default that of this installation.
+    digest: of all that determines the runs (`store.runs_digest`), for those that studies share.
 
-    Raises StorageError if the file cannot be written, or if HDF5 decodes other values from its bytes.
+    Raises StorageError if the file cannot be written.
     """
     source = source or source_digest(*modules_of("simulate", engine.name))
-    parameters = parameter_nodes(scene, engine, ensemble, source)
-    nodes = run_nodes(scene, ensemble) | parameters
-    expected = digest(nodes)
-    parameters["parameters"].attributes.update(contents_digest=expected, seal=BLANK_SEAL)
-    image = seal(to_bytes(nodes))
-    if digest(from_bytes(image)) != expected:
-        raise StorageError(f"{path}: not written: HDF5 gives back other numbers; check memory and the HDF5 library")
-    write_file(path, image)
+    nodes = run_nodes(scene, ensemble) | parameter_nodes(scene, engine, ensemble, source, digest)
+    write_file(path, sealed(to_bytes(nodes)))
 
 
 def read_trajectories(path: str | Path) -> Trajectories:
-    """Return the contents of a trajectory file after verifying seal and digest.
+    """Return the contents of a trajectory file after verifying its seal.
 
-    Raises StorageError, which names the file, its seeds and the command that makes them again; WrongFileError if the
-    file does not exist or is no trajectory file.
+    Raises StorageError, which names the file and says how to make it again; WrongFileError if the file does not exist
+    or is no trajectory file.
     """
-    with naming(path, remedy), understood():
-        return _trajectories(*_contents(path))
+    with naming(path, "simulate"):
+        return trajectories_in(read_sealed(path))
+
+
+def trajectories_in(image: bytes) -> Trajectories:
+    """Return the contents of a trajectory file, given its bytes; errors as of `read_trajectories`."""
+    if not is_trajectories(image):
+        raise WrongFileError(NO_TRAJECTORIES)
+    nodes = from_bytes(image)
+    scene, engine, header = _setting(nodes)
+    ensemble = _ensemble(nodes, scene)._replace(average=header["average"])
+    refuse_sizes(ensemble, scene)
+    return Trajectories(scene, engine, ensemble, header["source_digest"], header)
+
+
+def is_trajectories(image: bytes) -> bool:
+    """Whether the bytes of an HDF5 file are those of a trajectory file."""
+    return "parameters" in some_from_bytes(image, ["parameters"])
 
 
 def read_outline(path: str | Path) -> Outline:
@@ -107,26 +115,22 @@ def read_outline(path: str | Path) -> Outline:
 
     Raises StorageError and WrongFileError like `read_trajectories`.
     """
-    with naming(path, remedy), understood():
-        with opened(read_sealed(path)) as contents:
-            nodes, groups = nodes_of(contents, contents.some(OUTLINE)), contents.some(LISTED)
-            names = {group: tuple(item) for group, item in groups.items() if isinstance(item, h5py.Group)}
-        parameters = _parameters_of(nodes)
-        scene, engine = _scene_and_engine(nodes)
-        tracks, runs, events = (names.get(group, ()) for group in LISTED)
+    with naming(path, "simulate"):
+        nodes = some_from_bytes(read_sealed(path), (*OUTLINE, *LISTED))
+        scene, engine, header = _setting(nodes)
+        tracks, runs, events = (nodes[group].value if group in nodes else () for group in LISTED)
         times = nodes.get("particles/tracer/position/time", nodes.get("observables/run/time"))
-        outline = Outline(
+        return Outline(
             scene=scene,
             engine=engine,
             seeds=nodes["observables/run/seed"].value,
             times=scene.times if times is None else times.value,
             record=_record("tracer" in tracks, {*tracks} - {"tracer"}, events),
-            source=parameters["source_digest"],
+            source=header["source_digest"],
             observables=_measured(runs),
-            average=parameters.get("average", "runs"),
+            average=header["average"],
+            digest=header["runs_digest"],
         )
-        refuse_axes(outline.seeds, outline.times, outline.average, scene)
-        return outline
 
 
 def _measured(names: Collection[str]) -> tuple[str, ...] | None:
@@ -138,12 +142,6 @@ def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
     """Return what is recorded, in the words of `--record`; an argument is true, or not empty, if it is recorded."""
     parts = {"tracer": tracer, "all": whole, "events": events}
     return frozenset(name for name, is_recorded in parts.items() if is_recorded)
-
-
-def read_header(path: str | Path) -> dict:
-    """Return the attributes of /parameters (names, versions, digests); checks and errors as of `read_outline`."""
-    with naming(path, remedy), understood():
-        return _parameters_of(some_from_bytes(read_sealed(path), OUTLINE))
 
 
 def whole_seed(trajectories: Trajectories, path: str, seed: int | None) -> int:
@@ -177,51 +175,35 @@ def refuse_stopped(trajectories: Trajectories, path: str, seed: int | None) -> N
 # -- reading --------------------------------------------------------------------------------------------------------
 
 
-def _contents(path: str | Path) -> tuple[dict[str, Node], Scene, Engine]:
-    """Return all nodes of a trajectory file, its scene and its engine after verifying seal, sizes and digest."""
-    with opened(read_sealed(path)) as contents:
-        outline = nodes_of(contents, contents.some(OUTLINE))
-        _parameters_of(outline)
-        scene, engine = _scene_and_engine(outline)
-        items = contents.members()
-        refuse_sizes(items, scene, len(outline["observables/run/seed"].value))
-        nodes = nodes_of(contents, items)
-    if nodes["parameters"].attributes["contents_digest"] != digest(nodes):
-        raise StorageError(CHANGED)
-    return nodes, scene, engine
+def _setting(nodes: dict[str, Node]) -> tuple[Scene, Engine, dict]:
+    """Return scene, engine and the attributes of /parameters.
 
-
-def _parameters_of(nodes: dict[str, Node]) -> dict:
-    """Return the attributes of /parameters; raise an error if the nodes are not those of a file of this format."""
+    Raises WrongFileError for another file of brownpipe, StorageError if this version refuses the scene or the engine.
+    """
     if "parameters" not in nodes:
-        raise WrongFileError("is a file of brownpipe, but not a trajectory file (of `brownpipe simulate`)")
-    attributes = nodes["parameters"].attributes
-    if attributes["format"] > FORMAT:
-        raise StorageError(f"has format {attributes['format']}; this brownpipe reads up to {FORMAT}: upgrade it")
-    for name in (*TEXTS, *versions()):
-        if not isinstance(attributes.get(name, ""), str):
-            raise StorageError(f"has a {name} that is no text")
-    return attributes
-
-
-def _scene_and_engine(nodes: dict[str, Node]) -> tuple[Scene, Engine]:
-    """Return scene and engine; raise StorageError if this version of brownpipe refuses one of them."""
-    parameters = nodes["parameters"].attributes
-    if not NAME.fullmatch(parameters["scene_name"]):
-        raise StorageError("names no scene")
+        raise WrongFileError(NO_TRAJECTORIES)
+    header = nodes["parameters"].attributes
     mapping, settings = (json.loads(nodes[f"parameters/{name}"].value) for name in ("scene", "settings"))
     try:
-        scene = parse_scene(mapping, f"{parameters['scene_name']}.yaml")
-        return scene, recorded({"name": parameters["engine"], **settings})
+        scene = parse_scene(mapping, f"{header['scene_name']}.yaml")
+        return scene, recorded({"name": header["engine"], **settings}), header
     except RequestError as error:
-        raise StorageError(f"is of brownpipe {parameters['brownpipe_version']}, not of this one: {error}") from error
+        raise StorageError(f"is of brownpipe {header['brownpipe_version']}, not of this one: {error}") from error
 
 
-def _trajectories(nodes: dict[str, Node], scene: Scene, engine: Engine) -> Trajectories:
-    parameters = nodes["parameters"].attributes
-    ensemble = _ensemble(nodes, scene)._replace(average=parameters.get("average", "runs"))
-    refuse_values(ensemble, scene)
-    return Trajectories(scene, engine, ensemble, parameters["source_digest"])
+def refuse_sizes(ensemble: Ensemble, scene: Scene) -> None:
+    """Raise StorageError for arrays whose sizes are not those of the scene, its sample times and the seeds."""
+    runs, times = len(ensemble.seeds), len(scene.times)
+    shapes = {name: (runs, *map(len, axes(scene, name).values())) for name in ARRAYS.keys() & ensemble.observables}
+    arrays = {name: (values, shapes.get(name, (runs,))) for name, values in ensemble.observables.items()}
+    tracks = {"tracer": (ensemble.tracer, runs)} if ensemble.tracer is not None else {}
+    tracks |= {f"seed {seed}": (track, scene.particles) for seed, track in ensemble.whole.items()}
+    for whose, (track, disks) in tracks.items():
+        parts = track._asdict().items()
+        arrays |= {f"{name} ({whose})": (part, (times, disks, 2)) for name, part in parts if part is not None}
+    for name, (values, shape) in arrays.items():
+        if values.shape != shape:
+            raise StorageError(f"holds {name} of shape {values.shape}; its scene and seeds make it {shape}")
 
 
 def _ensemble(nodes: dict[str, Node], scene: Scene) -> Ensemble:

@@ -19,9 +19,8 @@ from brownpipe.engines.state import Ensemble, Events, Track, blank
 from brownpipe.errors import RequestError, StorageError
 from brownpipe.observables import ARRAYS, AXES, axes
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.storage.consistency import refuse_values
 from brownpipe.storage.layout import MEANING
-from brownpipe.storage.trajectories import Trajectories
+from brownpipe.storage.trajectories import Trajectories, refuse_sizes
 
 if TYPE_CHECKING:
     from xarray import Dataset, DataTree, Variable
@@ -40,7 +39,7 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     """Return runs as a tree. Arrays of the tracer and of observables are shared with it, tracks of all disks copied."""
     import xarray
 
-    scene, engine, ensemble, source = trajectories
+    scene, engine, ensemble, source, _ = trajectories
     attributes = {
         "title": f"{scene.name}: {len(ensemble.seeds)} runs",
         "scene": scene.text,
@@ -106,7 +105,7 @@ def from_tree(tree: "DataTree", with_events: bool = True) -> Trajectories:
             average=attributes["average"],
             stopped=stopped,
         )
-        refuse_values(ensemble, scene)
+        refuse_sizes(ensemble, scene)
         return Trajectories(scene, engine, ensemble, attributes["source_digest"])
     except (AttributeError, IndexError, KeyError, TypeError, ValueError, RequestError, StorageError) as error:
         raise RequestError(
@@ -139,6 +138,14 @@ def _refuse_part(scene: Scene, root: "Dataset") -> None:
         raise ValueError("without the dimension seed; select seeds by a list, as in sel(seed=[3])")
     if not root.sizes["seed"]:
         raise ValueError("no seed is selected")
+    seeds = root.seed.values
+    if seeds.dtype != np.int64 or seeds.min() < 0 or len(np.unique(seeds)) < len(seeds):
+        raise ValueError("holds seeds that are negative or repeated, or not integers")
+    if (
+        "position" in root
+        and not np.isfinite(root.position.transpose("seed", ...).values[root.failed.values == 0]).all()
+    ):
+        raise ValueError("holds positions that are not finite in a run that did not fail")
     if root.sizes["time"] != len(scene.times):
         samples = f"{root.sizes['time']} of its {len(scene.times)} samples"
         raise ValueError(f"{samples}; select times from the analysis instead")

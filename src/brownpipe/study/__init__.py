@@ -1,10 +1,10 @@
 """Studies: many runs of many scenes, their workload, and the number of runs and the engine that a tolerance needs.
 
 `study_file` reads a study; `check` describes it; `run_count` turns its tolerance into a number of runs; `plan` chooses
-an engine from `offers`, which follow from the `performance` of each engine in each case.
+an engine.
 """
 
-from brownpipe.study.study import EngineUse, SimulationJob, Study
-from brownpipe.study.study_file import from_command_line, read_study, refuse_repetition
+from brownpipe.study.study import EngineUse, Study, refuse_repetition
+from brownpipe.study.study_file import from_command_line, read_study
 
-__all__ = ["EngineUse", "SimulationJob", "Study", "from_command_line", "read_study", "refuse_repetition"]
+__all__ = ["EngineUse", "Study", "from_command_line", "read_study", "refuse_repetition"]

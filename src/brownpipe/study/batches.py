@@ -7,6 +7,8 @@ first jobs are short, and their length doubles as often as the number of runs be
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from brownpipe.engines import forecast
 from brownpipe.scene.seeds import ranges
 
@@ -18,7 +20,7 @@ SHORT_JOBS = 32  # of equal length before the length is doubled, while it is bel
 LONG_JOBS = 256  # the same from LONGEST on, so that a year of CPU time has some 2,500 jobs
 
 
-def automatic_batches(seeds: Sequence[int], cost: forecast.Cost) -> list[tuple[int, int]]:
+def automatic_batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost) -> list[tuple[int, int]]:
     """Return first and last seed of each batch, for ascending seeds of runs with this forecast.
 
     Every range of consecutive seeds begins with batches of SHORTEST.

@@ -5,7 +5,6 @@ from `engines.forecast`; nothing is simulated or timed here.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import chain
 
 from brownpipe import observables
@@ -18,12 +17,11 @@ from brownpipe.errors import RequestError
 from brownpipe.formatting import in_bytes, in_time
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.scene.scene_file import MOST_BYTES, is_study
+from brownpipe.scene.scene import is_study
 from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study import Study, read_study
-from brownpipe.study.run_count import assumed_runs
 from brownpipe.study.study import REFERENCE
-from brownpipe.study.workload import LONG, cautions, describe_workload, workloads
+from brownpipe.study.workload import LONG, cautions, describe_workload, with_assumed_runs, workloads
 
 RUNS = 100  # of a scene, for which its placement should succeed
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
@@ -31,7 +29,7 @@ FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:
     """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
-    mapping = read_yaml(path, MOST_BYTES)
+    mapping = read_yaml(path)
     if isinstance(mapping, dict) and is_study(mapping):
         if particles is not None:
             raise RequestError(f"{path}: --particles is for scenes; a study says for itself")
@@ -51,7 +49,6 @@ def _scene(scene: Scene) -> list[str]:
         f"expected  {_collisions(scene, cost)}",
         f"cost      some {in_time(cost.seconds + cost.storing)} of CPU per run, after {forecast.START_UP:g} s to start;"
         f" {in_bytes(forecast.memory(cost, 1))} of memory for one run, {in_bytes(cost.recorded)} of file per run",
-        *_kernels([(REFERENCE, scene)]),
         *_observables(scene, cost),
         *_cautions(REFERENCE, [scene]),
         *_foreseen(scene, cost),
@@ -77,8 +74,8 @@ def _start(scene: Scene) -> str:
         else f"with standard deviation {velocities.standard_deviation:g}"
     )
     zero_momentum = ", total momentum zero" if velocities.zero_momentum else ""
-    tracer = scene.tracer_while_equilibrating
-    equilibrated = f"; equilibrated for {scene.equilibrate:g}, tracer {tracer}" if scene.equilibrate else ""
+    tracer = scene.equilibrate.tracer
+    equilibrated = f"; equilibrated for {scene.equilibrate.time:g}, tracer {tracer}" if scene.equilibrate.time else ""
     return f"{placed}; velocity components normal {width}{zero_momentum}{equilibrated}"
 
 
@@ -129,18 +126,6 @@ def _approximate_engines(scene: Scene) -> list[str]:
         seconds = cost.seconds + cost.storing
         lines += [f"{name:<9} {model}; some {in_time(seconds)} per run", *_cautions(engine, [scene])]
     return lines
-
-
-def _kernels(runs: Sequence[tuple[Engine, Scene]]) -> list[str]:
-    """Return whether the machine code for these engines and scenes is there, or how long compiling it will take."""
-    missing: dict[str, float] = {}
-    for engine, scene in runs:
-        if scene.particles:
-            missing |= engine.seconds_to_compile(scene)
-    if not missing:
-        return ["kernels   compiled"]
-    once = "once per machine and version of the source"
-    return [f"kernels   to be compiled first: about {in_time(sum(missing.values()))} of CPU, {once}"]
 
 
 def _foreseen(scene: Scene, cost: forecast.Cost) -> list[str]:
@@ -197,7 +182,6 @@ def _study(study: Study) -> list[str]:
         where = "" if len(cases) == len(study.cases) else f" in {names}"
         model = f"{engine.model(cases)}; some {in_time(sum(part.seconds for part in of_engine))} of CPU"
         lines += [f"engine    {engine.label}{where}: {model}", *_cautions(engine, cases)]
-    lines += _kernels([(part.engine, part.case) for part in parts])
     placements = [_placement(part.engine, part.case, len(part.seeds)) for part in parts]
     foreseen = dict.fromkeys([*filter(None, placements), *cautions(study)])
     lines += [f"caution   {reason}" for reason in foreseen]
@@ -208,10 +192,11 @@ def _with_seeds(study: Study) -> tuple[Study, list[str]]:
     """Return a study with a tolerance with as many seeds as it is assumed to need, and a line that says so."""
     if study.tolerance is None:
         return study, []
-    runs = assumed_runs(study.tolerance)
+    assumed = with_assumed_runs(study)
+    runs = len(assumed.seeds)
     goal = f"{study.target} to {100 * study.tolerance:g} %"
     line = f"seeds     as many as {goal} needs: about {_rounded(runs)}, to be determined by pilot runs (brownpipe plan)"
-    return replace(study, seeds=range(runs)), [line]
+    return assumed, [line]
 
 
 def _rounded(count: float) -> str:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from brownpipe.errors import RequestError, StorageError
 from brownpipe.provenance import PACKAGE
-from brownpipe.scene import reading
-from brownpipe.scene.reading import Entry
+from brownpipe.scene.reading import Name, validated
 from brownpipe.storage import write_file
 
 TEMPLATES = PACKAGE / "study" / "templates"
@@ -20,7 +19,7 @@ def write_new_study(name: str, folder: str | Path = ".") -> tuple[Path, Path]:
     """
     name = name.removesuffix(".yaml")
     for key, value in (("NAME", name), ("name of the scene", f"{name}_scene")):
-        reading.name(Entry(value, "", (key,)))
+        validated(Name, value, key=key)
     paths = Path(folder) / f"{name}_scene.yaml", Path(folder) / f"{name}.yaml"
     for path in paths:
         if os.path.lexists(path):

@@ -1,5 +1,6 @@
 """The workload of a study: how many runs and jobs it has, and the CPU time and disk space they are expected to take."""
 
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from itertools import chain
@@ -8,8 +9,9 @@ from typing import NamedTuple
 from brownpipe.engines import Engine, forecast
 from brownpipe.formatting import counted, in_bytes, in_time
 from brownpipe.scene import Scene
-from brownpipe.study.study import EngineUse, SimulationJob, Study
+from brownpipe.study.study import EngineUse, Study
 
+PILOT_SECONDS = 4.0  # CPU time of the pilot runs of a case, as forecast
 LONG = 2 * 86400.0  # CPU seconds from which a forecast is cautioned about, in days
 
 
@@ -35,8 +37,7 @@ class CaseWorkload(NamedTuple):
     @property
     def seconds(self) -> float:
         """CPU seconds, with starting the processes."""
-        once = forecast.START_UP + self.cost.once
-        return len(self.batches) * once + len(self.seeds) * (self.cost.seconds + self.cost.storing)
+        return seconds_of_jobs(self.cost, len(self.seeds), len(self.batches))
 
     def _seeds_in(self, batch: tuple[int, int]) -> int:
         """Return how many of the ascending seeds lie in a batch (first, last)."""
@@ -49,8 +50,8 @@ def workloads(study: Study) -> list[list[CaseWorkload]]:
 
 
 def _workload(study: Study, use: EngineUse, case: Scene) -> CaseWorkload:
-    cost = use.engine.forecast(case, *study.recording)
-    return CaseWorkload(use.engine, use.seeds or study.seeds, case, cost, study.batches_of(use, case))
+    cost, seeds = use.engine.forecast(case, *study.recording), use.seeds or study.seeds
+    return CaseWorkload(use.engine, seeds, case, cost, study.batches_of(use, case, seeds))
 
 
 def case_workloads(study: Study) -> list[CaseWorkload]:
@@ -58,9 +59,19 @@ def case_workloads(study: Study) -> list[CaseWorkload]:
     return [*chain.from_iterable(workloads(study))]
 
 
-def seconds_of_job(cost: forecast.Cost, runs: int) -> float:
-    """Return the CPU seconds of a process that makes and writes so many runs."""
-    return forecast.START_UP + cost.once + runs * (cost.seconds + cost.storing)
+def with_assumed_runs(study: Study) -> Study:
+    """Return a study with a tolerance with the runs of a quantity whose standard deviation is its mean, as r^2 has it.
+
+    One that has seeds is returned unchanged.
+    """
+    if study.tolerance is None or study.seeds:
+        return study
+    return study.model_copy(update={"seeds": range(math.ceil(study.tolerance**-2))})
+
+
+def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
+    """Return the CPU seconds of so many processes that make and write so many runs together."""
+    return jobs * (forecast.START_UP + cost.once) + runs * (cost.seconds + cost.storing)
 
 
 def cautions(study: Study) -> list[str]:
@@ -70,7 +81,7 @@ def cautions(study: Study) -> list[str]:
     """
     parts = case_workloads(study)
     largest = max(parts, key=lambda part: forecast.memory(part.cost, part.most_seeds))
-    longest = max(parts, key=lambda part: seconds_of_job(part.cost, part.most_seeds))
+    longest = max(parts, key=lambda part: seconds_of_jobs(part.cost, part.most_seeds))
     total = sum(part.seconds for part in parts)
     lines = [_too_large(largest), _too_long(study, longest)]
     if total >= LONG:
@@ -80,9 +91,9 @@ def cautions(study: Study) -> list[str]:
 
 
 def _job(part: CaseWorkload) -> str:
-    """Return the file of the first of the largest jobs of a case by an engine, as messages name it."""
-    job = SimulationJob(part.case.name, part.case.particles, part.engine.label, *part.largest_batch)
-    return f"the job {job.file}"
+    """Return the first of the largest jobs of a case by an engine, as messages name it."""
+    first, last = part.largest_batch
+    return f"the job of seeds {first}-{last} of {part.case.name}, N = {part.case.particles}, {part.engine.label},"
 
 
 def _too_large(part: CaseWorkload) -> str | None:
@@ -101,7 +112,7 @@ def _too_large(part: CaseWorkload) -> str | None:
 def _too_long(study: Study, part: CaseWorkload) -> str | None:
     """Return a line if a job takes days."""
     runs = part.most_seeds
-    seconds = seconds_of_job(part.cost, runs)
+    seconds = seconds_of_jobs(part.cost, runs)
     if seconds < LONG:
         return None
     cure = "must be a shorter duration or fewer disks"

@@ -5,14 +5,14 @@ from pathlib import Path
 
 from brownpipe.engines import Engine
 from brownpipe.errors import RequestError
-from brownpipe.provenance import made_with, versions
+from brownpipe.provenance import made_with
 from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.storage import write_file
 from brownpipe.study.study import REFERENCE
-from brownpipe.study.study_file import AUTO, MOST_STUDY_BYTES, read_study
+from brownpipe.study.study_file import read_study
 
 # Keys of the original study that do not apply to the derived one.
-NOT_INHERITED = ("batch", "tolerance", "target", "observable", "instead_of")
+NOT_INHERITED = ("batch", "tolerance", "target", "instead_of")
 
 
 def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs: int) -> dict:
@@ -21,7 +21,7 @@ def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs
     Without the figures of the other study if this engine lacks what one of them needs. Raises RequestError if the study
     is refused for another reason.
     """
-    mapping = read_yaml(study_file, MOST_STUDY_BYTES)
+    mapping = read_yaml(study_file)
     assert isinstance(mapping, dict)  # as `study_file` has been read as a study before
     scenes = mapping["scenes"] if isinstance(mapping["scenes"], list) else [mapping["scenes"]]
     folder = Path(path).resolve().parent
@@ -32,9 +32,9 @@ def derived_study(study_file: str | Path, path: str | Path, engine: Engine, runs
         del mapping["record"]  # the planned quantity is calculated from the tracer's path
     keys = {"engines": [{"name": engine.name, **dict(engine.settings)}], "seeds": runs}
     try:
-        read_study(study_file, keys | {"batch": AUTO})
+        read_study(study_file, keys | {"batch": "auto"})
     except RequestError:
-        read_study(study_file, keys | {"batch": AUTO, "figures": None})  # raises if it is refused for another reason
+        read_study(study_file, keys | {"batch": "auto", "figures": None})  # raises if it is refused for another reason
         mapping.pop("figures", None)
     return mapping | keys
 
@@ -44,7 +44,6 @@ def write_yaml(path: str | Path, values: dict, comment: str) -> None:
     text = yaml_text(values, in_blocks=True)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     made = made_with("simulate", REFERENCE.name)
-    packages = ", ".join(f"{name} {made[name]}" for name in made if name != "source")
-    source = f"source of the engine {REFERENCE.name} {made['source'][:12]}"
-    who = f"Written by brownpipe {versions()['brownpipe_version']}, {source}, {packages}."
+    source = f"source of the engine {REFERENCE.name} {made['source_digest'][:12]}"
+    who = f"Written by brownpipe {made['brownpipe_version']}, {source}."
     write_file(path, f"# {comment}\n# {who}\n\n{text}".encode())

@@ -1,7 +1,6 @@
 """All biases of one engine and setting, relative to the exact runs of a scene, with their uncertainties."""
 
 import json
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Pairs
 from brownpipe.tradeoff.runs import EngineRuns
 
-CURVE = 20  # number of times, equally spaced in log t, at which the bias of the MSD is given
 TARGET_COLUMNS = {"msd": 0, "d": 1}  # columns of `_per_run`
 APART = 1e-3  # of the tracer's radius: two trajectories further apart than this have departed
 
@@ -69,30 +67,15 @@ def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> flo
     """
     refuse_unfit(runs)
     refuse_motionless(runs)
-    values = _per_run(runs, [], window)[:, TARGET_COLUMNS[target]]
+    values = _per_run(runs, window)[:, TARGET_COLUMNS[target]]
     return float(values.std(ddof=1) / abs(values.mean()))
-
-
-def curve_times(times: np.ndarray) -> np.ndarray:
-    """Return the times (CURVE,), out of sample times (T,), at which the bias of the MSD is given; padded with NaN."""
-    return _padded(times[_curve(times)])
-
-
-def _curve(times: np.ndarray) -> np.ndarray:
-    """Indices of at most CURVE sample times, at equal steps of the logarithm, without 0."""
-    return np.unique(np.rint(np.geomspace(1, len(times) - 1, CURVE)).astype(int))
-
-
-def _padded(values: np.ndarray) -> np.ndarray:
-    return np.append(values, np.full(CURVE - len(values), np.nan))
 
 
 def _biases(
     runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]
 ) -> dict[str, float | np.ndarray]:
-    """MSD at the end, D in the window and the curve of the MSD, all in one resampling."""
-    curve = _curve(exact.times)
-    samples, references = _per_run(runs, curve, window), _per_run(exact, curve, window)
+    """MSD at the end and D in the window, in one resampling."""
+    samples, references = _per_run(runs, window), _per_run(exact, window)
     biases = bias.no_bias(references.shape[1:]) if runs is exact else bias.relative_bias(samples, references, pairs)
     values: dict[str, float | np.ndarray] = {}
     for name, column in TARGET_COLUMNS.items():
@@ -101,14 +84,13 @@ def _biases(
         values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(references[:, column].mean())
         values[f"{name}_bias_square"] = bias.square(of_target)
         values[f"{name}_bias_careful"] = bias.careful_square(of_target)
-    curve_bias = Estimate(*(_padded(part[len(TARGET_COLUMNS) :]) for part in biases))
-    return values | with_interval("msd_curve_bias", curve_bias)
+    return values
 
 
-def _per_run(runs: EngineRuns, curve: Sequence[int] | np.ndarray, window: tuple[float, float]) -> np.ndarray:
-    """(S, 2 + times of the curve): r^2 at the end, slope of r^2 over the window, r^2 along the curve."""
+def _per_run(runs: EngineRuns, window: tuple[float, float]) -> np.ndarray:
+    """(S, 2): r^2 at the end, slope of r^2 over the window."""
     slope = per_run_lines(runs.squared, runs.times, [window])[:, 0]
-    return np.concatenate([runs.squared[:, -1:], slope, runs.squared[:, curve]], axis=1)
+    return np.concatenate([runs.squared[:, -1:], slope], axis=1)
 
 
 def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, float]:

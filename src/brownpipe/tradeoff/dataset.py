@@ -15,7 +15,7 @@ from brownpipe.scene import Scene
 from brownpipe.stages import tracked
 from brownpipe.storage import made_by, origin_attributes
 from brownpipe.tradeoff import timing
-from brownpipe.tradeoff.compare import CURVE, compare, curve_times
+from brownpipe.tradeoff.compare import compare
 from brownpipe.tradeoff.front import REFERENCE_NAME, MeasuredSetting, pareto_front
 from brownpipe.tradeoff.runs import EngineRuns, read_runs
 from brownpipe.tradeoff.variables import ATTRIBUTES, COORDINATES, VARIABLES
@@ -42,13 +42,12 @@ def measure(
     """
     groups = groups_of(paths)
     all_runs = read_runs(groups)
-    labels = _scene_labels(all_runs)
     references = [runs for runs in all_runs if runs.is_reference]
-    lacking = set(labels.values()) - {labels[exact.case] for exact in references}
+    lacking = {runs.scene.label for runs in all_runs} - {exact.scene.label for exact in references}
     if lacking:
         raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
     instead_of = instead_of or {}
-    every = ((exact, _compared(exact, all_runs, labels, instead_of.get(exact.scene.name, ()))) for exact in references)
+    every = ((exact, _compared(exact, all_runs, instead_of.get(exact.scene.name, ()))) for exact in references)
     pairs = [(exact, compared) for exact, compared in every if len(compared) > 1]
     if not pairs:
         raise AnalysisError("nothing to compare: there must be runs of the exact engine and of another one in a scene")
@@ -57,8 +56,7 @@ def measure(
         fitted = window or (exact.times[-1] / 10, exact.times[-1])
         settings, of_scene = _settings(exact, compared, fitted, seconds_per_run), _scene(exact, fitted)
         for label, values in settings.items():
-            axes: Axes = {"scene": ("scene", [labels[exact.case]]), "setting": ("setting", [label])}
-            axes["sample"] = ("sample", range(CURVE))
+            axes: Axes = {"scene": ("scene", [exact.scene.label]), "setting": ("setting", [label])}
             parts.append(Part(of_scene | values, axes))
     stand_ins = {scene: [*others] for scene, others in instead_of.items()}
     options = {"instead_of": stand_ins, "fit_window": window}
@@ -71,13 +69,6 @@ def is_tradeoff(dataset: "xarray.Dataset") -> bool:
     return "setting" in dataset.dims
 
 
-def _scene_labels(all_runs: Sequence[EngineRuns]) -> dict[tuple[str, int], str]:
-    """Label of every (scene, number of disks): the name, with the number where a name has several."""
-    cases = dict.fromkeys(runs.case for runs in all_runs)
-    names = [name for name, _ in cases]
-    return {(name, number): name if names.count(name) == 1 else f"{name}_N{number}" for name, number in cases}
-
-
 def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, ArrayLike]:
     """The variables of a scene."""
     return {
@@ -86,15 +77,12 @@ def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, ArrayLik
         "duration": exact.times[-1],
         "window_start": window[0],
         "window_end": window[1],
-        "sample_time": curve_times(exact.times),
     }
 
 
-def _compared(
-    exact: EngineRuns, all_runs: Sequence[EngineRuns], labels: dict[tuple[str, int], str], stand_ins: Sequence[str]
-) -> dict[str, EngineRuns]:
+def _compared(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequence[str]) -> dict[str, EngineRuns]:
     """By setting: all engines in the scene, also the exact one, and exact runs of scenes that may stand in for it."""
-    compared = {runs.engine.label: runs for runs in all_runs if runs.case == exact.case}
+    compared = {runs.engine.label: runs for runs in all_runs if runs.scene.label == exact.scene.label}
     for name in stand_ins:
         others = [runs for runs in all_runs if runs.scene.name == name and runs.is_reference]
         if not others:
@@ -104,7 +92,7 @@ def _compared(
         for runs in others:
             if not _same_samples(runs.times, exact.times):
                 raise AnalysisError(f"{name}: has other sample times than {exact.scene.name}; must have the same")
-            compared[f"{REFERENCE_NAME} in {labels[runs.case]}"] = runs
+            compared[f"{REFERENCE_NAME} in {runs.scene.label}"] = runs
     return compared
 
 
@@ -118,7 +106,7 @@ def _settings(
     """The variables of every setting of a scene: label -> values."""
     unit, settings = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene), {}
     for label, runs in tracked(compared.items(), "settings"):
-        cost, paired = _cost(runs, exact, unit, seconds_per_run), runs.case == exact.case
+        cost, paired = _cost(runs, exact, unit, seconds_per_run), runs.scene.label == exact.scene.label
         settings[label] = compare(runs, exact, window, unit * cost.ratio, paired) | {
             "cost_ratio": cost.ratio,
             "cost_ratio_low": cost.low,

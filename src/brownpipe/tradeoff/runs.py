@@ -30,11 +30,6 @@ class EngineRuns(NamedTuple):
     failed: int  # number of runs left out
 
     @property
-    def case(self) -> tuple[str, int]:
-        """Scene and number of disks."""
-        return self.scene.name, self.scene.particles
-
-    @property
     def share_sound(self) -> float:
         """The share of runs that did not fail."""
         return len(self.seeds) / max(len(self.seeds) + self.failed, 1)

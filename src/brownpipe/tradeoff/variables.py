@@ -37,7 +37,7 @@ MSD, D = "MSD at the end", "D in the window"
 DISTRIBUTION = "total variation distance of the distribution of displacements at the end, in ten rings"
 
 COORDINATES = {
-    "scene": {"long_name": "scene whose exact runs are the reference"},
+    "scene": {"long_name": "scene and number of disks, NAME_N150, whose exact runs are the reference"},
     "setting": {"long_name": "engine and settings; `exact in X`: the exact engine in scene X, in place of this scene"},
 }
 _TABLE = {
@@ -46,7 +46,6 @@ _TABLE = {
     "duration": Variable(SCENE, "time", "duration of a run"),
     "window_start": Variable(SCENE, "time", "start of the window of time in which D is fitted"),
     "window_end": Variable(SCENE, "time", "end of the window of time in which D is fitted"),
-    "sample_time": Variable((*SCENE, "sample"), "time", "times of the curve of the bias of the MSD"),
     "engine": Variable(SETTING, "1", "name and settings of the engine, as in a study (JSON)", object, ""),
     "runs": Variable(SETTING, "1", "number of runs that did not fail", np.int64, 0),
     "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", np.int64, 0),
@@ -69,7 +68,6 @@ _TABLE = {
     "displacement_bias_high": Variable(SETTING, "1", f"upper end of the 95 % interval of the {DISTRIBUTION}"),
     "displacement_bias_noise": Variable(SETTING, "1", f"mean of the {DISTRIBUTION}, due to noise alone"),
     **_error_terms("displacement", "the distribution of displacements at the end"),
-    **estimate_of("msd_curve_bias", (*SETTING, "sample"), "1", "relative bias of the MSD at the sample times"),
     **estimate_of("contact_bias", SETTING, "1", "most significant relative deviation of g(r) near contact"),
     "worst_energy_drift": Variable(SETTING, "1", "largest relative change of the energy in a run"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),

@@ -7,5 +7,5 @@ arguments after `--` are for another program. Imports that take time are inside 
 
 from importlib import import_module
 
-NAMES = "new run simulate aggregate figures movie export tradeoff plan inspect verify check compile schema"
+NAMES = "new run simulate aggregate figures movie export tradeoff plan inspect verify check schema"
 VERBS = {name: import_module(f"{__name__}.{name}") for name in NAMES.split()}

@@ -2,6 +2,7 @@
 
 from argparse import Namespace
 from collections.abc import Callable
+from pathlib import Path
 
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.verbs.output import say, show
@@ -11,9 +12,9 @@ EXAMPLE = "seed17.h5 --seed 17"
 
 
 def add_arguments(add: Callable) -> None:
-    add("file", metavar="FILE", help="trajectory file, dataset, figure, table or summary")
+    add("file", metavar="FILE", help="trajectory file, dataset, figure, table, page or movie")
     add("--seed", type=seed, metavar="SEED", help="all about this run of a trajectory file")
-    again = "make the file again, or with --seed one run of a trajectory file, and compare every byte"
+    again = "make the runs of a trajectory file again, or with --seed one of them, and compare every bit"
     add("--reproduce", action="store_true", help=again)
     add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
     allowed = "of a dataset, say only which runs failed; exit status 1 if they are more than N"
@@ -24,8 +25,8 @@ def add_arguments(add: Callable) -> None:
 def inspect(arguments: Namespace) -> int:
     """Describe the contents of a trajectory file or dataset, and say whether it is intact.
 
-    Of a figure, table or summary it says what they were made from. `--reproduce` takes scene, engine, seeds and all
-    settings from the file, makes it again in a scratch folder, and ends with exit status 1 if any byte differs.
+    Of a figure, table, summary, page or movie it says what they were made from. `--reproduce` takes scene, engine,
+    seeds and all settings from a trajectory file, makes its runs again, and ends with exit status 1 if a bit differs.
     `--allow-failed N` names the failed runs of a dataset and ends with exit status 1 if they are more than N. A study
     ends with this step.
     """
@@ -44,8 +45,8 @@ def inspect(arguments: Namespace) -> int:
         show(*inspection.variables(arguments.file).split("\n"))
     elif arguments.seed is not None:
         show(*inspection.report_run(arguments.file, arguments.seed).split("\n"))
-    elif products.is_product(arguments.file):
-        show(*products.describe_product(arguments.file).split("\n"))
+    elif Path(arguments.file).suffix.lower() in products.SUFFIXES:
+        show(*products.describe_product(arguments.file))
     else:
         show(*inspection.report(arguments.file).split("\n"))
     return DONE
@@ -74,19 +75,10 @@ def _failed(path: str, allowed: int) -> int:
 
 
 def _reproduce(arguments: Namespace) -> int:
-    """Make the contents of a file again and print whether they are the same."""
-    from brownpipe import inspection, progress
-    from brownpipe.inspection import products, reproduction
+    """Make runs of a trajectory file again and print whether they are the same."""
+    from brownpipe import progress
+    from brownpipe.inspection import reproduction
 
-    if products.is_product(arguments.file) or inspection.is_dataset(arguments.file):
-        if arguments.seed is not None:
-            raise RequestError(f"{arguments.file}: --seed works on {inspection.OF_TRAJECTORIES}")
-        product = products.read_product(arguments.file)
-        show(*products.announcement(product), flush=True)
-        with progress.shown("inspect"):
-            lines = products.differences(product)
-        show(*products.verdict(product, lines).split("\n"))
-        return FAILED if lines else DONE
     original = reproduction.read_original(arguments.file, arguments.seed)
     show(*reproduction.announcement(original), flush=True)
     with progress.shown("inspect"):

@@ -1,6 +1,5 @@
 """`brownpipe movie`: one run as a picture, an animation, a video or a page that replays it."""
 
-import json
 from argparse import Namespace
 from collections.abc import Callable
 from functools import partial
@@ -34,7 +33,7 @@ def movie(arguments: Namespace) -> int:
     from brownpipe import progress
     from brownpipe.figures.movie import SUFFIXES, samples_shown
     from brownpipe.figures.movie import movie as moving
-    from brownpipe.figures.origin import movie_record, stamped
+    from brownpipe.figures.origin import movie_record
     from brownpipe.storage import read_trajectories, write_file
 
     suffixes = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
@@ -46,8 +45,7 @@ def movie(arguments: Namespace) -> int:
     trajectories, fps = read_trajectories(arguments.file), arguments.fps or FPS
     with progress.shown("movie"):
         record = movie_record(trajectories, arguments.file, arguments.seed, arguments.frames, fps)
-        options = (arguments.seed, arguments.frames, fps, json.dumps(record))
-        contents = stamped(moving(trajectories, arguments.file, kind, *options), f"movie{kind}", record)
+        contents = moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, fps, record)
     write_file(output, contents)
     count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
     show(f"{output}: {counted(count, 'frame')}, {in_bytes(len(contents))}")
@@ -56,7 +54,7 @@ def movie(arguments: Namespace) -> int:
 
 def _replay(arguments: Namespace, output: str) -> int:
     """Write the page that replays a run."""
-    from brownpipe.figures.origin import movie_record, stamped
+    from brownpipe.figures.origin import movie_record, recorded_page
     from brownpipe.figures.replay import RECORD, is_whole, replay_of, replay_page
     from brownpipe.storage import read_trajectories, write_file
 
@@ -66,7 +64,7 @@ def _replay(arguments: Namespace, output: str) -> int:
     trajectories = read_trajectories(arguments.file)
     replay = replay_of(trajectories, arguments.file, arguments.seed)
     record = movie_record(trajectories, arguments.file, replay.seed, recorded=RECORD)
-    contents = stamped(replay_page(replay), "movie.html", record)
+    contents = recorded_page(replay_page(replay), record)
     write_file(output, contents)
     shown = counted(len(replay.flight.time), "collision")
     part = "" if is_whole(replay) else f" of {replay.collisions:,}, up to time {replay.end:.3g}"

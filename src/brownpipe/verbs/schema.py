@@ -20,9 +20,9 @@ def schema(arguments: Namespace) -> int:
     An editor with a YAML language server reads it if the file begins with a comment that says where it is:
     # yaml-language-server: $schema=study.json
     """
-    from brownpipe.scene.schema import scene_schema
-    from brownpipe.study.schema import study_schema
+    from brownpipe.scene import Scene
+    from brownpipe.study import Study
 
-    made = {"scene": scene_schema, "study": study_schema}[arguments.kind]()
+    made = (Scene if arguments.kind == "scene" else Study).model_json_schema()
     show(*json.dumps(made, indent=1).split("\n"))
     return DONE

@@ -38,6 +38,7 @@ def add_arguments(add: Callable) -> None:
     add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
     accepted = "exit status 1 if more than N runs fail, or `all`: never (default: all but one)"
     add("--allow-failed", type=number_or_all, metavar="N", help=accepted)
+    add("--planned", metavar="SHA256", help="refuse runs other than those a study was planned with")
     add("--checkpoint-every", type=positive, metavar="SECONDS", help="store checkpoints, to resume a killed run")
 
 
@@ -69,19 +70,22 @@ def simulate(arguments: Namespace) -> int:
     """
     from brownpipe.engines import forecast, read_record
     from brownpipe.engines.failures import failures
-    from brownpipe.engines.request import Request
     from brownpipe.scene import read_scene
-    from brownpipe.scene.seeds import parse_seeds
+    from brownpipe.scene.seeds import read_seeds
+    from brownpipe.storage.store import runs_digest
     from brownpipe.study import refuse_repetition
 
     began = time.process_time()
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
-    seeds = parse_seeds(arguments.seeds)
+    seeds = read_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
-    refuse_repetition([scene], seeds)
+    refuse_repetition(scene, seeds)
     measures = _measures(arguments, scene)
     engine.refuse_unfit(scene, record)
+    digest = runs_digest(scene, engine, record, **measures)
+    if arguments.planned not in (None, digest):
+        raise RequestError(f"{arguments.scene}: has changed since the study was planned; run the study again")
     cost = engine.forecast(scene, record, **measures)
     forecast.refuse_too_large(scene, len(seeds), cost)
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
@@ -89,20 +93,14 @@ def simulate(arguments: Namespace) -> int:
 
     from brownpipe import progress
     from brownpipe.storage import remove_checkpoint, write_trajectories
-    from brownpipe.storage.finished import take_back
 
     if remark := engine.definition.caution(scene):
         say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
-    measured = engine.definition.measured(measures["observables"], measures["average"])
-    ensemble = take_back(output, Request(scene, engine, seeds, record, *measured))
-    if ensemble is not None:
-        show(f"{output}: kept, as an interrupted study had finished exactly these runs")
-    else:
-        checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
-        with progress.shown("simulate", output=output):
-            ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
-        write_trajectories(output, scene, engine, ensemble)
+    checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
+    with progress.shown("simulate"):
+        ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
+    write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
     if failed := failures(ensemble):
@@ -151,7 +149,8 @@ def _checkpoints(
 
     options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
     options |= {"observables": arguments.observables or "none", "average": arguments.average}
-    made_by = options | {"engine": arguments.engine, "scene": scene.digest} | made_with("simulate", "exact")
+    made = {name.partition("_")[0]: value for name, value in made_with("simulate", "exact").items()}
+    made_by = options | {"engine": arguments.engine, "scene": scene.digest} | made
     last_written = time.monotonic()
 
     def due() -> bool:

@@ -11,12 +11,8 @@ SCENE = "config/scenes/harrison2020.yaml"  # of the examples
 
 
 def observables(text: str) -> str:
-    """Return names of observables, separated by commas; names of earlier versions are replaced by the current ones."""
-    from brownpipe.observables import RENAMED
-    from brownpipe.scene.reading import Entry, current_name
-
-    names = (current_name(Entry(name.strip(), "", ("--observables",)), RENAMED) for name in text.split(","))
-    return ",".join(str(name.value) for name in names)
+    """Return names of observables, separated by commas."""
+    return ",".join(name.strip() for name in text.split(","))
 
 
 def key_value(text: str) -> tuple[str, object]:

@@ -7,14 +7,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from brownpipe.engines.batch import Batch
-from brownpipe.engines.exact.layout import LEAST_SLOTS
 from brownpipe.engines.exact.run import RunState, Saving
 from brownpipe.engines.recording import SAMPLES
 from brownpipe.engines.state import Ensemble, Events, Track, blank
-from brownpipe.errors import StorageError
 
 Record = TypeVar("Record", bound=NamedTuple)
-Layout = tuple[np.dtype, tuple[int, ...]]  # type and shape of an array
 
 
 class Checkpoints(NamedTuple):
@@ -25,7 +22,6 @@ class Checkpoints(NamedTuple):
     stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
 
 
-MOST_STORED_SLOTS = 2**24  # of a cell in a stored state
 NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 
 
@@ -62,71 +58,13 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
 
 
 def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, RunState | None]:
-    """Copy the finished runs of a checkpoint, if there is one, into a batch; return what `unpack` does.
-
-    Raises StorageError for arrays that are not those of `pack` for such a batch.
-    """
+    """Copy the finished runs of a checkpoint, if there is one, into a batch; return what `unpack` does."""
     if arrays is None:
         return 0, None
-    try:
-        batch.stopped.update(_stopped_in(arrays))
-        expected = _expected(arrays, batch)
-        found = {name: (array.dtype, array.shape) for name, array in arrays.items()}
-        wrong = [name for name in found.keys() | expected if found.get(name) != expected.get(name)]
-        finished, state = (0, None) if wrong else unpack(arrays, batch.ensemble)
-        if state is not None and not LEAST_SLOTS <= state.slots <= MOST_STORED_SLOTS:
-            wrong = ["run.slots"]
-    except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
-        wrong = [type(error).__name__]
-    if wrong:
-        unfit = f"the checkpoint does not fit the scene and the seeds ({min(wrong)})"
-        raise StorageError(f"{unfit}; delete it to begin anew")
-    return finished, state
-
-
-def _expected(arrays: dict[str, np.ndarray], batch: Batch) -> dict[str, Layout]:
-    """Return the layout of each array that `pack` has for such a batch.
-
-    The arrays themselves say how many runs are finished, which of them stopped, what observables they have, how many
-    collisions there were and whether a run is unfinished; the arrays of its state are for `run.evolve` to compare.
-    Raises KeyError for a missing array, and IndexError, TypeError or ValueError for one that says nothing of the kind.
-    """
-    ensemble, finished = batch.ensemble, arrays["done"].item()
-    if not 0 <= finished <= len(ensemble.seeds):
-        raise ValueError("number of runs")
-    expected: dict[str, Layout] = {"done": (np.dtype(int), ())}
-    if ensemble.tracer is not None:
-        tracer = _named("tracer", ensemble.tracer.of(slice(finished)))
-        expected |= {name: (values.dtype, values.shape) for name, values in tracer.items()}
-    if finished:
-        expected["observables"] = (arrays["observables"].dtype, (finished,))
-    if batch.stopped:
-        expected["stopped"] = (np.dtype(np.uint8), arrays["stopped"].shape)
-    for seed in set(ensemble.seeds[:finished].tolist()) - batch.stopped.keys():
-        expected |= _layouts_of_whole(f"whole.{seed}", batch) if "all" in batch.record else {}
-        expected |= _layouts_of_log(f"events.{seed}", arrays) if "events" in batch.record else {}
-    if "run.slots" in arrays:
-        absent = {"samples", "events"} if batch.scene.box.periodic else {"samples", "events", "image"}
-        names = [*(name for name in RunState._fields if name not in absent), *(f"samples.{name}" for name in SAMPLES)]
-        expected |= {f"run.{name}": (arrays[f"run.{name}"].dtype, arrays[f"run.{name}"].shape) for name in names}
-        expected |= {"run.equilibrating": (np.dtype(bool), ()), "run.slots": (np.dtype(int), ())}
-        if "events" in batch.record and not arrays["run.equilibrating"].item():
-            expected |= _layouts_of_log("run.events", arrays)
-    return expected
-
-
-def _layouts_of_whole(group: str, batch: Batch) -> dict[str, Layout]:
-    """Return the layouts of the trajectories of all disks in one run."""
-    shape = (len(batch.ensemble.times), batch.scene.particles, 2)
-    layouts = {f"{group}.{name}": (np.dtype(float), shape) for name in ("position", "velocity")}
-    return layouts | ({f"{group}.image": (np.dtype(np.int32), shape)} if batch.scene.box.periodic else {})
-
-
-def _layouts_of_log(group: str, arrays: dict[str, np.ndarray]) -> dict[str, Layout]:
-    """Return the layouts of a log of as many collisions as it has times."""
-    count = arrays[f"{group}.time"].shape[0]
-    times, disks, impulses = (np.dtype(float), (count,)), (np.dtype(np.int32), (count,)), (np.dtype(float), (count, 2))
-    return {f"{group}.time": times, f"{group}.a": disks, f"{group}.b": disks, f"{group}.impulse": impulses}
+    if "stopped" in arrays:
+        stopped = json.loads(arrays["stopped"].tobytes())
+        batch.stopped.update((int(seed), reason) for seed, reason in stopped.items())
+    return unpack(arrays, batch.ensemble)
 
 
 def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunState | None]:
@@ -146,15 +84,6 @@ def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunS
         if f"events.{seed}.time" in arrays:
             ensemble.events[seed] = _record(Events, arrays, f"events.{seed}")
     return finished, _run_state(arrays) if "run.progress" in arrays else None
-
-
-def _stopped_in(arrays: dict[str, np.ndarray]) -> dict[int, str]:
-    """Return why runs of a stored batch could not go on, by seed.
-
-    Raises AttributeError, RecursionError or ValueError for other text.
-    """
-    stored = json.loads(arrays["stopped"].tobytes()) if "stopped" in arrays else {}
-    return {int(seed): str(reason) for seed, reason in stored.items()}
 
 
 def _run_state(arrays: dict[str, np.ndarray]) -> RunState:

@@ -5,11 +5,8 @@ All engines that move all disks start from these states.
 
 import numpy as np
 
-from brownpipe.engines.compiled import KernelCall
-from brownpipe.engines.exact import run
 from brownpipe.engines.exact.run import NOT_SAVED, PreparedScene, RunState, Saving, beginning, evolve, prepare_scene
 from brownpipe.engines.initial_state import without_total_momentum
-from brownpipe.engines.insertion import warm_up_call
 from brownpipe.engines.state import State
 from brownpipe.errors import RunError
 from brownpipe.scene import Scene
@@ -17,14 +14,7 @@ from brownpipe.scene import Scene
 
 def prepare_equilibration(scene: Scene) -> PreparedScene | None:
     """Return what equilibrates the states of a scene; None if it has no time to equilibrate."""
-    return prepare_scene(scene, scene.tracer_while_equilibrating == "pinned") if scene.equilibrate > 0 else None
-
-
-def kernel_calls(scene: Scene) -> list[KernelCall]:
-    """Return the calls that compile the kernels for the states of a scene at t = 0."""
-    if scene.equilibrate == 0:
-        return [warm_up_call()]
-    return run.kernel_calls(scene, scene.tracer_while_equilibrating == "pinned")
+    return prepare_scene(scene, scene.equilibrate.tracer == "pinned") if scene.equilibrate.time > 0 else None
 
 
 def equilibrate(
@@ -41,7 +31,7 @@ def equilibrate(
     moving = np.arange(len(state.mass)) >= int(prepared.pinned)  # all disks, or all but the tracer
     start = beginning(prepared, state._replace(velocity=state.velocity * moving[:, None]))
     start = start._replace(equilibrating=True) if stored is None else stored
-    result = evolve(prepared, start, np.array([scene.equilibrate]), {"all"}, saving)
+    result = evolve(prepared, start, np.array([scene.equilibrate.time]), {"all"}, saving)
     if result.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
     position, velocity = result.whole.position[-1], result.whole.velocity[-1]

@@ -139,7 +139,7 @@ def happen(w: ws.Workspace, r: ws.Recorder, i: int, now: float) -> None:
             w.disk[ws.ROW * k + ws.PAIR_TIME] = math.inf
         else:
             count[ws.STALE] += 1
-    elif event > ws.WALL:
+    elif event > ws.UP:  # WALL + its side
         fx, fy = bounce(w, i, event, now)
         log(w, r, i, ws.WALL - event, fx, fy, now)
         count[ws.WALLS] += 1

@@ -6,6 +6,7 @@ RunState is therefore bit-identical to one that was never interrupted.
 """
 
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,20 +14,18 @@ import numpy as np
 from brownpipe import stages
 from brownpipe.engines import recording
 from brownpipe.engines.batch import RunResult
-from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
 from brownpipe.engines.exact.recording import each_report, ending_of, joined, logged, new_recorder
-from brownpipe.engines.insertion import warm_up_call
+from brownpipe.engines.insertion import insert_nothing
 from brownpipe.engines.recording import SAMPLES, EndedRun, tracer_samples, whole_track
 from brownpipe.engines.state import Events, State
 from brownpipe.engines.units import Frame, frame_of, motion_of
-from brownpipe.errors import RunError, StorageError
+from brownpipe.errors import RunError
 from brownpipe.scene import Scene
 
-SECONDS_TO_COMPILE = 7.0  # of CPU
 FEW_EVENTS = 10_000  # and 2 per disk: of the first call of the kernel, and while buckets are shorter than estimated
 EVENTS_PER_CALL = 2_000_000  # of all others; between two calls Python handles signals such as Ctrl-C
 SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
@@ -73,19 +72,8 @@ def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
     """Return a scene with its workspace and with its kernels compiled; a `pinned` tracer has infinite mass."""
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
-    compile_all(_calls(frame, w))
+    compile_all(insert_nothing, partial(advance, w, new_recorder(frame, w, np.zeros(0), ()), 0))
     return PreparedScene(scene, frame, w, pinned)
-
-
-def kernel_calls(scene: Scene, pinned: bool = False) -> list[KernelCall]:
-    """Return the calls that compile the kernels for a scene, as `prepare_scene` makes them."""
-    frame = frame_of(scene)
-    return _calls(frame, prepare(scene, frame, pinned))
-
-
-def _calls(frame: Frame, w: ws.Workspace) -> list[KernelCall]:
-    no_events = (w, new_recorder(frame, w, np.zeros(0), ()), 0)
-    return [KernelCall(advance, no_events, SECONDS_TO_COMPILE), warm_up_call()]
 
 
 def beginning(prepared: PreparedScene, state: State) -> RunState:
@@ -160,11 +148,11 @@ def _to_last_sample(
     few = most = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
     while True:
         w.progress[ws.STOP] = saving.due()
-        done, elapsed = _events(w), _elapsed(w)
+        done, elapsed = events_so_far(w), time_since_start(w)
         outcome = advance(w, recorder, most)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
             events += most if outcome == ws.PAUSED else len(recorder.log_time)
-            w = with_fitting_buckets(w, _events(w) - done, _elapsed(w) - elapsed, estimated)
+            w = with_fitting_buckets(w, events_so_far(w) - done, time_since_start(w) - elapsed, estimated)
             most = few if w.calendar.width < estimated else EVENTS_PER_CALL
             if events >= max(EVENTS_PER_CALL, 2 * scene.particles):
                 _refuse_standstill(w, frame, before, events)
@@ -202,8 +190,6 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
 
     Cells, event queue and neighbour lists are left alone, as the next block builds them anew.
     """
-    if state.progress is not None:
-        _refuse_unfit(state, w, recorder)
     begin(w, state.motion)
     if state.progress is None:
         return []
@@ -217,58 +203,27 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
     return [] if state.events is None else [state.events]
 
 
-def _refuse_unfit(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> None:
-    """Raise StorageError for a stored state with which the kernels, which check no index, would leave their arrays."""
-    rows = _moving(w)
-    fit = _alike(state.motion, rows) and _alike(state.first, rows)
-    fit = fit and _in_box(state.motion, w.grid) and _in_box(state.first, w.grid)
-    names = ["progress", "count", "tally", *([] if w.image is None else ["image"])]
-    fit = fit and all(_alike(getattr(state, name), getattr(w, name)) for name in names)
-    if not (fit and _progress_fits(state, recorder)):
-        raise StorageError("the stored state of the run does not fit its scene; delete the checkpoint to begin anew")
-
-
-def _progress_fits(state: RunState, recorder: ws.Recorder) -> bool:
-    """Whether a run with this state is between two blocks, and has as many samples as it says."""
-    samples, block = state.progress[[ws.SAMPLE, ws.BLOCK]]
-    between = not state.progress[[ws.LOGGED, ws.OVERFLOW, ws.BLOCK_BEGUN]].any()
-    fit = between and 0 <= samples < len(recorder.block) and 0 <= block <= recorder.block[samples]
-    return fit and all(_alike(rows, getattr(recorder, name)[:samples]) for name, rows in state.samples.items())
-
-
-def _in_box(motion: np.ndarray, grid: ws.Grid) -> bool:
-    """Whether all numbers are finite and all positions within two boxes: a disk may be outside until it is wrapped."""
-    x, y = motion[:, 0] - grid.x, motion[:, 1] - grid.y
-    inside = (np.abs(x) <= 2 * grid.width) & (np.abs(y) <= 2 * grid.height)
-    return bool(np.isfinite(motion).all() and inside.all())
-
-
-def _alike(one: np.ndarray | None, other: np.ndarray) -> bool:
-    """Whether two arrays have one type and shape."""
-    return isinstance(one, np.ndarray) and one.dtype == other.dtype and one.shape == other.shape
-
-
 def _block_and_time(w: ws.Workspace) -> tuple[int, float]:
     """Return the number of the current block and the time within it [engine's units]."""
     return int(w.progress[ws.BLOCK]), float(w.tally[ws.NOW])
 
 
-def _elapsed(w: ws.Workspace) -> float:
+def time_since_start(w: ws.Workspace) -> float:
     """Return the time since the beginning of a run [engine's unit]."""
     block, time = _block_and_time(w)
     return block * w.calendar.block + time
 
 
-def _events(w: ws.Workspace) -> int:
+def events_so_far(w: ws.Workspace) -> int:
     """Return the number of events so far, without those that only predicted anew."""
     return int(w.count.sum() - w.count[ws.STALE])
 
 
 def _fraction(scene: Scene, frame: Frame, w: ws.Workspace, equilibrating: bool) -> float:
     """Return the fraction of a run that is done, in simulated time with that to equilibrate."""
-    elapsed = _elapsed(w) * frame.time
-    before = 0.0 if equilibrating else scene.equilibrate
-    return (before + elapsed) / (scene.equilibrate + scene.duration)
+    elapsed = time_since_start(w) * frame.time
+    before = 0.0 if equilibrating else scene.equilibrate.time
+    return (before + elapsed) / (scene.equilibrate.time + scene.duration)
 
 
 def _refuse_standstill(w: ws.Workspace, frame: Frame, before: tuple[int, float], events: int) -> None:

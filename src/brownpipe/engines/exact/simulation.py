@@ -9,14 +9,9 @@ from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 
 from brownpipe.engines.batch import making_run, most_together, new_batch, report_ended
-from brownpipe.engines.compiled import KernelCall
-from brownpipe.engines.exact import equilibration, run
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, pack, resume, saving_of
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.exact.run import (
-    PreparedScene,
-    RunState,
-    Saving,
     beginning,
     prepare_scene,
     recorder_of,
@@ -25,14 +20,9 @@ from brownpipe.engines.exact.run import (
 )
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.recording import EndedRun, kept
-from brownpipe.engines.state import Ensemble
-from brownpipe.errors import RequestError, RunError
+from brownpipe.engines.state import Ensemble, State
+from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
-
-
-def kernel_calls(scene: Scene) -> list[KernelCall]:
-    """Return the calls that compile the kernels for a scene."""
-    return run.kernel_calls(scene) + equilibration.kernel_calls(scene)
 
 
 def simulate(
@@ -53,7 +43,7 @@ def simulate(
     bit-identical to that of an uninterrupted batch.
     A run that makes no progress, whose equilibration fails or whose disks find no place at random is failed, with
     the reason in `stopped`. Raises RequestError if the scene leaves no place for its disks in any run, or has no such
-    observables, StorageError if the stored state is not one of such a batch.
+    observables.
     """
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator = prepare_equilibration(scene)
@@ -62,19 +52,17 @@ def simulate(
     finished, stored = resume(checkpoints.stored, batch)
     together = 1 if checkpoints is not NO_CHECKPOINTS else most_together(batch, scene.particles + len(scene.times))
     results = partial(results_of, prepared)
-    ahead = together if equilibrator is None else 1
-    begun: deque[RunState | RunError | RequestError] = deque()  # the next runs
+    drawn: deque[State | RequestError] = deque()  # of the next runs
     ended: dict[int, EndedRun] = {}  # by column
     recorder = None
     for column in range(finished, runs):
         saving = saving_of(checkpoints, ensemble, column)
         with making_run(batch, column):
-            if not begun:
-                next_seeds = ensemble.seeds[column : column + ahead].tolist()
-                begun.extend(_begun(prepared, equilibrator, next_seeds, stored, saving))
-            start = begun.popleft()
-            if isinstance(start, Exception):
-                raise start
+            if stored is not None and not stored.equilibrating:
+                start = stored
+            else:
+                drawn = drawn or deque(_drawn(scene, ensemble.seeds[column : column + together].tolist()))
+                start = beginning(prepared, equilibrate(equilibrator, _next(drawn), stored, saving))
             recorder = recorder or recorder_of(prepared, scene.times, batch.needed_record)
             ended[column] = to_end(prepared, start, recorder, saving)
             if together > 1:
@@ -87,22 +75,18 @@ def simulate(
     return ensemble
 
 
-def _begun(
-    prepared: PreparedScene,
-    equilibrator: PreparedScene | None,
-    seeds: Sequence[int],
-    stored: RunState | None,
-    saving: Saving,
-) -> Iterator[RunState | RunError | RequestError]:
-    """Yield the stored run, if it has been equilibrated; else begin a run for each seed, up to the first that cannot.
-
-    The error of this one is the last item, to be raised at its turn.
-    """
-    if stored is not None and not stored.equilibrating:
-        yield stored
-        return
+def _drawn(scene: Scene, seeds: Sequence[int]) -> Iterator[State | RequestError]:
+    """Yield the state drawn from each seed, up to the first that cannot be: its error, to be raised at its turn."""
     try:
         for seed in seeds:
-            yield beginning(prepared, equilibrate(equilibrator, draw(prepared.scene, seed), stored, saving))
-    except (RunError, RequestError) as error:
+            yield draw(scene, seed)
+    except RequestError as error:
         yield error
+
+
+def _next(drawn: deque[State | RequestError]) -> State:
+    """Return the next state; raise its error if it could not be drawn."""
+    state = drawn.popleft()
+    if isinstance(state, RequestError):
+        raise state
+    return state

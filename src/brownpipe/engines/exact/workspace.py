@@ -36,8 +36,10 @@ MOTION = slice(X, TIME)  # what is handed from one block of time to the next
 # the kind of the next event.
 PARTNER, PARTNER_CHANGES, CELL_COLUMN, CELL_ROW, BUCKET, EVENT = range(2, ROW)
 EVENT_ROW = ROW // 2
-# The kind of an event: with the partner, into a neighbouring cell, or with a wall (WALL + its side, LEFT to UP).
-PAIR, LEFT, RIGHT, DOWN, UP, WALL = 0, 1, 2, 3, 4, 4
+# The kind of an event: with the partner, into a neighbouring cell (LEFT to UP), or with a wall: WALL + its side,
+# from LEFT to UP, so that it exceeds UP.
+PAIR, LEFT, RIGHT, DOWN, UP = range(5)
+WALL = UP
 # A candidate for a collision is a disk or a periodic image of it: disk + (image << DISK_BITS); image 0 is the disk.
 DISK_BITS = 28
 DISK_MASK = (1 << DISK_BITS) - 1

@@ -9,7 +9,6 @@ bath the neighbours form a cage; neither tail nor cage is modelled. docs/theory.
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 from typing import NoReturn
 
 from brownpipe.engines import forecast
@@ -18,7 +17,7 @@ from brownpipe.engines.friction import DENSEST, bath_of, bath_share, followed, f
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables import of_tracer
-from brownpipe.scene.scene import Scene, Velocities
+from brownpipe.scene.scene import Scene
 
 LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
 # The caution is given below this mass ratio. A higher ratio does not ensure a small error, since density and the finite
@@ -40,7 +39,7 @@ def refuse_unfit(scene: Scene, settings: dict, record: Collection[str] = frozens
         raise RequestError(
             f"--record {','.join(sorted(bath_records))}: the langevin engine has no bath; must be tracer or none"
         )
-    if scene.disks or scene.particles == 0:
+    if scene.listed or scene.particles == 0:
         _refuse(scene, "needs a scene with species, of which the first disk is followed")
     if scene.particles == 1:
         _refuse(scene, "needs a bath, and there is a single disk")
@@ -63,8 +62,11 @@ def caution(scene: Scene) -> str | None:
     """Return one line of caution if the tracer is too light, or has too large a share of the mass; otherwise None.
 
     Too light: less than HEAVY times the mass of a bath disk. Too large: more than LARGEST_SHARE of the mass of all
-    disks where these keep their total momentum at zero, which the Langevin equation does not know.
+    disks where these keep their total momentum at zero, which the Langevin equation does not know. None, too, of scenes
+    that `refuse_unfit` refuses for want of a bath.
     """
+    if scene.listed or scene.particles < 2:
+        return None
     ratio, share = _mass_ratio(scene), 1.0 - bath_share(scene)
     rough = []
     if ratio < HEAVY:
@@ -119,13 +121,12 @@ def scene_with_disks(scene: Scene, settings: dict) -> Scene | None:
     if expected == 0:
         return None
     duration = float(RATE_COLLISIONS / (RATE_RUNS * expected))
-    return replace(
-        scene,
-        velocities=Velocities(None, bath_of(scene).temperature),
+    return scene.replace(
+        velocities={"temperature": bath_of(scene).temperature},
         duration=duration,
-        sample_interval=duration,
-        equilibrate=max(SETTLING * duration, scene.equilibrate),
-        tracer_while_equilibrating="free",
+        sample_interval=None,
+        samples=None,
+        equilibrate={"time": max(SETTLING * duration, scene.equilibrate.time), "tracer": "free"},
     )
 
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from brownpipe import stages
 from brownpipe.engines.batch import RunResult, making_run, most_together, new_batch, report_ended
-from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.failures import failures
@@ -32,7 +31,6 @@ from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
 from brownpipe.scene import Scene
 
-SECONDS_TO_COMPILE = 0.1  # of CPU
 MOST_BOXES = 2.0**30  # greatest distance of the free path from the box, in sides of the box
 
 
@@ -54,14 +52,14 @@ def simulate(
     """
     refuse_unfit(scene, {"friction": friction}, record)
     gamma = rate_of(scene, friction)
-    before = scene.equilibrate if scene.tracer_while_equilibrating == "free" else 0.0
+    before = scene.equilibrate.time if scene.equilibrate.tracer == "free" else 0.0
     steps = np.diff(scene.times, prepend=-before)
     if not gamma * float(steps.max()) < np.inf:
         raise RequestError(f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308")
     weights = step_weights(steps, gamma, bath_of(scene).temperature / followed(scene).mass)
     batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
-    compile_all([_call()])
+    compile_all(partial(follow, np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))))
     ended: dict[int, np.ndarray] = {}  # paths by column
     results, at_once = partial(_results_of, scene, gamma), most_together(batch, len(scene.times))
     for column, seed in enumerate(batch.ensemble.seeds.tolist()):
@@ -70,16 +68,6 @@ def simulate(
         report_ended(batch, ended, results, at_once)
     report_ended(batch, ended, results)
     return batch.ensemble
-
-
-def kernel_calls(scene: Scene, friction: str) -> list[KernelCall]:
-    """Return the calls that compile the kernels for a scene, with those of the exact engine if it measures the rate."""
-    rate_scene = scene_with_disks(scene, {"friction": friction})
-    return [_call(), *([] if rate_scene is None else exact.kernel_calls(rate_scene))]
-
-
-def _call() -> KernelCall:
-    return KernelCall(follow, (np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))), SECONDS_TO_COMPILE)
 
 
 def rate_of(scene: Scene, friction: str) -> float:

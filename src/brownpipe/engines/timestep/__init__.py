@@ -7,8 +7,8 @@ from collections.abc import Collection
 
 from brownpipe.engines import forecast
 from brownpipe.engines.definition import Definition, Setting, one_of
-from brownpipe.engines.timestep.settings import COLLISIONS, PRECISIONS, largest_step, refuse_unfit
-from brownpipe.scene import reading
+from brownpipe.engines.timestep.settings import COLLISIONS, largest_step, refuse_unfit
+from brownpipe.scene.reading import Positive
 from brownpipe.scene.scene import Scene
 
 SECONDS_PER_DISK_STEP = 1.5e-9  # CPU seconds per disk and time step
@@ -32,11 +32,8 @@ TIMESTEP = Definition(
     summary="in steps",
     simulation="brownpipe.engines.timestep.simulation",
     settings={
-        "time_step": Setting(lambda entry: reading.number(entry, above=0), "DT", "must be given", is_positive=True),
-        "precision": one_of(tuple(PRECISIONS), "WHICH", "double (default) or single", default="double"),
-        "collisions": one_of(
-            COLLISIONS, "WHEN", "at_contact (default) or late", default="at_contact", unrecorded="late"
-        ),
+        "time_step": Setting(Positive, "DT", "must be given", is_positive=True),
+        "collisions": one_of(COLLISIONS, "WHEN", "at_contact (default) or late", default="at_contact"),
     },
     model=lambda scenes, settings: "all disks, in time steps",
     refuse_unfit=refuse_unfit,

@@ -5,9 +5,8 @@ import math
 import numpy as np
 
 from brownpipe.engines.timestep import workspace as ws
-from brownpipe.engines.timestep.settings import PRECISIONS
 from brownpipe.engines.timestep.workspace import EngineBox, PairList, Workspace
-from brownpipe.engines.units import Frame, common_radius, thermal_speed
+from brownpipe.engines.units import Frame, common_radius, rms_speed
 from brownpipe.scene import Scene
 
 REAL_ARRAYS = ("x", "y", "vx", "vy", "x_at_build", "y_at_build", "sorted_x", "sorted_y", "sorted_radius")
@@ -15,18 +14,16 @@ INT_ARRAYS = ("disk", "image_x", "image_y", "order", "cell", "scratch")
 SKIN_FACTOR = 3.2  # measured factor of `skin_of`
 
 
-def prepare(
-    scene: Scene, frame: Frame, time_step: float, precision: str, collisions: str, capacity: int = 0
-) -> Workspace:
+def prepare(scene: Scene, frame: Frame, time_step: float, collisions: str, capacity: int = 0) -> Workspace:
     """Return a workspace for the runs of a scene; `capacity` of the lists of pairs where the default was too small."""
-    real, n, box = PRECISIONS[precision], scene.particles, scene.box
+    n, box = scene.particles, scene.box
     radius = scene.radius[frame.order] / frame.length
     common = common_radius(radius) if n else 0.5
     corner = (np.array((box.x[0], box.y[0])) - frame.origin) / frame.length
     x, y = corner.tolist()
     inner = EngineBox(x, y, box.width / frame.length, box.height / frame.length, box.periodic)
     dt = time_step / frame.time
-    reals = np.zeros(ws.REALS, real)
+    reals = np.zeros(ws.REALS)
     reals[ws.DT] = dt
     reals[[ws.LEFT, ws.BOTTOM]] = corner
     reals[[ws.RIGHT, ws.TOP]] = corner + np.array((inner.width, inner.height))
@@ -39,15 +36,15 @@ def prepare(
         common_radius=float(common),
         big=int(np.count_nonzero(radius > common)),
         tracer=int(frame.back[0]) if n else 0,
-        **{name: np.zeros(n, real) for name in REAL_ARRAYS},
-        radius=radius.astype(real),
+        **{name: np.zeros(n) for name in REAL_ARRAYS},
+        radius=radius,
         **{name: np.zeros(n, np.int32) for name in INT_ARRAYS},
         mass=scene.mass[frame.order] / frame.mass,
         straight_since=np.zeros(n),
         cell_start=np.zeros(4 * n + 9, np.int32),
         real=reals,
-        within=_pair_list(capacity, real),
-        across=_pair_list(capacity if box.periodic else 0, real),
+        within=_pair_list(capacity),
+        across=_pair_list(capacity if box.periodic else 0),
         candidate=np.zeros(2 * capacity, np.uint32),
         contact_time=np.zeros(2 * capacity),
         contact_key=np.zeros(2 * capacity, np.int64),
@@ -58,10 +55,10 @@ def prepare(
     )
 
 
-def _pair_list(capacity: int, real: type[np.floating]) -> PairList:
+def _pair_list(capacity: int) -> PairList:
     """Return an empty list of pairs."""
     disks = (np.zeros(capacity, np.uint32) for _ in range(2))
-    lengths = (np.zeros(capacity, real) for _ in range(3))
+    lengths = (np.zeros(capacity) for _ in range(3))
     return PairList(*disks, *lengths)
 
 
@@ -72,7 +69,7 @@ def skin_of(scene: Scene, time_step: float) -> float:
     step)/skin. The sum is least for a skin in proportion to sqrt(path per step/phi).
     """
     sigma = 2 * common_radius(scene.radius) if scene.particles else 1.0
-    path = thermal_speed(scene) * time_step / sigma
+    path = rms_speed(scene) * time_step / sigma
     most = 0.5 * min(scene.box.width, scene.box.height) / sigma
     return min(SKIN_FACTOR * math.sqrt(path / max(scene.packing_fraction, 1e-6)), most)
 

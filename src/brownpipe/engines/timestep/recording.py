@@ -11,7 +11,6 @@ from brownpipe.engines.timestep.workspace import Recorder, Workspace
 from brownpipe.engines.units import Frame
 from brownpipe.scene import Scene
 
-ENERGY_BOUND = {np.float64: HEALTH_BOUND, np.float32: 1e-4}  # energy drift beyond which a run has failed
 REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
 
 
@@ -41,7 +40,7 @@ def each_report(scene: Scene, frame: Frame, w: Workspace, endings: Sequence[Endi
     """Return the reports of K runs in a workspace, name -> (K,)."""
     first, motion, elapsed, count, tally = (together(values) for values in zip(*endings, strict=True))
     conserved = conservation(w.mass, first, motion[:, :, 2:], tally[:, ws.WALL_IMPULSE :])
-    sound = np.abs(conserved.energy_drift) <= ENERGY_BOUND[w.x.dtype.type]
+    sound = np.abs(conserved.energy_drift) <= HEALTH_BOUND
     sound &= _are_inside(scene, frame, w, motion[:, :, :2], tally[:, ws.FASTEST])
     sound &= np.isfinite(motion).all(axis=(1, 2)) & np.isfinite(tally[:, ws.VIRIAL :]).all(axis=1)
     sound &= np.isfinite(conserved.twice_energy) & np.isfinite(conserved.momentum_residual)
@@ -56,7 +55,7 @@ def _are_inside(scene: Scene, frame: Frame, w: Workspace, place: np.ndarray, fas
     """Return (K,) whether, between walls, no disk at `place` (K, N, 2) has escaped: REACHES, `fastest` (K,) speeds."""
     if w.box.periodic:
         return np.ones(len(place), bool)
-    radius = (scene.radius[frame.order] / frame.length).astype(w.radius.dtype)[:, None]
+    radius = (scene.radius[frame.order] / frame.length)[:, None]
     low = np.array([w.box.x, w.box.y]) + radius
     high = np.array([w.box.x + w.box.width, w.box.y + w.box.height]) - radius
     beyond = (REACHES * fastest * w.step + 1e-6 * max(w.box.width, w.box.height))[:, None, None]

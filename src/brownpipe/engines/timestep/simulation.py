@@ -14,11 +14,10 @@ import numpy as np
 
 from brownpipe import stages
 from brownpipe.engines.batch import RunResult, making_run, most_together, new_batch, report_ended
-from brownpipe.engines.compiled import KernelCall
 from brownpipe.engines.compiling import compile_all
-from brownpipe.engines.exact import equilibration
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
+from brownpipe.engines.insertion import insert_nothing
 from brownpipe.engines.recording import EndedRun, kept, results_of, tracer_samples, whole_track
 from brownpipe.engines.state import Ensemble, State
 from brownpipe.engines.timestep import workspace as ws
@@ -29,7 +28,6 @@ from brownpipe.engines.timestep.steps import advance
 from brownpipe.engines.units import Frame, frame_of, motion_of
 from brownpipe.scene import Scene
 
-SECONDS_TO_COMPILE = 7.0  # of CPU
 DISK_STEPS_PER_CALL = 100_000_000  # between two chances for Python to handle signals
 
 
@@ -39,7 +37,6 @@ class SteppingSetup(NamedTuple):
     scene: Scene
     frame: Frame
     time_step: float  # [time]
-    precision: str
     collisions: str
     workspace: ws.Workspace
 
@@ -52,23 +49,22 @@ def simulate(
     observables: Collection[str] = (),
     average: str = "runs",
     time_step: float,
-    precision: str = "double",
     collisions: str = "at_contact",
 ) -> Ensemble:
     """Run the scene once for every seed, from the same initial states as the exact engine.
 
-    `record`: "tracer" (disk 0) and "all" (every disk). `precision`: "double" or "single", of positions, velocities and
-    all work on every disk and pair. `collisions`: "at_contact", where a pair met within the step, or "late", where it
+    `record`: "tracer" (disk 0) and "all" (every disk).
+    `collisions`: "at_contact", where a pair met within the step, or "late", where it
     overlaps at the end of the step. A sample is a free flight from the last step before it, so that no step depends on
     the sample times.
     A run whose disks find no place at random or whose equilibration fails is failed, with the reason in `stopped`.
     Raises RequestError for a time step or record that the engine refuses, and if the scene leaves no place for its
     disks in any run.
     """
-    refuse_unfit(scene, {"time_step": time_step, "precision": precision, "collisions": collisions}, record)
+    refuse_unfit(scene, {"time_step": time_step, "collisions": collisions}, record)
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator = prepare_equilibration(scene)
-    setup = prepared(scene, time_step, precision, collisions)
+    setup = prepared(scene, time_step, collisions)
     samples = recorder(scene, setup.frame, time_step, scene.times, batch.needed_record)
     ended: dict[int, EndedRun] = {}  # by column
     at_once = most_together(batch, scene.particles + len(scene.times))
@@ -82,26 +78,13 @@ def simulate(
     return batch.ensemble
 
 
-def prepared(
-    scene: Scene, time_step: float, precision: str = "double", collisions: str = "at_contact"
-) -> SteppingSetup:
+def prepared(scene: Scene, time_step: float, collisions: str = "at_contact") -> SteppingSetup:
     """Return the setup for runs of a scene, with its kernels compiled."""
     frame = frame_of(scene)
-    w = prepare(scene, frame, time_step, precision, collisions)
-    compile_all([_call(scene, frame, time_step, w)])
-    return SteppingSetup(scene, frame, time_step, precision, collisions, w)
-
-
-def kernel_calls(scene: Scene, time_step: float, precision: str, collisions: str) -> list[KernelCall]:
-    """Return the calls that compile the kernels for a scene."""
-    frame = frame_of(scene)
-    w = prepare(scene, frame, time_step, precision, collisions)
-    return [_call(scene, frame, time_step, w), *equilibration.kernel_calls(scene)]
-
-
-def _call(scene: Scene, frame: Frame, time_step: float, w: ws.Workspace) -> KernelCall:
-    no_steps = (w, recorder(scene, frame, time_step, scene.times[:0], ()), 0)
-    return KernelCall(advance, no_steps, SECONDS_TO_COMPILE)
+    w = prepare(scene, frame, time_step, collisions)
+    no_samples = recorder(scene, frame, time_step, scene.times[:0], ())
+    compile_all(insert_nothing, partial(advance, w, no_samples, 0))
+    return SteppingSetup(scene, frame, time_step, collisions, w)
 
 
 def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> RunResult:
@@ -128,7 +111,7 @@ def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> EndedRu
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
     while (outcome := advance(w, samples, steps)) != ws.DONE:
         elapsed = int(w.counters[ws.STEP]) * setup.time_step
-        stages.within((scene.equilibrate + elapsed) / (scene.equilibrate + scene.duration))
+        stages.within((scene.equilibrate.time + elapsed) / (scene.equilibrate.time + scene.duration))
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
     return EndedRun(tracer_samples(samples), whole_track(scene, frame, samples), None, ending_of(w, first_velocity))

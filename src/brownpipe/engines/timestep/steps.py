@@ -4,9 +4,7 @@ Collisions at contact: a pair that met in the step is taken back along its strai
 exchanges momentum there, and flies on with its new velocities to the end of the step. Late collisions: pairs that
 overlap and approach at the end of the step exchange momentum where they are.
 
-Work on every disk and every pair is done in the precision of the run. A collision is computed in double precision, and
-its outcome is rounded; `np.float64` converts, because Numba's float() leaves a single-precision number as it is. The
-collisions of a step are handled in the order of their times, then of their disks' numbers, so that results do not
+The collisions of a step are handled in the order of their times, then of their disks' numbers, so that results do not
 depend on how the lists are built. Equations (1)-(10): docs/theory.md, section 1.
 """
 
@@ -85,22 +83,22 @@ def relative(w: ws.Workspace, pair: int) -> tuple[int, int, float, float, float,
     j, capacity = pair, len(w.within.a)
     if j < capacity:
         a, b = int(w.within.a[j]), int(w.within.b[j])
-        x, y = np.float64(w.x[b]) - np.float64(w.x[a]), np.float64(w.y[b]) - np.float64(w.y[a])
+        x, y = w.x[b] - w.x[a], w.y[b] - w.y[a]
     else:
         j -= capacity
         a, b = int(w.across.a[j]), int(w.across.b[j])
-        x = np.float64(w.x[b]) - np.float64(w.x[a]) + np.float64(w.across.shift_x[j])
-        y = np.float64(w.y[b]) - np.float64(w.y[a]) + np.float64(w.across.shift_y[j])
+        x = w.x[b] - w.x[a] + w.across.shift_x[j]
+        y = w.y[b] - w.y[a] + w.across.shift_y[j]
     if w.disk[a] > w.disk[b]:
         a, b, x, y = b, a, -x, -y
-    return a, b, x, y, np.float64(w.vx[b]) - np.float64(w.vx[a]), np.float64(w.vy[b]) - np.float64(w.vy[a])
+    return a, b, x, y, w.vx[b] - w.vx[a], w.vy[b] - w.vy[a]
 
 
 @kernel
 def squared_contact(w: ws.Workspace, pair: int) -> float:
     """Return sigma^2 of a listed pair."""
     capacity = len(w.within.a)
-    return np.float64(w.within.contact[pair] if pair < capacity else w.across.contact[pair - capacity])
+    return w.within.contact[pair] if pair < capacity else w.across.contact[pair - capacity]
 
 
 @kernel
@@ -230,15 +228,15 @@ def collide(w: ws.Workspace, pair: int, now: float) -> None:
 @kernel
 def deflect(w: ws.Workspace, i: int, fx: float, fy: float, gx: float, gy: float, back: float) -> float:
     """Change the velocity of disk i by f + g as of a time `back` ago; return the distance by which that shifts it."""
-    ux, uy = np.float64(w.vx[i]), np.float64(w.vy[i])
+    ux, uy = w.vx[i], w.vy[i]
     w.vx[i] = ux + fx + gx
     w.vy[i] = uy + fy + gy
     raise_speed_bound(w, i)
     if back == 0.0:
         return 0.0
-    dx, dy = (np.float64(w.vx[i]) - ux) * back, (np.float64(w.vy[i]) - uy) * back
-    w.x[i] = np.float64(w.x[i]) + dx
-    w.y[i] = np.float64(w.y[i]) + dy
+    dx, dy = (w.vx[i] - ux) * back, (w.vy[i] - uy) * back
+    w.x[i] = w.x[i] + dx
+    w.y[i] = w.y[i] + dy
     left, right, bottom, top = w.real[ws.LEFT], w.real[ws.RIGHT], w.real[ws.BOTTOM], w.real[ws.TOP]
     w.counters[ws.BEYOND] += reaches_beyond(w.x[i], w.y[i], w.radius[i], left, right, bottom, top)
     return math.sqrt(dx * dx + dy * dy)
@@ -247,7 +245,7 @@ def deflect(w: ws.Workspace, i: int, fx: float, fy: float, gx: float, gy: float,
 @kernel
 def raise_speed_bound(w: ws.Workspace, i: int) -> None:
     """Raise the upper bound on all speeds if disk i exceeds it."""
-    speed = math.sqrt(np.float64(w.vx[i]) * np.float64(w.vx[i]) + np.float64(w.vy[i]) * np.float64(w.vy[i]))
+    speed = math.sqrt(w.vx[i] * w.vx[i] + w.vy[i] * w.vy[i])
     if speed > w.tally[ws.FASTEST]:
         w.tally[ws.FASTEST] = speed
         w.real[ws.SLACK] = verlet_lists.slack(speed * w.step)
@@ -271,14 +269,14 @@ def bounce(
     its centre can move between them. Unless collisions are late, its path is folded into the gap: it may have met both
     walls several times.
     """
-    v = np.float64(velocity[i])
+    v = velocity[i]
     beyond = before if v < 0.0 else after
     if v == 0.0 or not beyond > 0.0:
         return
     hits = 1
     if not w.late:
         inward, rest = math.copysign(1.0, -v), 0.0
-        at_wall = np.float64(place[i]) + inward * beyond
+        at_wall = place[i] + inward * beyond
         if beyond < MOST_HITS * gap:
             turns = int(beyond / gap)
             hits, rest = turns + 1, beyond - turns * gap
@@ -299,10 +297,10 @@ def bounce(
 @kernel
 def bounce_all(w: ws.Workspace, now: float) -> None:
     """Reflect all disks that reach beyond a wall."""
-    left, right = np.float64(w.real[ws.LEFT]), np.float64(w.real[ws.RIGHT])
-    bottom, top = np.float64(w.real[ws.BOTTOM]), np.float64(w.real[ws.TOP])
+    left, right = w.real[ws.LEFT], w.real[ws.RIGHT]
+    bottom, top = w.real[ws.BOTTOM], w.real[ws.TOP]
     for i in range(len(w.x)):
-        x, y, r = np.float64(w.x[i]), np.float64(w.y[i]), np.float64(w.radius[i])
+        x, y, r = w.x[i], w.y[i], w.radius[i]
         bounce(w, w.x, w.vx, i, left - (x - r), x + r - right, right - left - 2.0 * r, 0, now)
         bounce(w, w.y, w.vy, i, bottom - (y - r), y + r - top, top - bottom - 2.0 * r, 2, now)
 
@@ -337,8 +335,8 @@ def write_sample(
     column: int,
 ) -> None:
     """Write position, velocity and image of disk i, a time `rest` after the last step, to [row, column] of a record."""
-    vx, vy = np.float64(w.vx[i]), np.float64(w.vy[i])
-    x, y = np.float64(w.x[i]) + vx * rest, np.float64(w.y[i]) + vy * rest
+    vx, vy = w.vx[i], w.vy[i]
+    x, y = w.x[i] + vx * rest, w.y[i] + vy * rest
     velocity[row, column, 0], velocity[row, column, 1] = vx, vy
     if w.box.periodic:
         across, up = verlet_lists.boxes_away(x, w.box.x, w.box.width), verlet_lists.boxes_away(y, w.box.y, w.box.height)

@@ -12,7 +12,7 @@ import numpy as np
 from brownpipe.engines.kernels import kernel
 from brownpipe.engines.timestep import workspace as ws
 
-SAFE = 0.98  # part of the skin that is used; the rest covers round-off of single precision
+SAFE = 0.98  # part of the skin that is used; the rest covers round-off
 KEEP_ORDER = 16  # builds of the lists between two sorts of the disks by cell, which keep neighbours close in memory
 WORTH = 0.25  # the lists are kept while at least this part of the skin is unused
 
@@ -23,8 +23,8 @@ def survey(w: ws.Workspace) -> tuple[float, float]:
     furthest, fastest = 0.0, 0.0
     for i in range(len(w.x)):
         x, y = w.x[i] - w.x_at_build[i], w.y[i] - w.y_at_build[i]
-        furthest = max(furthest, np.float64(x * x + y * y))
-        fastest = max(fastest, np.float64(w.vx[i] * w.vx[i] + w.vy[i] * w.vy[i]))
+        furthest = max(furthest, x * x + y * y)
+        fastest = max(fastest, w.vx[i] * w.vx[i] + w.vy[i] * w.vy[i])
     return math.sqrt(furthest), math.sqrt(fastest)
 
 
@@ -46,7 +46,7 @@ def renew(w: ws.Workspace) -> bool:
     w.real[ws.SLACK] = slack(fastest * w.step)
     free = 0.5 * SAFE * w.tally[ws.SKIN] - furthest
     if free < max(0.5 * WORTH * w.tally[ws.SKIN], limit) or w.counters[ws.OVERFULL]:
-        w.tally[ws.SKIN] = w.real[ws.REAL_SKIN] = max(w.skin, 1.5 * limit)
+        w.tally[ws.SKIN] = max(w.skin, 1.5 * limit)
         free = 0.5 * SAFE * w.tally[ws.SKIN]
         make(w)
     w.tally[ws.BUDGET] = -1.0 if w.counters[ws.OVERFULL] else free
@@ -109,8 +109,8 @@ def wrap(w: ws.Workspace) -> None:
     for i in range(len(w.x)):
         across, up = boxes_away(w.x[i], w.box.x, w.box.width), boxes_away(w.y[i], w.box.y, w.box.height)
         if across != 0 or up != 0:
-            w.x[i] = np.float64(w.x[i]) - across * w.box.width
-            w.y[i] = np.float64(w.y[i]) - up * w.box.height
+            w.x[i] = w.x[i] - across * w.box.width
+            w.y[i] = w.y[i] - up * w.box.height
             w.image_x[i] += across
             w.image_y[i] += up
 
@@ -118,13 +118,13 @@ def wrap(w: ws.Workspace) -> None:
 @kernel
 def boxes_away(place: float, low: float, side: float) -> int:
     """Return how many boxes a coordinate is away from the box."""
-    return math.floor((np.float64(place) - low) / side)
+    return math.floor((place - low) / side)
 
 
 @kernel
 def cell_of(place: float, low: float, side: float, cells: int) -> int:
     """Return the index of a coordinate's cell along a side; a coordinate outside belongs to the nearest cell."""
-    return min(max(int((np.float64(place) - low) / side * cells), 0), cells - 1)
+    return min(max(int((place - low) / side * cells), 0), cells - 1)
 
 
 @kernel
@@ -182,7 +182,7 @@ def pairs_of_row(w: ws.Workspace, columns: int, rows: int, row: int) -> None:
     """List the pairs of the disks in a row of cells: in the same cell, the next one, and the three in the row above."""
     pairs, cell_start, m = w.within, w.cell_start, w.counters[ws.WITHIN]
     begin, end = row * columns, (row + 1) * columns
-    x, y, radius, skin = w.sorted_x, w.sorted_y, w.sorted_radius, w.real[ws.REAL_SKIN]
+    x, y, radius, skin = w.sorted_x, w.sorted_y, w.sorted_radius, w.tally[ws.SKIN]
     for i in range(cell_start[begin], cell_start[end]):
         cell = w.cell[w.order[i]]
         beside = cell_start[min(cell + 2, end)] - (i + 1)
@@ -228,9 +228,9 @@ def pairs_of_big(w: ws.Workspace, i: int) -> None:
         return
     largest = w.common_radius
     for k in range(w.big):
-        largest = max(largest, np.float64(w.radius[k]))
-    far = np.float64(w.radius[i]) + largest + w.tally[ws.SKIN]
-    x, y = np.float64(w.x[i]) - w.box.x, np.float64(w.y[i]) - w.box.y
+        largest = max(largest, w.radius[k])
+    far = w.radius[i] + largest + w.tally[ws.SKIN]
+    x, y = w.x[i] - w.box.x, w.y[i] - w.box.y
     for across in range(math.floor((x - far) / w.box.width), math.floor((x + far) / w.box.width) + 1):
         for up in range(math.floor((y - far) / w.box.height), math.floor((y + far) / w.box.height) + 1):
             if across != 0 or up != 0:

@@ -1,6 +1,6 @@
 """The arrays on which the time-stepping kernels work, in the engine's units, one array per quantity.
 
-`real` below is float64 or float32, the precision of the run. Disks are stored roughly in the order of their cells, big
+Real numbers are float64. Disks are stored roughly in the order of their cells, big
 ones first; `disk` has the engine's number of the disk at each place in memory.
 """
 
@@ -19,8 +19,8 @@ PAIRS, TRACER_PAIRS, WALLS, MISSED, COUNTS = range(5)
 # squared distance of a pair / sigma^2, the virial, the impulses given to the walls left, right, bottom, top
 BUDGET, FASTEST, SKIN, NEAREST, VIRIAL, WALL_IMPULSE = range(6)
 TALLY = WALL_IMPULSE + 4
-# w.real: the time step, by how much the squared distance of candidates may exceed sigma^2, the skin, the walls
-DT, SLACK, REAL_SKIN, LEFT, RIGHT, BOTTOM, TOP, REALS = range(8)
+# w.real: the time step, by how much the squared distance of candidates may exceed sigma^2, the walls
+DT, SLACK, LEFT, RIGHT, BOTTOM, TOP, REALS = range(7)
 
 DONE, PAUSED, LISTS_FULL = range(3)  # why `advance` returned
 
@@ -42,9 +42,9 @@ class PairList(NamedTuple):
 
     a: np.ndarray  # uint32, places of the disks in memory
     b: np.ndarray  # uint32
-    contact: np.ndarray  # real, sigma^2
-    shift_x: np.ndarray  # real, from disk b to its image; unused for pairs within the box
-    shift_y: np.ndarray  # real
+    contact: np.ndarray  # sigma^2
+    shift_x: np.ndarray  # from disk b to its image; unused for pairs within the box
+    shift_y: np.ndarray
 
 
 @by_reference
@@ -58,26 +58,26 @@ class Workspace(NamedTuple):
     common_radius: float  # the largest radius except those of big disks, which are numbered first
     big: int  # number of big disks
     tracer: int  # the engine's number of the tracer
-    x: np.ndarray  # (N,) real, centres
+    x: np.ndarray  # (N,) centres
     y: np.ndarray
     vx: np.ndarray
     vy: np.ndarray
-    radius: np.ndarray  # (N,) real
+    radius: np.ndarray  # (N,)
     disk: np.ndarray  # (N,) int32, the engine's number of the disk at each place
     image_x: np.ndarray  # (N,) int32, net number of times it left a periodic box to the right
     image_y: np.ndarray  # and at the top
     mass: np.ndarray  # (N,) float64, by the engine's number
     straight_since: np.ndarray  # (N,) float64, by the engine's number: time of the last collision
-    x_at_build: np.ndarray  # (N,) real, positions when the lists were built
+    x_at_build: np.ndarray  # (N,) positions when the lists were built
     y_at_build: np.ndarray
     order: np.ndarray  # (N,) int32, places sorted by cell
-    sorted_x: np.ndarray  # (N,) real, copies in this order
+    sorted_x: np.ndarray  # (N,) copies in this order
     sorted_y: np.ndarray
     sorted_radius: np.ndarray
     cell: np.ndarray  # (N,) int32, the cell of each disk
     cell_start: np.ndarray  # (4 N + 9,) int32, where each cell starts in `order`
     scratch: np.ndarray  # (N,) int32
-    real: np.ndarray  # (REALS,) real
+    real: np.ndarray  # (REALS,)
     within: PairList  # pairs of disks in the box
     across: PairList  # pairs of a disk and a periodic image
     candidate: np.ndarray  # (2 C,) uint32, listed pairs close enough to have met

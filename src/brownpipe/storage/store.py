@@ -1,0 +1,73 @@
+"""Where runs are stored that studies share: folders named after what determines the runs in them.
+
+    results/runs/harrison2020/N150/exact-1a2b3c4d/0-2399.h5
+
+The last digits are those of a SHA-256 over the scene, the engine with its settings, what is recorded and measured, and
+the source of brownpipe that runs it. A file holds the seeds of its name. So every study that asks for the same runs
+finds them, and no run stands where another one is asked for: whatever was edited, copied or lost.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Sequence, Set
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe.engines import Engine
+from brownpipe.provenance import modules_of, source_digest
+from brownpipe.scene import Scene
+
+RUNS = Path("results/runs")
+FILE = re.compile(r"(\d{1,19})-(\d{1,19})\.h5")
+DIGITS = 8  # of the SHA-256 in the name of a folder
+
+
+class StoredFile(NamedTuple):
+    """A file of runs, and what it is to hold."""
+
+    path: Path
+    digest: str  # `runs_digest`
+    first: int  # seed
+    last: int  # seed, included
+    seeds: Sequence[int]  # those that are wanted, of this and other files
+
+
+def runs_digest(scene: Scene, engine: Engine, record: Set[str], observables: Iterable[str], average: str) -> str:
+    """Return the SHA-256 over all that determines runs besides their seeds and N, which is in the scene."""
+    determined = {
+        "scene": scene.digest,
+        "engine": engine.options,
+        "record": sorted(record),
+        "observables": sorted(observables),
+        "average": average,
+        "source": source_digest(*modules_of("simulate", engine.name)),
+    }
+    return hashlib.sha256(json.dumps(determined, sort_keys=True).encode()).hexdigest()
+
+
+def folder_of_runs(scene: Scene, engine: Engine, digest: str) -> Path:
+    """Return the folder of runs with this digest, relative to the folder of the studies."""
+    return RUNS / scene.name / f"N{scene.particles}" / f"{engine.label}-{digest[:DIGITS]}"
+
+
+def stored_batches(folder: str | Path, seeds: np.ndarray) -> list[tuple[int, int]]:
+    """Return first and last seed of the files in a folder that hold some of `seeds` (ascending), no seed twice."""
+    found = [FILE.fullmatch(path.name) for path in Path(folder).glob("*.h5")]
+    batches = sorted(((int(match[1]), int(match[2])) for match in found if match), key=lambda pair: (pair[0], -pair[1]))
+    chosen: list[tuple[int, int]] = []
+    for first, last in batches:
+        is_wanted = np.searchsorted(seeds, last, "right") > np.searchsorted(seeds, first)
+        if is_wanted and (not chosen or first > chosen[-1][1]):
+            chosen.append((first, last))
+    return chosen
+
+
+def without(seeds: np.ndarray, batches: Iterable[tuple[int, int]]) -> np.ndarray:
+    """Return the seeds (ascending) that are in none of the batches (first, last)."""
+    is_left = np.ones(len(seeds), bool)
+    for first, last in batches:
+        is_left[np.searchsorted(seeds, first) : np.searchsorted(seeds, last, "right")] = False
+    return seeds[is_left]

@@ -1,0 +1,58 @@
+# What several rules need: the study, where its results stand, and what each step is made from.
+#
+# Files of runs stand in folders that are named after all that determines their runs, shared by all studies: a run that is
+# there is the one that is asked for. Later steps have the digest of what they are made from in the name of a file beside
+# their results, `made_from_DIGEST.txt`: if it is missing, the step is due. So nothing depends on times of modification or
+# on what Snakemake remembers (`rerun-triggers: input` in the profile).
+from brownpipe.study.workflow import forecast, read_workflow_study, remove_stale_locks
+from brownpipe.study.resources import requests
+from brownpipe.study.run_count import settled
+from brownpipe.study.run_sets import commands, digests, files_of
+from brownpipe.provenance import PACKAGE
+
+if workflow.is_main_process:
+    remove_stale_locks()
+configfiles = workflow.configfiles or [f"{workflow.basedir}/config/harrison2020.yaml"]
+study, study_words = read_workflow_study(configfiles, workflow.config_settings.config)
+results = f"results/{study.name}"
+runs = "results/runs/{scene}/N{particles}/{engine}-{digest}/{first}-{last}"
+made_from = digests(study)
+simulations = commands(study)
+request = requests(study)
+captions = PACKAGE / "figures"
+
+
+wildcard_constraints:
+    digest="[0-9a-f]{8}",
+    first=r"\d+",
+    last=r"\d+",
+
+
+# How many runs the tolerance of a study needs, by pilot runs; a study with `seeds` does without.
+checkpoint plan:
+    output:
+        f"{results}/plan/{made_from['plan']}.yaml",
+    log:
+        f"{results}/logs/plan.log",
+    resources:
+        **request["plan"],
+    params:
+        study=study_words,
+    shell:
+        "brownpipe plan {params.study} --count {output:q} > {log:q} 2>&1"
+
+
+def plan_file(wildcards):
+    """Return the file that says how many runs the study needs, once it is there; none for a study with seeds."""
+    return [] if study.tolerance is None else [checkpoints.plan.get().output[0]]
+
+
+def plan_option(wildcards, input):
+    """Return the option that names this file."""
+    return ["--plan", *input.plan] if input.plan else []
+
+
+def trajectories(wildcards):
+    """Return the files with the runs of the study: those that are there, and those to be made."""
+    known = settled(study, *plan_file(wildcards)) if study.tolerance else study
+    return [str(file.path) for file in files_of(known)]
