@@ -263,7 +263,7 @@ def test_a_new_module_that_the_engine_imports_changes_its_digest(tmp_path):
         (tmp_path / f"{name}.py").write_bytes(text.encode())
 
     def digest():
-        provenance.sources.cache_clear()
+        provenance.source_digest.cache_clear()
         return provenance.source_digest("engines.one", folder=tmp_path)
 
     before = digest()
@@ -283,4 +283,4 @@ def test_a_new_module_that_the_engine_imports_changes_its_digest(tmp_path):
     assert digest() == drawn != changed, "the script of a module's web page, but no other"
     with pytest.raises(FileNotFoundError, match="seven"):
         provenance.source_digest("seven", folder=tmp_path)
-    provenance.sources.cache_clear()
+    provenance.source_digest.cache_clear()

@@ -45,9 +45,9 @@ def test_a_text_beside_a_module_is_in_its_digest(tmp_path):
     digests = []
     for name in ("two.py", "two.css", "two.js", "two.rst", "three.css"):
         (tmp_path / name).write_text("")
-        provenance.sources.cache_clear()
+        provenance.source_digest.cache_clear()
         digests.append(provenance.source_digest("one", folder=tmp_path))
-    provenance.sources.cache_clear()
+    provenance.source_digest.cache_clear()
     assert len({*digests}) == 4 and digests[3] == digests[4], "three.css belongs to no module"
 
 

@@ -51,6 +51,7 @@ def simulation_of(engine: str) -> str:
     return f"engines.{engine}.simulation"
 
 
+@cache  # a study asks for it once for each set of runs
 def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
     """Return the SHA-256 over the source text of modules and of all that they import, whatever the line ends.
 
@@ -66,7 +67,6 @@ def source_digest(*modules: str, folder: Path = PACKAGE) -> str:
     return total.hexdigest()
 
 
-@cache
 def sources(*modules: str, folder: Path = PACKAGE) -> tuple[Path, ...]:
     """Return the files of modules and of all that they import, sorted; imports of the list of engines are not followed.
 
