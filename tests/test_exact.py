@@ -628,6 +628,20 @@ def test_the_compiler_changes_no_bit(fits_cache):
 # -- before t = 0 ------------------------------------------------------------------------------------------------------
 
 
+def test_the_sample_at_t_0_is_taken_before_the_collisions_then():
+    """Disks of a lattice between walls touch these: who replays the log from the sample must not count them twice."""
+    disks = {"species": species((68, 0.5, 1.0)), "placement": "lattice"}
+    mapping = {"box": box(10, 10, W), "disks": disks, "duration": 0.5, "velocities": {"standard_deviation": 1.0}}
+    scene = parse_scene(mapping, "touching.yaml")
+    ensemble = simulate(scene, range(3), {"all", "events"})
+    for seed, events in ensemble.events.items():
+        start, end = ensemble.whole[seed].velocity
+        assert np.count_nonzero(events.time == 0.0) > 3
+        np.testing.assert_array_equal(start, draw(scene, seed).velocity)
+        walls = events.impulse[events.b < 0].sum(axis=0)
+        np.testing.assert_allclose((end - start).sum(axis=0), walls, atol=1e-11)
+
+
 def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
     scene = note_scene(0.1).replace(equilibrate={"time": 1.0, "tracer": "pinned"})
     begin, run = draw(scene, 3), simulate(scene, [3], {"all", "events"})

@@ -44,7 +44,7 @@ MEANING = {  # dataset: units, long_name
     "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
     "missed_collisions": ("1", "collisions missed because the pair met and separated within one time step"),
     "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
-    "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0, after any collision then"),
+    "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
     "failed": (
         "1",
         "1 if overlap, energy drift or momentum residual exceeds its bound, a number is not finite or the run could "
