@@ -51,8 +51,8 @@ def _inside(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
 def naive_slope_error(times: np.ndarray, values: np.ndarray, window: tuple[float, float]) -> float:
     """Return the standard error of the slope of `values` (T,) in a window by least squares for independent points.
 
-    It is not valid for an MSD (13 times too small in the note's scene), as all points of the curve come from the same
-    runs. The error of that slope is that of the mean of the slopes of single runs, `per_run_lines`.
+    It is not valid for an MSD (8 to 20 times too small in the note's scene), as all points of the curve come from the
+    same runs. The error of that slope is that of the mean of the slopes of single runs, `per_run_lines`.
     """
     slope, intercept = (line_weights(times, window) * values).sum(axis=-1)
     inside = _inside(times, window)
