@@ -30,7 +30,7 @@ from asking import ask
 IMPORTED = (
     *("snakemake.cli", "snakemake.profiles", "snakemake.report.html_reporter", "snakemake.storage", "smart_open"),
     *("numpy", "pandas", "h5py", "yaml", "requests", "platformdirs", "pygments", "jinja2"),
-    *("numba", "scipy.special", "xarray", "tqdm", "matplotlib.figure", "PIL.PngImagePlugin"),
+    *("numba", "scipy.special", "xarray", "matplotlib.figure", "PIL.PngImagePlugin"),
     *("matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg"),
 )
 LONGEST = 300  # seconds, then a process is ended by SIGALRM

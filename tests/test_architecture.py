@@ -50,7 +50,6 @@ LAYERS = (  # each may import those before it
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
 HEAVY = {
     "importlib",
-    "tqdm",
     "numba",
     "h5py",
     "scipy",

@@ -8,17 +8,16 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from brownpipe import analysis, progress, stages, tradeoff
-from brownpipe.engines import configured, placement
+from brownpipe.engines import configured
 from brownpipe.engines.exact import run as exact_run
-from brownpipe.engines.initial_state import draw
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.figures.movie import movie
-from brownpipe.stages import Stage
 from brownpipe.storage import read_trajectories, write_trajectories
 from brownpipe.study import plan
 from synthetic import render
@@ -29,12 +28,11 @@ EXACT, STEPS = configured("exact"), configured("timestep", time_step=0.01)
 
 
 @pytest.fixture
-def reported():
-    """The stages that are reported during the test."""
+def reported(monkeypatch):
+    """The stages that are reported during the test: unit, done and total."""
     found = []
-    stages.listeners.append(found.append)
-    yield found
-    stages.listeners.remove(found.append)
+    monkeypatch.setattr(stages, "listeners", [lambda *stage: found.append(stage)])
+    return found
 
 
 # -- what is reported -----------------------------------------------------------------------------------------------
@@ -45,22 +43,14 @@ def test_a_piece_is_reported_by_what_is_tracked_within_it_and_by_nothing_else(re
         stages.report("runs", 1, 3)
         for _ in stages.tracked("cd", "engines"):
             stages.report("runs", 2, 3)
-    shares = [0, 0, 0.5, 0.5, 1, 1]  # of a case: two reports within it and its engines, after each engine, at its end
-    assert reported == [Stage("cases", case + share, 2) for case in (0, 1) for share in shares]
-
-
-def test_stages_can_be_renamed_and_left_out(reported):
-    with stages.counted_as("runs before"):
-        stages.report("runs", 1, 8)
-    with stages.unreported():
-        stages.report("runs", 2, 8)
-    assert reported == [Stage("runs before", 1, 8)]
+    shares = [0.5, 1, 1]  # of a case: after each engine, at its end
+    assert reported == [("cases", case + share, 2) for case in (0, 1) for share in shares]
 
 
 def shares(reported, runs):
     """The fractions of a batch that were reported, which must never fall."""
-    assert {(stage.unit, stage.total) for stage in reported} == {("runs", runs)}
-    done = [stage.done for stage in reported]
+    assert {(unit, total) for unit, _, total in reported} == {("runs", runs)}
+    done = [done for _, done, _ in reported]
     assert done == sorted(done)
     return done
 
@@ -71,7 +61,7 @@ def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypa
     monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 60)
     monkeypatch.setattr(timestep, "DISK_STEPS_PER_CALL", 31 * 39)
     found = []
-    monkeypatch.setattr(stages, "listeners", [found.append])
+    monkeypatch.setattr(stages, "listeners", [lambda *stage: found.append(stage)])
     after = engine.simulate(SCENE, [3, 4], {"tracer"}).tracer.position
     assert after.tobytes() == before.tobytes()
     done = np.array(shares(found, 2))
@@ -80,23 +70,9 @@ def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypa
     assert {1.0, 2.0} <= set(done) and done[0] < 0.2
 
 
-def test_the_placement_of_many_disks_is_reported_and_stays_the_same(reported, monkeypatch):
-    before = draw(SCENE, 0).position
-    assert reported == []
-    monkeypatch.setattr(placement, "TRIES_PER_CALL", 8)
-    assert draw(SCENE, 0).position.tobytes() == before.tobytes()
-    assert {(stage.unit, stage.total) for stage in reported} == {("disks placed", 31)}
-    done = [stage.done for stage in reported]
-    assert done == sorted(done) and len(done) > 2
-
-
 def test_runs_that_measure_a_friction_are_no_runs_of_the_batch(reported):
-    engine = configured("langevin", friction="measured")
-    engine.simulate(SCENE, [0, 1, 2], {"tracer"})
-    runs = [stage for stage in reported if stage.unit == "runs"]
-    assert runs == [Stage("runs", k, 3) for k in (1, 2, 3)]
-    others = [stage for stage in reported if stage.unit != "runs"]
-    assert others[-1] == Stage("runs that measure the friction", 8, 8)
+    configured("langevin", friction="measured").simulate(SCENE, [0, 1, 2], {"tracer"})
+    assert reported == [("runs", k, 3) for k in (1, 2, 3)]
 
 
 @pytest.fixture(scope="module")
@@ -112,23 +88,23 @@ def files(tmp_path_factory):
 @pytest.mark.slow
 def test_analysis_reports_files_and_then_runs(files, reported, tmp_path):
     dataset = analysis.aggregate(files, [(0.2, 1.0)])
-    assert reported[:2] == [Stage("files verified", 1, 2), Stage("files verified", 2, 2)]
-    assert reported[2:] == [Stage("runs", 12, 24), Stage("runs", 24, 24)]
+    assert reported[:2] == [("files verified", 1, 2), ("files verified", 2, 2)]
+    assert reported[2:] == [("runs", 12, 24), ("runs", 24, 24)]
     reported.clear()
     render(dataset, tmp_path, ["health", "msd"])
-    assert reported == [Stage("figures", 1, 2), Stage("figures", 2, 2)]
+    assert reported == [("figures", 1, 2), ("figures", 2, 2)]
 
 
 @pytest.mark.slow
 def test_a_movie_reports_its_frames(files, reported):
     movie(read_trajectories(files[0]), str(files[0]), ".gif")
-    assert reported == [Stage("frames", k, 2) for k in (1, 2)]
+    assert reported == [("frames", k, 2) for k in (1, 2)]
 
 
 def test_a_trade_off_reports_its_cases_by_the_settings_that_are_measured(files, reported):
     tradeoff.measure(files, seconds_per_run=lambda *_: 1.0)
-    assert [stage for stage in reported if stage.unit == "cases"] == [Stage("cases", k / 2, 1) for k in (1, 2)] + [
-        Stage("cases", 1, 1)
+    assert [stage for stage in reported if stage[0] == "cases"] == [("cases", k / 2, 1) for k in (1, 2)] + [
+        ("cases", 1, 1)
     ]
 
 
@@ -137,7 +113,7 @@ def test_a_pilot_reports_its_engines(reported, monkeypatch):
     monkeypatch.setattr("brownpipe.study.run_count.MOST_RUNS", 10)
     plan._by_pilots(SCENE, "msd", (0.2, 1.0), "runs")
     total = 1 + len(plan.candidates(SCENE))
-    assert reported[-1] == Stage("engines", total, total) and {stage.unit for stage in reported} == {"engines"}
+    assert reported[-1] == ("engines", total, total) and {unit for unit, _, _ in reported} == {"engines"}
 
 
 def test_timing_a_run_times_no_report(reported):
@@ -145,54 +121,46 @@ def test_timing_a_run_times_no_report(reported):
     assert reported == []
 
 
-# -- the words ------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("stage", "seconds", "left", "text"),
-    [
-        (Stage("runs", 1200, 2400), 31.2, 29.8, "simulate: 1,200 of 2,400 runs, 31 s, about 30 s to go"),
-        (Stage("runs", 1.4, 8), 200.0, 900.0, "simulate: 1 of 8 runs (18 %), 3.3 min, about 15 min to go"),
-        (Stage("runs", 0.37, 1), 12.0, None, "simulate: 37 % of the run, 12 s"),
-        (None, 0.3, None, "simulate: 1 s"),
-    ],
-)
-def test_the_line(stage, seconds, left, text):
-    assert progress.line("simulate", stage, seconds, left) == text
-
-
-def test_the_time_left_follows_from_the_reports_alone():
-    pace = progress.Pace()
-    assert pace.left(100.0, 5, 20) is None  # done before, as the runs of a checkpoint: it took no time
-    assert pace.left(101.0, 6, 20) is None
-    assert pace.left(110.0, 10, 20) == 20.0
-    assert pace.left(120.0, 20, 20) is None
-
-
-@pytest.mark.parametrize("reports", [(0.5, 5, 0.5), (0.01, 10, 0.02), (1, 0)])
-def test_a_stage_that_begins_again_has_a_pace_of_its_own(reports):
-    pace = progress.Pace()
-    lefts = [pace.left(3.0 * k, done, 10) for k, done in enumerate(reports)]
-    assert lefts[-1] is None
-    assert pace.left(3.0 * len(reports), reports[-1] + 1, 10) == pytest.approx(3.0 * (9 - reports[-1]))
-
-
 # -- the screen -----------------------------------------------------------------------------------------------------
 
 
-def test_a_log_has_a_line_every_half_a_minute(monkeypatch, capsys):
-    now = time.monotonic()
-    monkeypatch.setattr("brownpipe.progress.time.monotonic", lambda: now)
+@pytest.fixture
+def clock(monkeypatch):
+    """The time of the display, in its attribute `now` [s]."""
+    clock = SimpleNamespace(now=0.0)
+    monkeypatch.setattr("brownpipe.progress.time.monotonic", lambda: clock.now)
+    return clock
+
+
+def test_a_log_has_a_line_every_half_a_minute(clock, capsys):
     with progress.shown("aggregate"):
         for runs in range(71):
             stages.report("runs", runs, 1000)
-            now += 1.0
+            clock.now += 1.0
     out, err = capsys.readouterr()
     assert out == ""
     assert err.splitlines() == [
-        "aggregate: 30 of 1,000 runs, 30 s, about 16 min to go",
-        "aggregate: 60 of 1,000 runs, 60 s, about 16 min to go",
+        "aggregate: 30 of 1,000 runs (3 %), 30 s, about 16 min to go",
+        "aggregate: 60 of 1,000 runs (6 %), 60 s, about 16 min to go",
     ]
+
+
+@pytest.mark.parametrize(
+    ("reports", "left"),
+    [
+        ((5, 6, 10), 2 * 10 / 5),  # 5 were done before, as the runs of a checkpoint: they took no time
+        ((0.5, 5, 0.2, 1.2), 8.8),  # begun again
+        ((1, 10), None),
+    ],
+)
+def test_the_time_left_follows_from_the_pace_since_the_stage_began(clock, capsys, reports, left):
+    display = progress.Display()
+    for done in reports:
+        clock.now += 1.0
+        display.due = clock.now
+        display.update("x", done, 10 if left != 4 else 20)
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == f"x, {len(reports)} s" + (f", about {left:.0f} s to go" if left else "")
 
 
 def test_silent_means_nothing_and_the_outer_one_shows_all(monkeypatch, capsys):
@@ -220,7 +188,7 @@ def test_a_screen_that_is_gone_ends_no_calculation(monkeypatch):
 WORK = """
 import sys, time
 from brownpipe import progress, stages
-progress.DELAY, progress.LINE_INTERVAL = 0.0, 0.0
+progress.DELAY, progress.INTERVAL, progress.LINE_INTERVAL = 0.0, 0.0, 0.0
 with progress.shown("movie"):
     stages.remark("compiling")
     for k in stages.tracked(range(40), "frames"):
@@ -252,29 +220,23 @@ def on_terminal(term, columns=100, sleep=0.01, interrupt=False):
 
 
 @pytest.mark.slow
-def test_a_terminal_has_a_bar_that_is_removed():
-    written, status = on_terminal("xterm", columns=60)
+@pytest.mark.parametrize("columns", [20, 60])
+def test_a_terminal_has_a_line_that_fits_and_is_removed(columns):
+    written, status = on_terminal("xterm", columns)
     assert status == 0 and "\x1b" not in written
     assert "brownpipe: compiling\r\n" in written
-    bars = [text for text in written.split("\r") if text.startswith("movie: ")]
-    assert len(bars) > 1 and all(re.search(r"of 40 frames \(\d+ %\), 1 s \|[^|]*\|", text) for text in bars)
-    assert max(map(len, bars)) < 60
+    lines = [text for text in written.split("\r") if text.startswith("movie: ")]
+    assert len(lines) > 1 and max(map(len, lines)) < columns
     assert re.search(r"\r +\rmade\r\n$", written)
-
-
-@pytest.mark.slow
-def test_a_narrow_terminal_has_a_line_that_fits():
-    written, _ = on_terminal("xterm", columns=20)
-    assert max(len(text) for text in written.split("\r") if text.startswith("movie: ")) <= 20
 
 
 def test_a_dumb_terminal_has_lines():
     written, _ = on_terminal("dumb")
-    assert re.search(r"movie: \d+ of 40 frames \(\d+ %\), 1 s\r\n", written)
+    assert re.search(r"movie: \d+ of 40 frames \(\d+ %\), 1 s, about 1 s to go\r\n", written)
     assert "\x1b" not in written and not re.search(r"\r(?!\n)", written)
 
 
-def test_ctrl_c_removes_the_bar():
+def test_ctrl_c_removes_the_line():
     began = time.monotonic()
     written, status = on_terminal("xterm", sleep=0.2, interrupt=True)
     assert status == -signal.SIGINT and time.monotonic() - began < 6

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe import stages
 from brownpipe.engines.insertion import OUT_OF_NUMBERS, STUCK, TRIES, insert, register
 from brownpipe.engines.units import common_radius
 from brownpipe.errors import PlacementError, RequestError
@@ -76,7 +75,6 @@ def _insert(scene: Scene, stream: np.random.Generator) -> np.ndarray:
             outcome = insert(position, radius, common, big, size, scene.box.periodic, tried, grid, following, progress)
             if outcome != OUT_OF_NUMBERS:
                 break
-            stages.report("disks placed", int(progress[0]), n)
     if outcome == STUCK:
         raise PlacementError(
             f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "

@@ -84,8 +84,7 @@ def forecast(study: Study, jobs: Sequence[Any], logger: Logger) -> None:
     seconds = {job.output[0]: seconds_of_jobs(costs[job.wildcards.digest], runs[job.output[0]]) for job in jobs}
     total = in_time(sum(seconds.values()))
     text = f"{counted(sum(runs.values()), 'run')} in {counted(len(jobs), 'job')}, some {total} of CPU"
-    extra = {"forecast": True, "runs": sum(runs.values()), "seconds": seconds}
-    logger.info(f"brownpipe: the study {study.name}: {text}", extra=extra)
+    logger.info(f"brownpipe: the study {study.name}: {text}", extra={"runs": runs, "seconds": seconds})
 
 
 # -- brownpipe run --------------------------------------------------------------------------------------------------

@@ -81,7 +81,7 @@ def _collision_rate(scene: Scene) -> float:
 
     The rate of each run is scaled from the run's own temperature to the scene's: rates are proportional to sqrt(kT).
     """
-    with stages.counted_as("runs that measure the friction"):
+    with stages.unreported():
         runs = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"}))
     if failed := failures(runs):
         raise RunError(f"{scene.name}: of the runs that measure the friction {failed}; must be friction: enskog")
