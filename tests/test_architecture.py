@@ -43,7 +43,6 @@ LAYERS = (  # each may import those before it
     "study",
     "interface",
     "verbs",
-    "completion",
     "cli",
     "__main__",
 )

@@ -171,7 +171,7 @@ def test_record_none_keeps_the_observables(capsys):
 
 def test_aggregate_and_figures(dataset, capsys):
     assert read_dataset(dataset).runs.values.tolist() == [[[3]]]
-    assert said(capsys, "figures", dataset, "--output", "made/here", "--figures", "health") == (DONE, "", "")
+    assert said(capsys, "figures", dataset, "--output", "made/here", "--figures", "health")[::2] == (DONE, "")
     names = {path.name for path in Path("made/here").iterdir()}
     pictures = {f"health.{kind}" for kind in ("png", "svg", "csv")}
     assert names == pictures | {"summary.csv", "summary.txt", "provenance.json"}
@@ -261,7 +261,7 @@ def test_version(capsys):
             "must be a finite number > 0, not '0'",
         ),
         (["aggregate", "x.h5", "--output", "a.nc", "--rings", "0"], "must be an integer from 1 to"),
-        (["figures", "a.nc", "--output", "f", "--figures", "msds"], "invalid choice: 'msds'"),
+        (["figures", "a.nc", "--output", "f", "--figures", "msds"], "--figures[0]"),
         (["check", "absent.yaml"], "absent.yaml: cannot be read"),
     ],
 )
@@ -600,19 +600,9 @@ def test_results_are_no_scene(runs, capsys):
         (["simulate", SCENE, "--record", "all", "events"], "events; several values of an option are joined by commas"),
         (["simulate", SCENE, "--time-step", "10ms"], "must be a finite number > 0, not '10ms'; without a unit"),
         (["simulate", SCENE, "--time-step", "0,01"], "must be a finite number > 0, not '0,01'; with a decimal point"),
-        (["figures", "a.nc", "--output", "f", "--figures", "MSD"], "invalid choice: 'MSD'; did you mean msd? (choose"),
-        (
-            ["figures", "a.nc", "--output", "f", "--figures", "msd,health"],
-            "'msd,health'; several are separated by blanks",
-        ),
-        (
-            ["figures", "--output", "f", "--figures", "msd", "a.nc"],
-            "'a.nc'; files are given before the options (choose",
-        ),
-        (
-            ["aggregate", "--output", "a.nc", "--fit-windows", "0:1", "x.h5"],
-            "not 'x.h5'; files are given before the opt",
-        ),
+        (["figures", "a.nc", "--output", "f", "--figures", "msd,MSD"], "--figures[1]"),
+        (["figures", "a.nc", "--output", "f", "--figures", "msd", "health"], "health; several values of an option are"),
+        (["aggregate", "x.h5", "--output", "a.nc", "--study", STUDY], "files: must not be given with --study"),
         (
             ["tradeoff", STUDY],
             f"{STUDY}: has no results yet; run it first: brownpipe run {STUDY} (results/runs/harrison2020/N50/exact-",
@@ -630,48 +620,3 @@ def test_common_mistakes_in_a_command_are_named(argv, message, capsys, tmp_path)
 def test_blanks_after_the_commas_of_a_list_do_no_harm(capsys):
     names = "species_energy, square_displacement"
     assert said(capsys, "simulate", SCENE, "--particles", 10, "--observables", names, "--output", "x.h5")[0] == DONE
-
-
-# -- completion -----------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def completed(tmp_path_factory):
-    """The completions of a command line that ends where the cursor is, as bash asks for them."""
-    script = tmp_path_factory.mktemp("bash") / "brownpipe"
-    with script.open("w") as file:
-        subprocess.run([sys.executable, "-m", "brownpipe", "--completion"], stdout=file, check=True)
-
-    def completions(*words):
-        asked = f'source {script}; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _brownpipe; echo "${{COMPREPLY[@]}}"'
-        done = subprocess.run(["bash", "-c", asked, "bash", *words], capture_output=True, text=True, check=True)
-        assert done.stderr == ""
-        return done.stdout.split()
-
-    return completions
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_bash_completes_verbs_and_their_options(completed, verb):
-    assert completed("brownpipe", verb[:3]) == [name for name in VERBS if name.startswith(verb[:3])]
-    actions = [action for action in build_parser([verb]).of_verb._actions if action.help != argparse.SUPPRESS]
-    options = [action.option_strings[-1] for action in actions if action.option_strings]
-    assert "--help" in options and completed("brownpipe", verb, "x", "--") == options
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["simulate", "x.yaml", "--engine", ""], ["exact", "timestep", "langevin"]),
-        (["simulate", "x.yaml", "--friction", "e"], ["enskog"]),
-        (["simulate", "x.yaml", "--observables", "v"], ["velocity_autocorrelation", "velocity_distribution"]),
-        (["simulate", "x.yaml", "--average", ""], ["runs", "origins", "disks"]),
-        (["simulate", "x.yaml", "--time-s"], ["--time-step"]),
-        (["figures", "x.nc", "--figures", "m"], ["msd"]),
-        (["plan", "x.yaml", "--o"], []),
-        (["schema", ""], ["scene", "study"]),
-        (["simulate", ""], []),
-    ],
-)
-def test_bash_completes_words_and_leaves_files_to_itself(completed, words, expected):
-    assert completed("brownpipe", *words) == expected

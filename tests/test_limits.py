@@ -72,7 +72,7 @@ def test_figures_that_cannot_all_be_written_replace_none(expected):
     assert main([*words, "health"]) == DONE
     before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in Path("figures").iterdir()}
     least = max(len(contents) for _, contents in before.values())
-    done = limited(least - 1, [*words, "health", "msd"])
+    done = limited(least - 1, [*words, "health,msd"])
     assert done.returncode != DONE
     assert "not written: File too large" in done.stderr
     assert before == {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in Path("figures").iterdir()}

@@ -42,7 +42,7 @@ def results(tmp_path_factory):
     """A folder with a dataset, two figures and the page, as the workflow makes them."""
     folder = tmp_path_factory.mktemp("results")
     write_dataset(folder / "s.nc", aggregate(study(folder, runs=20, failed=(7, 13))))
-    words = ["figures", str(folder / "s.nc"), "--output", str(folder / "figures"), "--figures", *SHOWN]
+    words = ["figures", str(folder / "s.nc"), "--output", str(folder / "figures"), "--figures", ",".join(SHOWN)]
     assert main([*words, "--page", str(folder / "report.html")]) == DONE
     return folder
 
@@ -110,7 +110,7 @@ def test_the_page_is_well_formed_and_loads_nothing(written):
 def test_same_bytes_in_another_folder_and_language(results, tmp_path, monkeypatch):
     monkeypatch.setenv("TZ", "Asia/Kathmandu")
     monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
-    words = ["figures", str(results / "s.nc"), "--output", str(tmp_path), "--figures", *SHOWN]
+    words = ["figures", str(results / "s.nc"), "--output", str(tmp_path), "--figures", ",".join(SHOWN)]
     assert main([*words, "--page", str(tmp_path / "report.html")]) == DONE
     assert (tmp_path / "report.html").read_bytes() == (results / "report.html").read_bytes()
 
@@ -245,7 +245,7 @@ sys.exit(main(sys.argv[1:]))
 
 def words(results, folder, *further):
     """The arguments of `made`, with another folder beside that one."""
-    figures = ["figures", str(results / "s.nc"), "--output", str(results / folder), "--figures", *SHOWN]
+    figures = ["figures", str(results / "s.nc"), "--output", str(results / folder), "--figures", ",".join(SHOWN)]
     return [*figures, "--page", str(results / folder / "report.html"), *further]
 
 

@@ -54,8 +54,7 @@ def test_small_study_says_the_rest_by_default():
     default = read_study(CONFIG / "harrison2020.yaml")
     for key in ("engines", "figures", "fit_windows"):
         assert getattr(small(), key) == getattr(default, key)
-    assert small().rings is None and small().aggregate_options == ""
-    assert default.aggregate_options == "--ring-width 0.04 --rings 24"
+    assert small().rings is None and (default.rings.dr, default.rings.count) == (0.04, 24)
 
 
 def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_runs(tmp_path, monkeypatch):

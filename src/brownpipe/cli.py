@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from brownpipe import interrupts
-from brownpipe.completion import bash_script
 from brownpipe.errors import FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.quoting import printable
 from brownpipe.verbs import VERBS
@@ -79,7 +78,6 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
     """
     parser = _Parser("brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones.")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    parser.add_argument("--completion", action=_Completion, nargs=0, help="print the completion script for bash")
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
     for name, module in VERBS.items():
         verb = getattr(module, name)
@@ -107,24 +105,12 @@ def _with_hint(message: str, options: Sequence[str]) -> str:
     """Return a message of argparse with what was probably meant; `options` are those of the verb."""
     if found := re.fullmatch(r"unrecognized arguments: (\S+).*", message):
         near = difflib.get_close_matches(found[1], options, n=1) if found[1].startswith("-") else []
-        is_file = "." in found[1] or found[1].startswith("-")
-        return message + (f"; did you mean {near[0]}?" if near else "" if is_file else f"; {JOINED}")
-    if re.search(r"\.(h5|nc|ya?ml)'", message) and "argument --" in message:
-        return re.sub(r"(\.(?:h5|nc|ya?ml)')", r"\1; files are given before the options", message)
+        hint = "" if found[1].startswith("-") else f"; {JOINED}"
+        return f"{message}; did you mean {near[0]}?" if near else message + hint
     if found := re.search(r"(invalid choice: '([^']+)') \(choose from (.*)\)", message):
         near = difflib.get_close_matches(found[2].lower(), re.findall(r"\w+", found[3]), n=1)
-        hint = "several are separated by blanks" if "," in found[2] else f"did you mean {near[0]}?" if near else ""
-        return message.replace(found[1], f"{found[1]}; {hint}") if hint else message
+        return message.replace(found[1], f"{found[1]}; did you mean {near[0]}?") if near else message
     return message
-
-
-class _Completion(argparse.Action):
-    """Print the script; only now are the arguments of all verbs made."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        parsers = {name: build_parser([name]).of_verb for name in VERBS}
-        print(bash_script(parsers), end="")
-        parser.exit()
 
 
 class _Version(argparse.Action):

@@ -11,10 +11,8 @@ rule aggregate:
         **request["aggregate"],
     params:
         study=study_words,
-        windows=[f"{start}:{end}" for start, end in study.fit_windows],
-        options=study.aggregate_options,
         plan=plan_option,
     shell:
         'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
         " && brownpipe aggregate --study {params.study} {params.plan:q} --output {output.dataset:q}"
-        " --list-runs {output.made_from:q} --fit-windows {params.windows:q} {params.options} 2> {log:q}"
+        " --list-runs {output.made_from:q} > {log:q} 2>&1"

@@ -19,9 +19,9 @@ rule figures:
     resources:
         **request["figures"],
     params:
-        names=study.figures,
+        names=",".join(study.figures),
         particles=["--particles", study.shown_particles] if study.shown_particles else [],
     shell:
         'rm -f "$(dirname {output.summary:q})"/made_from_*.txt'
         ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
-        " {params.particles:q} --figures {params.names:q} --cores {threads} 2> {log:q} && touch {output.made_from:q}"
+        " {params.particles:q} --figures {params.names} --cores {threads} > {log:q} 2>&1 && touch {output.made_from:q}"

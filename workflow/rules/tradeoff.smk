@@ -41,7 +41,7 @@ rule tradeoff_drawings:
         **request["tradeoff_drawings"],
     shell:
         'rm -f "$(dirname {output.table:q})"/drawn_from_*.txt'
-        ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.table:q})" --page {output.page:q} 2> {log:q}'
+        ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.table:q})" --page {output.page:q} > {log:q} 2>&1'
         " && touch {output.drawn_from:q}"
 
 

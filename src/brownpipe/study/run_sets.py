@@ -78,7 +78,7 @@ def listed_runs(study: Study) -> list[str]:
 def digests(study: Study) -> dict[str, str]:
     """Return the first digits of a SHA-256 over all that each step of the workflow after `simulate` is made from."""
     runs = [*listed_runs(study), study.tolerance, study.target, study.fit_windows[0]]
-    analysis = [study.fit_windows, study.displacement_times, study.aggregate_options]
+    analysis = [study.fit_windows, study.displacement_times, study.rings]
     found = {name: source_digest(*STEPS[name]) for name in STEPS if name != "simulate"}
     aggregate = digest_of(runs, analysis, found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])

@@ -322,13 +322,6 @@ class Study(Record):
         return " ".join(f"--{key} {value}" for key, value in values.items() if value != defaults[key])
 
     @property
-    def aggregate_options(self) -> str:
-        """Times and rings of the displacement distribution, as options of `brownpipe aggregate`; empty for defaults."""
-        times = ["--displacement-times", *self.displacement_times] if self.displacement_times else []
-        rings = ["--ring-width", self.rings.dr, "--rings", self.rings.count] if self.rings else []
-        return " ".join(map(str, rings + times))
-
-    @property
     def tradeoff_cases(self) -> list[str]:
         """The cases with exact runs and others to compare with them, by their names in the trade-off."""
         labels = []

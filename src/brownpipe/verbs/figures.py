@@ -3,12 +3,15 @@
 from argparse import Namespace
 from collections.abc import Callable
 from functools import partial
+from typing import Literal
 
 from brownpipe.errors import DONE
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.verbs.output import PAGE, folder, writable
-from brownpipe.verbs.values import integer
+from brownpipe.formatting import counted
+from brownpipe.verbs.output import PAGE, folder, show, writable
+from brownpipe.verbs.values import integer, several
 
+Name = Literal[tuple(FIGURES)]
 EXAMPLE = "small.nc --output figures"
 
 
@@ -16,8 +19,8 @@ def add_arguments(add: Callable) -> None:
     add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
     add("--output", required=True, metavar="FOLDER", help="folder for the figures, tables and the summary")
     add("--page", metavar="FILE.html", help="also write a page with all results, in one file")
-    names = f"some of {', '.join(FIGURES)} (default: all)"
-    add("--figures", nargs="+", choices=FIGURES, metavar="NAME", help=names)
+    names = f"some of {','.join(FIGURES)} (default: all)"
+    add("--figures", type=several(str), metavar="NAMES", help=names)
     count = "show the runs with this many disks (default: the most)"
     add("--particles", type=integer, metavar="N", help=count)
     cores = "draw so many figures at the same time (default: 1); the files are the same"
@@ -32,10 +35,13 @@ def figures(arguments: Namespace) -> int:
     """
     from brownpipe import progress
     from brownpipe.report.products import read, write
+    from brownpipe.scene.reading import validated
 
     output = folder(arguments.output)
-    dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
+    names = arguments.figures and validated(list[Name], arguments.figures, key="--figures")
+    dataset, record = read(arguments.dataset, names, arguments.particles)
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
-        write(dataset, output, record, page=page, cores=arguments.cores)
+        written = write(dataset, output, record, page=page, cores=arguments.cores)
+    show(f"{output}: {counted(len(written), 'file')}" + (f", all on one page: {page}" if page else ""))
     return DONE

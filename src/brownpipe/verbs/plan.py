@@ -61,6 +61,7 @@ def plan(arguments: Namespace) -> int:
     if output is not None and best is not None:
         mapping = writing.derived_study(arguments.study, output, best.engine, best.runs)
         writing.write_yaml(output, mapping, " ".join(["brownpipe plan", *map(shlex.quote, arguments.argv[1:])]))
+        show(f"{output}: a study with this engine and number of runs")
     return FAILED if best is None else DONE
 
 

@@ -15,7 +15,7 @@ def add_arguments(add: Callable) -> None:
     jobs = "jobs at the same time (default: number of cores)"
     add("-j", "--cores", type=partial(integer, least=1), metavar="N", help=jobs)
     places = "run the jobs on a cluster: slurm, or a folder with a profile of Snakemake"
-    add("--profile", metavar="NAME", help=places).words = ("slurm",)
+    add("--profile", metavar="NAME", help=places)
 
 
 def run(arguments: Namespace) -> int:

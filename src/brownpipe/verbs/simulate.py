@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.verbs.output import HDF5, refuse_if_too_large, say, show, writable
-from brownpipe.verbs.values import SCENE, integer, number_or_all, observables, positive
+from brownpipe.verbs.values import SCENE, integer, number_or_all, positive, several
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,20 +21,18 @@ EXAMPLE = f"{SCENE} --seeds 17 --record all --output seed17.h5"
 
 
 def add_arguments(add: Callable) -> None:
-    """Add the arguments of the verb; `words` are for completion only."""
-    from brownpipe.engines import RECORDS
-    from brownpipe.observables import AVERAGES, OBSERVABLES
+    from brownpipe.observables import OBSERVABLES
 
     add("scene", metavar="SCENE", help="scene file (YAML)")
     add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
     add("--seeds", default="0", help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)")
     _add_engines(add)
     what = "tracer (default), all, events, none; all,events"
-    add("--record", default="tracer", metavar="WHAT", help=what).words = RECORDS
-    measured = f"what to measure in each run, with commas: some of {', '.join(OBSERVABLES)}"
-    add("--observables", type=observables, metavar="NAMES", help=measured).words = tuple(OBSERVABLES)
+    add("--record", default="tracer", metavar="WHAT", help=what)
+    measured = f"what to measure in each run: some of {','.join(OBSERVABLES)}"
+    add("--observables", type=several(str), default=[], metavar="NAMES", help=measured)
     over = "runs (default), or all time origins or equal disks of a run"
-    add("--average", default="runs", metavar="OVER", help=over).words = AVERAGES
+    add("--average", default="runs", metavar="OVER", help=over)
     add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
     accepted = "exit status 1 if more than N runs fail, or `all`: never (default: all but one)"
     add("--allow-failed", type=number_or_all, metavar="N", help=accepted)
@@ -48,12 +46,11 @@ def _add_engines(add: Callable) -> None:
 
     first, *others = DEFINITIONS.values()
     names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
-    add("--engine", default=first.name, metavar="NAME", help="; ".join(names)).words = tuple(DEFINITIONS)
+    add("--engine", default=first.name, metavar="NAME", help="; ".join(names))
     for definition in DEFINITIONS.values():
         for key, setting in definition.settings.items():
             read = positive if setting.is_positive else str
-            action = add(option(key), type=read, metavar=setting.metavar, help=f"of {definition.name}: {setting.help}")
-            action.words = setting.words  # for completion; the engine checks them
+            add(option(key), type=read, metavar=setting.metavar, help=f"of {definition.name}: {setting.help}")
 
 
 def simulate(arguments: Namespace) -> int:
@@ -148,7 +145,7 @@ def _checkpoints(
     from brownpipe.storage import read_checkpoint, write_checkpoint
 
     options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
-    options |= {"observables": arguments.observables or "none", "average": arguments.average}
+    options |= {"observables": ",".join(arguments.observables) or "none", "average": arguments.average}
     made = {name.partition("_")[0]: value for name, value in made_with("simulate", "exact").items()}
     made_by = options | {"engine": arguments.engine, "scene": scene.digest} | made
     last_written = time.monotonic()
@@ -168,9 +165,9 @@ def _measures(arguments: Namespace, scene: "Scene") -> dict[str, Any]:
     """Return the observables to measure in each run and what they average over, as keywords of `simulate`."""
     from brownpipe.observables import problem
 
-    names = tuple(arguments.observables.split(",")) if arguments.observables else ()
-    refusal = problem(scene, names, arguments.average)
-    if refusal is not None:
+    names = tuple(arguments.observables)
+    if refusal := problem(scene, names, arguments.average):
         key, why = refusal
-        raise RequestError(f"{arguments.scene}: --{key} {getattr(arguments, key)}: {why}")
+        value = {"observables": ",".join(names), "average": arguments.average}[key]
+        raise RequestError(f"{arguments.scene}: --{key} {value}: {why}")
     return {"observables": names, "average": arguments.average}

@@ -5,14 +5,18 @@ Each raises ArgumentTypeError, which argparse shows with the name of the option.
 
 import argparse
 import json
+from collections.abc import Callable
+from typing import TypeVar
+
+Value = TypeVar("Value")
 
 ALL = 10**9  # more runs than there can be
 SCENE = "config/scenes/harrison2020.yaml"  # of the examples
 
 
-def observables(text: str) -> str:
-    """Return names of observables, separated by commas."""
-    return ",".join(name.strip() for name in text.split(","))
+def several(read: Callable[[str], Value]) -> Callable[[str], list[Value]]:
+    """Return the reader of values that are separated by commas, from that of one value."""
+    return lambda text: [read(part.strip()) for part in text.split(",")]
 
 
 def key_value(text: str) -> tuple[str, object]:
