@@ -11,7 +11,6 @@ from brownpipe.formatting import counted
 from brownpipe.verbs.output import PAGE, folder, show, writable
 from brownpipe.verbs.values import integer, several
 
-Name = Literal[tuple(FIGURES)]
 EXAMPLE = "small.nc --output figures"
 
 
@@ -38,8 +37,9 @@ def figures(arguments: Namespace) -> int:
     from brownpipe.scene.reading import validated
 
     output = folder(arguments.output)
-    names = arguments.figures and validated(list[Name], arguments.figures, key="--figures")
-    dataset, record = read(arguments.dataset, names, arguments.particles)
+    for name in arguments.figures or ():
+        validated(Literal[tuple(FIGURES)], name, key="--figures")
+    dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
         written = write(dataset, output, record, page=page, cores=arguments.cores)
