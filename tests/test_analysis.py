@@ -255,12 +255,22 @@ def test_collision_counts_are_means_over_runs(dataset):
 
 @pytest.mark.slow
 def test_order_and_batches_do_not_matter(dataset, files, tmp_path):
-    assert aggregate(files[::-1], **RINGS).identical(dataset)
+    backwards = aggregate(files[::-1], **RINGS)
+    assert backwards.reindex_like(dataset).equals(dataset)
     whole = study(tmp_path, batch=60, failed=(7, 33))
     assert len(whole) == 4
     write_dataset(tmp_path / "one.nc", dataset)
     write_dataset(tmp_path / "two.nc", aggregate(whole, **RINGS))
     assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "two.nc").read_bytes()
+
+
+def test_scenes_and_particle_counts_keep_the_order_in_which_they_are_given(tmp_path):
+    """Neither as text (M1, M10, M3) nor ascending: it is the order of the study."""
+    scenes = [make_scene(name, count) for name in ("M1", "M3", "M10") for count in (20, 10)]
+    dataset = aggregate([write(tmp_path, make_runs(scene, range(3))) for scene in scenes])
+    assert dataset.scene.values.tolist() == ["M1", "M3", "M10"]
+    assert dataset.particles.values.tolist() == [20, 10]
+    assert (dataset.runs == 3).all()
 
 
 @pytest.mark.slow

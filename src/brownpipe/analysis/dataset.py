@@ -63,9 +63,10 @@ def aggregate(
     """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
     A file that is given with what it is to hold (`storage.StoredFile`) is refused if it holds other runs.
-    The files may hold any scenes, particle counts, engines and batches of seeds, in any order: the result depends on
-    the runs alone, to the bit, and peak memory does not grow with their number. Failed runs are counted and left out of
-    every average. Values that a case lacks (a shorter duration, fewer seeds) are NaN.
+    The files may hold any scenes, particle counts, engines and batches of seeds: every value depends on the runs alone,
+    to the bit, and peak memory does not grow with their number. Scenes, counts and engines keep the order of the files.
+    Failed runs are counted and left out of every average. Values that a case lacks (a shorter duration, fewer seeds)
+    are NaN.
 
     windows: (start, end) of the straight-line fits [time], by default from a tenth and from half of the shortest
         run to its end.
@@ -97,7 +98,7 @@ def aggregate(
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
     attributes = ATTRIBUTES | {"msd_of": " or ".join(sorted({_followed(one) for one in outlines}))} | made
-    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ascending=EACH)
+    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, kept=EACH)
 
 
 def _followed(outline: Outline) -> str:

@@ -26,18 +26,18 @@ def joined(
     variables: Mapping[str, Variable],
     coordinates: Mapping[str, dict],
     attributes: dict,
-    ascending: Collection[str],
+    kept: Collection[str],
 ) -> "xarray.Dataset":
     """Return the outer join of `parts`; where a part has no value, a variable has its value `absent`.
 
-    `coordinates` has the attributes of every coordinate; a dimension that is not in it gets none. Labels along the
-    dimensions `ascending` are sorted, other labels come in order of appearance; numbers ascend. Numbers that differ by
-    less than SAME_TIME count as equal. `xarray.concat` and `unstack` give the same values, but sort all labels and hold
-    every array twice.
+    `coordinates` has the attributes of every coordinate; a dimension that is not in it gets none. Labels, and numbers
+    along the dimensions `kept`, come in order of appearance; other numbers ascend. Numbers that differ by less than
+    SAME_TIME count as equal. `xarray.concat` and `unstack` give the same values, but sort all labels and hold every
+    array twice.
     """
     import xarray
 
-    axes = _joined_axes([part.axes for part in parts], ascending)
+    axes = _joined_axes([part.axes for part in parts], kept)
     size = {name: len(values) for name, (dim, values) in axes.items() if name == dim}
     data = {}
     for name, variable in variables.items():
@@ -53,11 +53,11 @@ def joined(
     return xarray.Dataset(data, along, attributes)
 
 
-def _joined_axes(axes: Sequence[Axes], ascending: Collection[str]) -> Axes:
+def _joined_axes(axes: Sequence[Axes], kept: Collection[str]) -> Axes:
     """Every coordinate over the union of the parts' axes: name -> (dimension, values)."""
     dimensions = {name: dim for own in axes for name, (dim, _) in own.items()}
     along: Axes = {
-        name: (dim, _union([own[name][1] for own in axes if name in own], name in ascending))
+        name: (dim, _union([own[name][1] for own in axes if name in own], name in kept))
         for name, dim in dimensions.items()
         if name == dim
     }
@@ -70,11 +70,10 @@ def _joined_axes(axes: Sequence[Axes], ascending: Collection[str]) -> Axes:
     return along
 
 
-def _union(parts: Sequence[Sequence | np.ndarray], ascending: bool) -> Sequence | np.ndarray:
-    """All labels, or all numbers ascending, each once."""
-    if isinstance(parts[0][0], str):
-        labels = dict.fromkeys(label for part in parts for label in part)
-        return sorted(labels) if ascending else list(labels)
+def _union(parts: Sequence[Sequence | np.ndarray], in_order: bool) -> Sequence | np.ndarray:
+    """All labels in order of appearance, or all numbers ascending unless `in_order`, each once."""
+    if in_order or isinstance(parts[0][0], str):
+        return list(dict.fromkeys(label for part in parts for label in part))
     axis = np.unique(np.concatenate(parts))
     return axis if axis.dtype.kind in "iu" else axis[np.append(True, np.diff(axis) > SAME_TIME * np.abs(axis[1:]))]
 

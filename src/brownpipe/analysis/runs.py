@@ -56,7 +56,7 @@ class RunBlock(NamedTuple):
 
 
 def groups_of(sources: Iterable[Source]) -> list[Group]:
-    """Return the groups of trajectory files and of runs in memory, sorted by scene, particle count and engine label.
+    """Return trajectory files and runs in memory by scene, particle count and engine label, in order of appearance.
 
     Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
     files) or hold other runs than are expected of them, and what `storage.read_outline` raises.
@@ -64,7 +64,7 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
     files = [_described(number, source) for number, source in enumerate(tracked([*sources], "files verified"))]
     if not files:
         raise AnalysisError("no trajectory files: nothing to analyse")
-    groups = [_group([file for file in files if file.key == key]) for key in sorted({file.key for file in files})]
+    groups = [_group([file for file in files if file.key == key]) for key in dict.fromkeys(file.key for file in files)]
     _refuse_namesakes(groups)
     return groups
 

@@ -61,7 +61,7 @@ def measure(
     stand_ins = {scene: [*others] for scene, others in instead_of.items()}
     options = {"instead_of": stand_ins, "fit_window": window}
     made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in groups), options)
-    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, ascending=COORDINATES)
+    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, kept=COORDINATES)
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
