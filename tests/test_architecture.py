@@ -52,6 +52,7 @@ HEAVY = {
     "numba",
     "h5py",
     "scipy",
+    "pandas",
     "xarray",
     "matplotlib",
     "yaml",

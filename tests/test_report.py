@@ -12,8 +12,10 @@ from html.parser import HTMLParser
 from itertools import pairwise
 from time import sleep
 
+import numpy as np
 import pytest
 from markupsafe import escape
+from pandas import DataFrame
 
 from brownpipe import provenance, tradeoff
 from brownpipe.analysis import aggregate
@@ -21,10 +23,9 @@ from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.figures import origin
-from brownpipe.figures.drawing import Drawing, drawing_of
+from brownpipe.figures.render import Drawing, drawing_of
 from brownpipe.figures.style import drawing, grid
 from brownpipe.figures.summary import answer
-from brownpipe.figures.tables import Table
 from brownpipe.report import page
 from brownpipe.report import study as study_page
 from brownpipe.storage import read_dataset, write_dataset
@@ -189,11 +190,10 @@ def test_names_of_others_are_escaped(results, tmp_path):
     with drawing():
         figure, axes = grid(1, 1, 3, 3)
         axes[0, 0].plot([0, 1], [0, 1], label=hostile.replace("\x1b", ""))
-        shown = drawing_of("msd", figure, Table((hostile, "b"), [(hostile, 1.0)]), {})
+        shown = drawing_of("msd", figure, DataFrame({hostile: [hostile], "b": [1.0]}), {})
     origins = [{"command": hostile, "seeds": hostile}]
     record = {"made_by": {"x_version": hostile}, "dataset": {"sha256": hostile, "made_from": origins}}
-    figures = {shown.name: page.figure(shown, shown.name)}
-    made = origin.recorded_page(study_page.page(dataset, figures, record), record)
+    made = origin.recorded_page(study_page.page(dataset, [shown], record), record)
     text = made.decode()
     elements = check(text)
     assert len(elements.named("img")) == 1 and "onerror" not in elements.named("img")[0][0]
@@ -202,11 +202,14 @@ def test_names_of_others_are_escaped(results, tmp_path):
     assert origin.read_record(tmp_path / "x.html") == record
 
 
-def test_a_long_table_is_cut(tmp_path):
-    rows = [(f"scene {k}", k, k / 7, float("nan")) for k in range(100_000)]
-    text = page.figure(Drawing("x", {"svg": SVG}, Table(("scene", "N", "x", "y"), rows)), "msd")
-    assert f"the first {page.MOST_ROWS} of 100,000 rows" in text and len(text) < 100_000
-    assert text.count("<tr>") == 1 + page.MOST_ROWS and "<td" in text and ">0.142857<" in text and ">nan<" not in text
+def test_a_long_table_is_cut(results):
+    rows = 100_000
+    table = DataFrame({"scene": "a", "N": range(rows), "x": np.arange(rows) / 7, "y": np.nan})
+    drawing = Drawing("msd", {"svg": SVG}, table)
+    text = study_page.page(read_dataset(results / "s.nc"), [drawing], RECORD).decode()
+    assert f"the first {page.MOST_ROWS} of 100,000 rows" in text and len(text) < 200_000
+    shown = text.partition("The numbers")[2].partition("</table>")[0]
+    assert shown.count("<tr>") == 1 + page.MOST_ROWS and ">0.142857<" in shown and ">nan<" not in shown
 
 
 def test_a_page_needs_the_suffix_of_one(results, capsys):

@@ -263,7 +263,7 @@ def test_exact_runs_are_off_by_nothing(measured):
 def test_what_pays_is_the_front_of_the_settings(measured):
     for name, careful in (("pays", True), ("may_pay", False)):
         settings = tradeoff.settings_of(measured, "full_N20", careful=careful)
-        assert [one.label for one in settings] == ["exact", "exact in small_N10", FAST]
+        assert [one.label for one in settings] == ["exact", FAST, "exact in small_N10"]
         intervals = {one.label: one for one in tradeoff.pareto_front(settings)}
         for one in settings:
             found = measured.sel(scene="full_N20", setting=one.label)
@@ -279,7 +279,7 @@ def test_what_pays_is_the_front_of_the_settings(measured):
 def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measured, tmp_path):
     again = tradeoff.measure(files[::-1], {"full": ["small"]}, seconds_per_run=lambda *_: 1.0)
     timed = ["seconds", "study_seconds", *drawing.COST_RATIO, "pays_from", "pays_to", "may_pay_from", "may_pay_to"]
-    assert again.drop_vars(timed).identical(measured.drop_vars(timed))
+    assert again.reindex_like(measured).drop_vars(timed).equals(measured.drop_vars(timed))
     storage.write_dataset(tmp_path / "tradeoff.nc", measured)
     assert storage.read_dataset(tmp_path / "tradeoff.nc").identical(measured)
 
@@ -291,7 +291,7 @@ def test_names_stay_when_a_particle_count_is_added():
     few, more = (tradeoff.measure(those, {"full": ["half"]}, seconds_per_run=cost) for those in (runs[:2], runs))
     assert few.scene.values.tolist() == more.scene.values.tolist() == ["full_N20"]
     assert few.setting.values.tolist() == ["exact", "exact in half_N9"]
-    assert more.setting.values.tolist() == ["exact", "exact in half_N11", "exact in half_N9"]
+    assert more.setting.values.tolist() == ["exact", "exact in half_N9", "exact in half_N11"]
     seconds = more.sel(scene="full_N20").seconds.values.tolist()
     assert seconds == [COSTS["exact"], COSTS["exact"] * 11 / 20, COSTS["exact"] * 9 / 20]
 

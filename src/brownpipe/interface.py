@@ -23,7 +23,7 @@ from brownpipe.engines.failures import failures
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
-from brownpipe.figures.style import png_bytes
+from brownpipe.figures.style import image_bytes
 from brownpipe.inspection import read_contents
 from brownpipe.observables import refuse_unfit
 from brownpipe.provenance import modules_of, source_digest
@@ -187,7 +187,7 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
         if result.sizes.get(dim) == 0:
             raise FigureError(f"result: the dimension {dim} is empty; there is nothing to plot")
     drawn = draw(result, figure, plain(particles))
-    drawn._repr_png_ = partial(png_bytes, drawn)  # type: ignore[attr-defined]  # by which notebooks show an object
+    drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]  # by which notebooks show an object
     return drawn
 
 

@@ -16,7 +16,7 @@ UNKNOWN = "unknown"  # version of a package that is not installed
 NAME = PACKAGE.name
 CATALOGUE = f"{NAME}.engines"  # imports all engines, but only the one that runs determines the results
 IMPORT = re.compile(r"^[ \t]*(?:from (\w[\w.]*) import (\([^)]*\)|[^\n#]*)|import (\w[\w.]*))", re.MULTILINE)
-BESIDE = (".css", ".html", ".js", ".rst")  # suffixes of files that belong to the module of the same name
+BESIDE = (".css", ".html", ".js", ".mplstyle", ".rst")  # suffixes of files that belong to the module of the same name
 PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "scipy")  # that compute and write runs
 ANALYSIS_PACKAGES = ("h5netcdf", "matplotlib", "pandas", "xarray")  # and datasets and figures
 

@@ -1,9 +1,8 @@
-"""The list of figures. To add one, write its module `figures/NAME.py` and add a line here.
+"""The list of figures. To add one, write `figures/NAME.py` and its caption `figures/NAME.rst`, and add a line here.
 
-The module has `draw(cases)`, which returns a matplotlib figure; `table(cases)`, its numbers; `VARIABLES`, the variables
-of the dataset that a case must have to be shown; and `LACKING`, the message for a dataset without them. The `needs` of
-a figure must guarantee that some case has these variables. Studies, the command line and the workflow take the names
-from here, so that this module imports nothing heavy.
+The module has `draw(cases)`, which returns a matplotlib figure, and `table(cases)`, its numbers. The `needs` of a
+figure must guarantee that some case has its `variables`. Studies, the command line and the workflow take the names from
+here, so that this module imports nothing heavy.
 """
 
 from typing import NamedTuple
@@ -21,21 +20,22 @@ class Figure(NamedTuple):
 
     name: str
     needs: tuple[str, ...] = ()  # of the study
+    variables: tuple[str, ...] = ()  # of the dataset, which a case must have to be shown
     every_count: bool = False  # shows all particle counts of a scene; otherwise one
 
 
 FIGURES = {
     figure.name: figure
     for figure in (
-        Figure("msd", (FOLLOWED, SPREADING)),
-        Figure("displacement_distribution", (FOLLOWED, TRACKED)),
-        Figure("diffusion", (FOLLOWED, SPREADING)),
-        Figure("velocity_autocorrelation", ("the observable velocity_autocorrelation",)),
-        Figure("velocity_distribution", ("the observable velocity_distribution",)),
-        Figure("pair_distribution", ("the observable pair_distribution",)),
-        Figure("energy", ("the observable species_energy",)),
-        Figure("thermodynamics", (COLLISIONS,), every_count=True),
-        Figure("particle_counts", (SEVERAL_COUNTS, SPREADING), every_count=True),
+        Figure("msd", (FOLLOWED, SPREADING), ("msd",)),
+        Figure("displacement_distribution", (FOLLOWED, TRACKED), ("displacement_counts", "displacement_overflow")),
+        Figure("diffusion", (FOLLOWED, SPREADING), ("msd",)),
+        Figure("velocity_autocorrelation", ("the observable velocity_autocorrelation",), ("velocity_autocorrelation",)),
+        Figure("velocity_distribution", ("the observable velocity_distribution",), ("velocity_density",)),
+        Figure("pair_distribution", ("the observable pair_distribution",), ("pair_distribution",)),
+        Figure("energy", ("the observable species_energy",), ("species_energy",)),
+        Figure("thermodynamics", (COLLISIONS,), ("collision_rate",), every_count=True),
+        Figure("particle_counts", (SEVERAL_COUNTS, SPREADING), ("msd",), every_count=True),
         Figure("health", every_count=True),
     )
 }

@@ -12,11 +12,12 @@ import numpy as np
 
 from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
 from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, columns, heads, time_axis
-from brownpipe.figures.tables import Table, long_table
+from brownpipe.figures.tables import frame_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     from xarray import Dataset
 
 ROUTES = {
@@ -30,8 +31,6 @@ HEADROOM = 1.25  # the axis ends at least at this times the largest mean,
 BAND = 2.0  # at most at this times it,
 MARGIN = 1.03  # and between the two at this times the upper end of the band of MSD/4t;
 REACH = 3.0  # other curves are contained if they are within this times the largest mean, otherwise the legend says so
-VARIABLES = ("msd",)
-LACKING = "no run with a tracer was kept"
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -101,6 +100,6 @@ def _enskog(case: Dataset, extent: tuple[float, float]) -> str:
     return f"Enskog's theory: D = {float(case.enskog_diffusion):.4g}{contact}"
 
 
-def table(cases: list[Dataset]) -> Table:
+def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and time with D by each route."""
-    return long_table(cases, ("time",), ROUTES)
+    return frame_of(cases, ("time",), ROUTES)

@@ -12,16 +12,15 @@ import numpy as np
 
 from brownpipe.figures.cases import has, over_time, parts_of, plus_minus, title_of
 from brownpipe.figures.style import DOTTED, INK, SERIES, band, columns, heads, time_axis
-from brownpipe.figures.tables import Table, long_table
+from brownpipe.figures.tables import frame_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     from xarray import Dataset
 
 NAME = "species_energy"
-VARIABLES = (NAME,)
-LACKING = "the observable species_energy was not measured"
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -52,6 +51,6 @@ def _curves(axes: Axes, case: Dataset) -> None:
         band(axes, part.time.values, part, NAME, colour, linestyle=line, label=label)
 
 
-def table(cases: list[Dataset]) -> Table:
+def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, species and time."""
-    return long_table(cases, ("species", "time"), [NAME])
+    return frame_of(cases, ("species", "time"), [NAME])

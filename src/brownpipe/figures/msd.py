@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pandas import DataFrame, concat
 
 from brownpipe import theory
-from brownpipe.analysis.variables import EACH
 from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, MODEL, band, columns, heads, log_axis
-from brownpipe.figures.tables import Table, label_of
+from brownpipe.figures.tables import frame_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +24,6 @@ MOST_DOTS = 60  # samples shown as dots
 LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
 FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
 HEIGHTS = (4.4, 3.2)  # of the two panels of a column [inch]
-VARIABLES = ("msd",)
-LACKING = "no run with a tracer was kept"
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -149,18 +147,14 @@ def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:
     return np.where(inside, float(fit.intercept) + float(fit.slope) * t, np.nan)
 
 
-def table(cases: list[Dataset]) -> Table:
+def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and time: the curves of the figure. Fitted lines are empty outside their windows."""
-    names = ("time", "msd", "msd_standard_error", "msd_low", "msd_high", "msd_over_4t")
-    rows = []
+    frames = []
     for case in map(over_time, cases):
-        columns = [case[name].values for name in names]
-        ballistic = theory.ballistic_msd(columns[0], float(case.initial_square_speed))
-        diffusing = np.full(len(columns[0]), np.nan)
+        t = case.time.values
+        curves = {"ballistic": theory.ballistic_msd(t, float(case.initial_square_speed)), "diffusion": np.nan}
         for diffusion, _ in _diffusing(case):
-            diffusing = _diffusion(case, columns[0], diffusion)
-        lines = [_fitted(case.isel(window=k), columns[0]) for k in range(case.sizes["window"])]
-        label = label_of(case)
-        rows += [(*label, *values) for values in zip(*columns, ballistic, diffusing, *lines, strict=True)]
-    fits = (f"fit over {window}" for window in cases[0].window.values)
-    return Table((*EACH, *names, "ballistic", "diffusion", *fits), rows)
+            curves["diffusion"] = _diffusion(case, t, diffusion)
+        curves |= {f"fit over {window}": _fitted(case.sel(window=window), t) for window in case.window.values}
+        frames.append(frame_of([case], ["time"], ["msd", "msd_over_4t"]).assign(**curves))
+    return concat(frames)

@@ -5,28 +5,27 @@ The routes: extrapolation of g(r) to contact, and the collision rate of the pair
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brownpipe.figures.cases import defined, has, parts_of, plus_minus, title_of
 from brownpipe.figures.style import DATA, DOTTED, FILL, FIT, GREY, MODEL, band, bars, columns, heads
-from brownpipe.figures.tables import Table, long_table
+from brownpipe.figures.tables import frame_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     from xarray import Dataset
 
 NAME = "pair_distribution"
 CONTACTS = {
-    "contact_value": ("at contact, by extrapolation", FIT, "o", -1),
-    "contact_value_rate": ("at contact, from the collision rate", MODEL, "s", 1),
-}  # label, colour, marker, on which side of the contact distance it is drawn
+    "contact_value": ("at contact, by extrapolation", FIT, "o"),
+    "contact_value_rate": ("at contact, from the collision rate", MODEL, "s"),
+}  # label, colour, marker
 LARGEST_ERROR = 0.02  # relative error of g(r) above which neighbouring bins are pooled
 WIDEST = 0.25  # width of a pooled bin, in contact distances
-VARIABLES = (NAME,)
-LACKING = "the observable pair_distribution was not measured, or no two disks come near"
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -50,7 +49,7 @@ def draw(cases: list[Dataset]) -> Figure:
 
 
 def _panel(axes: Axes, case: Dataset) -> None:
-    """Draw g(r) beyond the contact distance, the contact distance, and the values at contact on either side of it."""
+    """Draw g(r) beyond the contact distance, the contact distance, and the values there."""
     contact = float(case.contact_distance)
     case = case.isel(distance=case.distance.values > contact)
     r = case.distance.values
@@ -58,11 +57,10 @@ def _panel(axes: Axes, case: Dataset) -> None:
     axes.axhline(1, color=GREY, linewidth=0.8)
     _curve(axes, case, contact)
     for name in (name for name in CONTACTS if has(case, name)):
-        label, colour, marker, side = CONTACTS[name]
+        label, colour, marker = CONTACTS[name]
         value = plus_minus(case[name], case[f"{name}_standard_error"])
-        at = contact + side * 0.01 * (r[-1] - contact)
-        reach = bars([case], name)
-        axes.errorbar(at, case[name], reach, fmt=marker, color=colour, markersize=5, label=f"{label}: {value}")
+        looks: dict[str, Any] = {"fmt": marker, "color": colour, "markersize": 5, "markerfacecolor": "none"}
+        axes.errorbar(contact, case[name], bars([case], name), label=f"{label}: {value}", **looks)
     axes.set_xlim(contact - 0.04 * (r[-1] - contact), r[-1])
 
 
@@ -110,6 +108,6 @@ def _pooled(case: Dataset, number: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     return edges, np.add.reduceat(r * g, first) / total, down, up
 
 
-def table(cases: list[Dataset]) -> Table:
+def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, pair of species and distance."""
-    return long_table(cases, ("species_pair", "distance"), [NAME])
+    return frame_of(cases, ("species_pair", "distance"), [NAME])

@@ -6,11 +6,11 @@ from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pandas import DataFrame
 
-from brownpipe.analysis.variables import EACH
 from brownpipe.figures.cases import by_series, fits_of, over_time
 from brownpipe.figures.style import GREY, SERIES, apart, band, bars, grid, heads, shades
-from brownpipe.figures.tables import PARTS, Table, label_of
+from brownpipe.figures.tables import PARTS, label_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 HEADROOM = 1.05  # upper end of a vertical axis over the largest value
 APART = 0.065  # least distance of two labels beside a panel, as a fraction of the axis
 DIGIT = 0.024  # width of a digit below the horizontal axis, as a fraction of the axis
-VARIABLES = ("msd",)
-LACKING = "it has fewer than two particle counts"
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -86,12 +84,12 @@ def _name_counts(axes: Axes, counts: list[int]) -> None:
     axes.set_xticks(counts, labels)
 
 
-def table(cases: list[Dataset]) -> Table:
+def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and fit window: D, and the MSD at the end of the run."""
     of_fit = ["packing_fraction", "window_start", "window_end", *(f"diffusion_coefficient{part}" for part in PARTS)]
     of_end = ["time", *(f"msd{part}" for part in PARTS)]
     rows = []
     for case in map(over_time, cases):
-        end = [case[name].values[-1] for name in of_end]
-        rows += [(*label_of(case), *(fit[name].item() for name in of_fit), *end) for fit in fits_of(case)]
-    return Table((*EACH, *of_fit, *of_end), rows)
+        end = {name: case[name].values[-1] for name in of_end}
+        rows += [label_of(case) | {name: fit[name].item() for name in of_fit} | end for fit in fits_of(case)]
+    return DataFrame(rows)

@@ -3,39 +3,46 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from brownpipe.errors import FigureError
 from brownpipe.figures.cases import cases_of, check_count, has, one_count
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
-from brownpipe.figures.drawing import Drawing, drawing_of
-from brownpipe.figures.style import drawing
+from brownpipe.figures.style import drawing, image_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from types import ModuleType
 
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     from xarray import Dataset
+
+
+class Drawing(NamedTuple):
+    """One figure in all its forms."""
+
+    name: str  # of its files
+    images: Mapping[str, bytes]  # PNG and SVG
+    table: DataFrame
 
 
 def drawn(name: str, cases: list[Dataset], metadata: Mapping[str, str]) -> Drawing:
     """Draw the figure of this name, with the cases that it shows (`cases_shown`) and these metadata."""
-    module = module_of(name)
+    module = import_module(f"brownpipe.figures.{name}")
     with drawing():
         return drawing_of(name, module.draw(cases), module.table(cases), metadata)
+
+
+def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[str, str]) -> Drawing:
+    """Lay out a figure and make its pictures with these metadata; to be called within `style.drawing()`."""
+    return Drawing(name, {suffix: image_bytes(figure, suffix, metadata) for suffix in ("png", "svg")}, table)
 
 
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
     """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
     shown = cases_shown(dataset, particles, [name])
     with drawing():
-        return module_of(name).draw(shown[name])
-
-
-def module_of(name: str) -> ModuleType:
-    """Return the module that draws the figure of this name."""
-    return import_module(f"brownpipe.figures.{name}")
+        return import_module(f"brownpipe.figures.{name}").draw(shown[name])
 
 
 def cases_shown(
@@ -51,15 +58,16 @@ def cases_shown(
     cases = cases_of(dataset)
     check_count(cases, particles)
     shown = {name: _selected(name, cases, particles) for name in names or FIGURES}
-    for name in names or ():
-        if not shown[name]:
-            raise FigureError(f"{name}: cannot be drawn from this dataset: {module_of(name).LACKING}")
+    for name in (name for name in names or () if not shown[name]):
+        needs = "; ".join(FIGURES[name].needs) or "runs"
+        raise FigureError(f"{name}: cannot be drawn from this dataset, whose study must have {needs}")
     return {name: selected for name, selected in shown.items() if selected}
 
 
 def _selected(name: str, cases: list[Dataset], particles: int | None) -> list[Dataset]:
-    cases = [case for case in cases if has(case, *module_of(name).VARIABLES)]
-    if not FIGURES[name].every_count:
+    _, needs, variables, every_count = FIGURES[name]
+    cases = [case for case in cases if has(case, *variables)]
+    if not every_count:
         return one_count(cases, particles)
-    too_few = SEVERAL_COUNTS in FIGURES[name].needs and len({int(case.particles) for case in cases}) < 2
+    too_few = SEVERAL_COUNTS in needs and len({int(case.particles) for case in cases}) < 2
     return [] if too_few else cases

@@ -1,13 +1,12 @@
-"""The style of all figures, their layout, axes and legends.
+"""The style of all figures: colours, panels, axes and legends. matplotlib is imported in functions, as it takes long.
 
-Figures are ready for print, in the colours of Okabe and Ito, which are safe for colour-blind readers. Nothing in a file
-depends on the user's settings, the date or the version of matplotlib's metadata. matplotlib is imported in functions,
-as it takes long.
+Its settings are in `style.mplstyle`; neither those of the user nor the date have an effect on a file.
 """
 
 from __future__ import annotations
 
 import io
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.typing import RcKeyType
     from xarray import Dataset
 
 # Colours by meaning: measured data, fits, models, reference lines, text and theory
@@ -27,7 +25,6 @@ FIT = "#D55E00"
 MODEL = "#009E73"
 GREY = "#6B6B6B"
 INK = "#222222"
-PALE = "#EFEFEF"  # of the band in which residuals are expected
 DASHED = (0, (5, 2.5))
 DOTTED = (0, (1, 1.2))
 DASH_DOT = (0, (4, 1.5, 1, 1.5))
@@ -38,107 +35,114 @@ MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis
 BETWEEN = 0.09  # padding on each side of a panel [inch]
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
-FONT_SIZE = 10  # of words in general [point]
 KEY_SIZE = 8.8  # of the words of a legend [point]
 KEY = 3.5  # width of these words that fits above a panel [inch]; longer ones are set smaller
 FILL = 0.22  # opacity of a band
 LIKELY = 2.0  # half-height of the grey band of likely residuals, in standard errors
-NOTHING: Mapping[str, str] = {}
-SAVE: dict[str, dict] = {
-    "png": {"dpi": 160, "metadata": {"Software": None}},
-    "svg": {"metadata": {"Date": None, "Creator": None}},
-}
-
-_STYLE: dict[RcKeyType, object] = {
-    "font.family": "DejaVu Sans",
-    "font.size": FONT_SIZE,
-    "mathtext.fontset": "dejavusans",
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": "#555555",
-    "axes.linewidth": 0.8,
-    "axes.titlesize": 11,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # plus padding; otherwise matplotlib measures all tick labels once more to place a title
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#E8E8E8",
-    "grid.linewidth": 0.7,
-    "xtick.color": "#555555",
-    "ytick.color": "#555555",
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "legend.frameon": False,
-    "legend.fontsize": KEY_SIZE,
-    "lines.linewidth": 1.8,
-    "svg.hashsalt": "brownpipe",
-    "svg.fonttype": "path",
-    "figure.facecolor": "white",
-}
+UNDATED: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 
 def drawing() -> AbstractContextManager:
-    """Return the context in which figures are drawn and saved: matplotlib's defaults and `_STYLE`.
+    """Return the context in which figures are drawn and saved: matplotlib's defaults and `style.mplstyle`.
 
     The settings of the user have no effect in it, and are restored after it.
     """
     import matplotlib
 
     defaults = {key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith("backend")}
-    return matplotlib.rc_context(defaults | _STYLE)
+    style = matplotlib.rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
+    return matplotlib.rc_context(defaults | style)
 
 
-def import_libraries() -> None:
-    """Import all of matplotlib that figures need, which takes 0.25 s."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_svg
-    import matplotlib.figure  # noqa: F401
-
-
-def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] = NOTHING) -> bytes:
+def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None = None) -> bytes:
     """Return the bytes of a PNG or SVG file with these metadata, without date or version.
 
-    The first call computes the layout.
+    The first call computes the layout; with a layout engine each `savefig` would draw the figure twice.
     """
-    _lay_out(figure)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=suffix, **SAVE[suffix] | {"metadata": SAVE[suffix]["metadata"] | metadata})
-    return buffer.getvalue()
-
-
-def _lay_out(figure: Figure) -> None:
-    """Compute the layout, if there is none yet, at the resolution of a PNG file.
-
-    A figure with a layout engine is drawn twice by each `savefig`, the first time for the layout.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     if (engine := figure.get_layout_engine()) is not None:
-        usual = figure.dpi
-        FigureCanvasAgg(figure)
-        figure.set_dpi(SAVE["png"]["dpi"])
         engine.execute(figure)
-        figure.set_dpi(usual)
         figure.set_layout_engine(None)
-
-
-def png_bytes(figure: Figure) -> bytes:
-    """Return the bytes of a PNG file, in the style of all figures."""
     buffer = io.BytesIO()
-    with drawing():
-        figure.savefig(buffer, format="png", **SAVE["png"])
+    figure.savefig(buffer, format=suffix, metadata=UNDATED[suffix] | dict(metadata or {}))
     return buffer.getvalue()
 
 
-def _figure(width: float, height: float) -> Figure:
-    """Return an empty figure [inch], laid out with padding between the tick labels of neighbouring panels."""
+def grid(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
+    """Return a figure of panels and its axes (rows, columns).
+
+    `width` and `height` [inch] are those of a panel, on average over the rows; `options` as for `Figure.subplots`.
+    """
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    return Figure((width, height), layout=ConstrainedLayoutEngine(w_pad=BETWEEN))
+    figure = Figure((width * columns, height * rows), layout=ConstrainedLayoutEngine(w_pad=BETWEEN))
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def columns(
+    labels: Sequence[str], count: int, heights: Sequence[float], sharey: bool = True
+) -> tuple[Figure, np.ndarray]:
+    """Return a figure of `count` stacks of panels, at most MOST_COLUMNS side by side, and its axes (panels, count).
+
+    `labels` name the vertical axes of a stack's panels, `heights` [inch] are those of the panels. With `sharey` the
+    panels at the same place of all stacks share their vertical axis, and only the leftmost of a row shows its numbers.
+    """
+    wide = min(count, MOST_COLUMNS)
+    rows, panels = -(-count // wide), len(heights)
+    figure, axes = grid(panels * rows, wide, WIDTH, sum(heights) / panels, height_ratios=tuple(heights) * rows)
+    stacks = axes.reshape(rows, panels, wide).swapaxes(0, 1).reshape(panels, rows * wide)
+    for panel in stacks[:, count:].flat:
+        panel.remove()
+    for label, row in zip(labels, stacks[:, :count], strict=True):
+        for k, panel in enumerate(row):
+            panel.set_ylabel("" if k % wide else label)
+            if sharey and k > 0:
+                panel.sharey(row[0])
+                panel.tick_params(labelleft=k % wide == 0)
+    return figure, stacks[:, :count]
+
+
+def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
+    """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+    from matplotlib.transforms import ScaledTranslation
+
+    pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
+    font = FontProperties(size=KEY_SIZE)
+    for axes, title in zip(panels, titles, strict=True):
+        axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / len(title)))
+        if labels := axes.get_legend_handles_labels()[1]:
+            above = axes.transAxes + ScaledTranslation(0, (pad - 5) / 72, axes.figure.dpi_scale_trans)
+            place = {"loc": "upper left", "bbox_to_anchor": (-0.02, 1.0), "bbox_transform": above, "borderaxespad": 0}
+            width = max(text_to_path.get_text_width_height_descent(text, font, "$" in text)[0] for text in labels) / 72
+            axes.legend(**place, labelspacing=0.35, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
+
+
+def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **line: Any) -> None:
+    """Draw the variable `name` of a case over x, with its 95 % band if it has one; `line` as for `axes.plot`."""
+    if f"{name}_low" in case:
+        axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=colour, alpha=FILL, linewidth=0)
+    axes.plot(x, case[name], color=colour, **line)
+
+
+def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
+    """Return how far the 95 % intervals of `name` reach down and up, (2, cases), as `axes.errorbar` takes it."""
+    return np.abs([[float(case[f"{name}_{end}"]) - float(case[name]) for case in cases] for end in ("low", "high")])
+
+
+def residual_panel(axes: Axes) -> None:
+    """Prepare a panel for residuals in standard errors: a line at zero, and the band of likely ones in grey."""
+    axes.axhspan(-LIKELY, LIKELY, color="#EFEFEF", linewidth=0)
+    axes.axhline(0, color=GREY, linewidth=0.8)
+    axes.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
+
+
+def shades(count: int) -> list:
+    """Return colours from dark to light, whose order shows to the colour-blind and in greyscale, too."""
+    import matplotlib
+
+    return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0.02, 0.7, count)]
 
 
 def time_axis(axes: Axes, times: np.ndarray) -> None:
@@ -154,43 +158,30 @@ def time_axis(axes: Axes, times: np.ndarray) -> None:
 
 def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
     """Make the axis `name`, x or y, logarithmic from `low` to `high`, with few enough labels to be legible."""
-    from matplotlib.ticker import FixedFormatter, FixedLocator, LogLocator, NullFormatter
+    from matplotlib.ticker import FixedFormatter, FixedLocator, LogFormatterSciNotation, LogLocator, NullFormatter
 
     if low == high:
         low, high = low / 2, high * 2
     axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
     axis, places = getattr(axes, f"{name}axis"), log_ticks(low, high)
-    axis.set_major_locator(FixedLocator(places.tolist()))
-    axis.set_major_formatter(FixedFormatter(_log_labels(places)))
+    plain = all(1e-3 <= place < 1e4 for place in places)
+    axis.set_major_locator(FixedLocator(places))
+    axis.set_major_formatter(FixedFormatter([f"{x:.10g}" if plain else LogFormatterSciNotation()(x) for x in places]))
     axis.set_minor_locator(LogLocator(subs=range(1, 10), numticks=99))
     axis.set_minor_formatter(NullFormatter())
 
 
-def log_ticks(low: float, high: float) -> np.ndarray:
+def log_ticks(low: float, high: float) -> list[float]:
     """Return where a logarithmic axis is labelled: at powers of ten, or on a short axis at 2 to 7 round numbers."""
     from matplotlib.ticker import MaxNLocator
 
-    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
-    ten = 10.0 ** np.arange(first, last + 1)
-    for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
-        places = np.outer(ten, digits).ravel()
-        places = places[(places >= low * (1 - 1e-9)) & (places <= high * (1 + 1e-9))]
-        if len(places) > 1:
-            return places[:: -(-len(places) // MOST_TICKS)]
-    places = np.asarray(MaxNLocator(4).tick_values(low, high))
-    return places[(places >= low) & (places <= high)]
-
-
-def _log_labels(places: np.ndarray) -> list[str]:
-    """Return plain numbers from 0.001 to 9999, and digits times a power of ten outside."""
-    if all(1e-3 <= place < 1e4 for place in places):
-        return [f"{place:.10g}" for place in places]
-    labels = []
-    for place in places:
-        exponent = int(np.floor(np.log10(place) + 1e-9))
-        digits = f"{place / 10.0**exponent:.4g}"
-        labels.append(f"$10^{{{exponent}}}$" if digits == "1" else f"${digits} \\times 10^{{{exponent}}}$")
-    return labels
+    ten = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    rounds = (np.outer(ten, digits).ravel() for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)))
+    for places in (*rounds, MaxNLocator(4).tick_values(low, high)):
+        inside = [place for place in places if low * (1 - 1e-9) <= place <= high * (1 + 1e-9)]
+        if len(inside) > 1:
+            break
+    return inside[:: -(-len(inside) // MOST_TICKS)]
 
 
 def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:
@@ -199,93 +190,7 @@ def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: 
     Their order stays, and they stay in [low, high]. If the interval is too short for that, they divide it evenly.
     """
     order = np.argsort(places, kind="stable")
-    moved = np.clip(np.asarray(places, float)[order], low, high)
-    least = min(least, (high - low) / max(1, len(moved) - 1))
-    for k in range(1, len(moved)):
-        moved[k] = max(moved[k], moved[k - 1] + least)
-    moved[-1] = min(moved[-1], high)
-    for k in reversed(range(len(moved) - 1)):
-        moved[k] = min(moved[k], moved[k + 1] - least)
-    return moved[np.argsort(order)]
-
-
-def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **line: Any) -> None:
-    """Draw the variable `name` of a case over x, with its 95 % band if it has one; `line` as for `axes.plot`."""
-    if f"{name}_low" in case:
-        axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=colour, alpha=FILL, linewidth=0)
-    axes.plot(x, case[name], color=colour, **line)
-
-
-def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
-    """Return how far the 95 % intervals of `name` reach down and up, (2, cases), as `axes.errorbar` takes it."""
-    return np.abs([[float(case[f"{name}_{end}"]) - float(case[name]) for case in cases] for end in ("low", "high")])
-
-
-def grid(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
-    """Return a figure of panels and its axes (rows, columns).
-
-    `width` and `height` [inch] are those of a panel, on average over the rows; `options` as for `Figure.subplots`.
-    """
-    figure = _figure(width * columns, height * rows)
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
-
-
-def columns(
-    labels: Sequence[str], count: int, heights: Sequence[float], sharey: bool = True
-) -> tuple[Figure, np.ndarray]:
-    """Return a figure of `count` stacks of panels, at most MOST_COLUMNS side by side, and its axes (panels, count).
-
-    `labels` name the vertical axes of a stack's panels, `heights` [inch] are those of the panels. With `sharey` the
-    panels at the same place of all stacks share their vertical axis, and only the leftmost of a row shows its numbers.
-    """
-    wide = min(count, MOST_COLUMNS)
-    rows, panels = -(-count // wide), len(heights)
-    figure = _figure(WIDTH * wide, sum(heights) * rows)
-    axes = figure.subplots(panels * rows, wide, squeeze=False, height_ratios=tuple(heights) * rows)
-    stacks = axes.reshape(rows, panels, wide).swapaxes(0, 1).reshape(panels, rows * wide)
-    for panel in stacks[:, count:].flat:
-        panel.remove()
-    for label, row in zip(labels, stacks[:, :count], strict=True):
-        for k, panel in enumerate(row):
-            if k % wide == 0:
-                panel.set_ylabel(label)
-            if sharey and k > 0:
-                panel.sharey(row[0])
-                panel.tick_params(labelleft=k % wide == 0)
-    return figure, stacks[:, :count]
-
-
-def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
-    """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
-    from matplotlib.transforms import ScaledTranslation
-
-    pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
-    for axes, title in zip(panels, titles, strict=True):
-        axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / len(title)))
-        if labels := axes.get_legend_handles_labels()[1]:
-            above = axes.transAxes + ScaledTranslation(0, (pad - 5) / 72, axes.figure.dpi_scale_trans)
-            place = {"loc": "upper left", "bbox_to_anchor": (-0.02, 1.0), "bbox_transform": above, "borderaxespad": 0}
-            size = KEY_SIZE * min(1, KEY / text_width(labels, KEY_SIZE))
-            axes.legend(**place, labelspacing=0.35, fontsize=size).set_in_layout(False)
-
-
-def text_width(lines: Iterable[str], size: float) -> float:
-    """Return the width of the longest line [inch] in a size [point]; what is between dollar signs is a formula."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
-    font = FontProperties(size=size)
-    return max(text_to_path.get_text_width_height_descent(line, font, "$" in line)[0] for line in lines) / 72
-
-
-def residual_panel(axes: Axes) -> None:
-    """Prepare a panel for residuals in standard errors: a line at zero, and the band of likely ones in grey."""
-    axes.axhspan(-LIKELY, LIKELY, color=PALE, linewidth=0)
-    axes.axhline(0, color=GREY, linewidth=0.8)
-
-
-def shades(count: int) -> list:
-    """Return colours from dark to light, whose order shows to the colour-blind and in greyscale, too."""
-    import matplotlib
-
-    return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0.02, 0.7, count)]
+    least = min(least, (high - low) / max(1, len(order) - 1))
+    offsets = least * np.arange(len(order))
+    moved = np.maximum.accumulate(np.clip(np.asarray(places, float)[order], low, high) - offsets) + offsets
+    return np.minimum(moved, high - offsets[::-1])[np.argsort(order)]

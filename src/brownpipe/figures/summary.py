@@ -8,18 +8,23 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
-from brownpipe.analysis.variables import EACH, FAILED, MISSING
+from brownpipe.analysis.variables import FAILED, MISSING
 from brownpipe.engines.failures import stopped_in_words
 from brownpipe.figures.cases import at_last_distribution, cases_of, has, over_time, plus_minus, title_of
-from brownpipe.figures.tables import Table, aligned
+from brownpipe.figures.tables import aligned, label_of
 from brownpipe.quoting import in_lines
 from brownpipe.scene.seeds import brief_seed_text
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
     from xarray import Dataset
 
 TESTS = ("with D = MSD/4t", "with fitted D")  # of eq. (18), the first two models of a dataset
 QUESTION = "eq. (18) rejected?"  # above the columns of the tests
+FIT = (
+    *("window_start", "window_end", "slope", "slope_standard_error", "naive_slope_error"),
+    *("diffusion_coefficient", "diffusion_coefficient_standard_error"),
+)
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 
 
@@ -135,28 +140,23 @@ def stopped_of(case: Dataset) -> dict[int, str]:
     return {seed: reason for seed, reason in pairs if reason}
 
 
-def summary_table(dataset: Dataset) -> Table:
+def summary_table(dataset: Dataset) -> DataFrame:
     """Return every number of the summary, and those of the other fit windows: one row per case and window."""
-    label = (*EACH, "runs", "failed_runs", "missing_seeds")
-    end_of_run = ("msd", "msd_standard_error")
-    fits: tuple[str, ...] = ("window_start", "window_end", "slope", "slope_standard_error", "naive_slope_error")
-    fits += ("diffusion_coefficient", "diffusion_coefficient_standard_error")
-    tests = [
-        (test, k, model)
-        for k, model in enumerate(dataset.model.values)
-        for test in ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
-    ]
+    from pandas import DataFrame
+
     rows = []
     for case in cases_of(dataset):
-        counts = [case[name].item() for name in label]
+        counts = {name: case[name].item() for name in ("runs", "failed_runs", "missing_seeds")}
         last = over_time(case).isel(time=slice(-1, None))
-        msd = [last[name].item() if last.sizes["time"] else np.nan for name in end_of_run]
+        end = {name: last[name].item() if last.sizes["time"] else np.nan for name in ("msd", "msd_standard_error")}
         distribution = at_last_distribution(case)
-        shape = [distribution[name].item() if name in distribution else np.nan for name in SHAPE]
-        results = [distribution[test].values[k] for test, k, _ in tests]
-        for k in range(case.sizes["window"]):
-            fit = case.isel(window=k)
-            line = (fit[name].item() for name in fits)
-            rows.append((*counts, case.duration.item(), *msd, *line, *shape, *results))
-    columns = (f"{test}, {model}" for test, _, model in tests)
-    return Table((*label, "time", *end_of_run, *fits, *SHAPE, *columns), rows)
+        shape = {name: distribution[name].item() if name in distribution else np.nan for name in SHAPE}
+        tests = {
+            f"{test}, {model}": distribution[test].values[k]
+            for k, model in enumerate(dataset.model.values)
+            for test in ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
+        }
+        before = label_of(case) | counts | {"time": case.duration.item()} | end
+        for fit in (case.isel(window=k) for k in range(case.sizes["window"])):
+            rows.append(before | {name: fit[name].item() for name in FIT} | shape | tests)
+    return DataFrame(rows)

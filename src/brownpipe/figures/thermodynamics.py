@@ -14,12 +14,13 @@ from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import by_series, has
 from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, bars, grid, heads
-from brownpipe.figures.tables import Table, long_table
+from brownpipe.figures.tables import frame_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
+    from pandas import DataFrame
     from xarray import Dataset
 
 Z = "compressibility"
@@ -34,8 +35,6 @@ MARGIN = 0.12  # beyond the data, as a fraction of their range; at least 0.1 of 
 # Of the markers of the first, second, ... scene: 16 pairs of colour and shape
 LOOKS = [{"color": SERIES[k % 4][0], "fmt": SERIES[(k + k // 4) % 4][2]} for k in range(16)]
 HOLLOW: dict[str, Any] = {"markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
-VARIABLES = (RATE,)
-LACKING = "there are no collision rates"
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -140,8 +139,8 @@ def _equations_of_state(main: Axes, low: Axes, ends: tuple[float, float]) -> Non
     low.plot(phi, 100 * (henderson / luding - 1), color=GREY, linestyle=DASHED, linewidth=1)
 
 
-def table(cases: list[Dataset]) -> Table:
+def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case: the measured quantities with their uncertainties, and the theoretical ones."""
     rates = (rate for name in (RATE, TRACER) for rate in (name, f"{name}_at_temperature"))
     measured = (Z, f"{Z}_rate", f"wall_{Z}", *rates, "wall_pressure", "kinetic_temperature")
-    return long_table(cases, (), ("packing_fraction", *measured, *(f"enskog_{name}" for name in PANELS)))
+    return frame_of(cases, (), ("packing_fraction", *measured, *(f"enskog_{name}" for name in PANELS)))

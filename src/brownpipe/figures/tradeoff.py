@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brownpipe.figures.cases import plus_minus
-from brownpipe.figures.drawing import Drawing, drawing_of
+from brownpipe.figures.render import Drawing, drawing_of
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, log_axis
-from brownpipe.figures.tables import Table, aligned
+from brownpipe.figures.tables import aligned
 from brownpipe.quoting import in_lines
 from brownpipe.stages import tracked
 from brownpipe.tradeoff.front import FEWEST_RUNS, Interval, MeasuredSetting, pareto_front, settings_of, total_error
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     from xarray import Dataset
 
 LEAST_ERROR = 2e-3  # error down to which the exact engine is drawn at least
@@ -133,18 +134,20 @@ WORST = ("worst_energy_drift", "worst_overlap", "departure_time")
 PAYS = ("pays_from", "pays_to", "may_pay_from", "may_pay_to")
 
 
-def table(dataset: Dataset, scenes: Sequence[str] | None = None) -> Table:
+def table(dataset: Dataset, scenes: Sequence[str] | None = None) -> DataFrame:
     """Return one row per scene and setting: cost, biases with intervals, health, and CPU times on the Pareto front.
 
     `scenes` selects scenes; the default is all that have runs of more than one setting.
     """
+    from pandas import DataFrame
+
     header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *WORST, *PAYS)
     rows = []
     for scene in scenes_of(dataset) if scenes is None else scenes:
         for setting in _measured(dataset, scene):
-            numbers = (setting[name].item() if name in setting else np.nan for name in header)
-            rows.append((scene, int(setting.particles), setting.setting.item(), *numbers))
-    return Table(("scene", "particles", "setting", *header), rows)
+            label = {"scene": scene, "particles": int(setting.particles), "setting": setting.setting.item()}
+            rows.append(label | {name: setting[name].item() if name in setting else np.nan for name in header})
+    return DataFrame(rows)
 
 
 def _measured(dataset: Dataset, scene: str) -> list[Dataset]:

@@ -12,12 +12,13 @@ import numpy as np
 
 from brownpipe.figures.cases import has, over_time, plus_minus, scene_of, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, band, columns, heads, log_axis, time_axis
-from brownpipe.figures.tables import Table, long_table
+from brownpipe.figures.tables import frame_of
 from brownpipe.observables.species import bath_disks, species_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     from xarray import Dataset
 
 TRACER = "velocity_autocorrelation"
@@ -25,8 +26,6 @@ BATH = "bath_velocity_autocorrelation"
 LOOKS = {TRACER: ("tracer", DATA, "-"), BATH: ("bath", FIT, DASHED)}  # label, colour, line
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 TAIL = 10  # the logarithmic axis extends at most by this factor below a curve to show its band
-VARIABLES = (TRACER,)
-LACKING = "the observable velocity_autocorrelation was not measured"
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -145,6 +144,6 @@ def _guide(curves: dict[str, Dataset]) -> np.ndarray:
     return np.array([ends, height / ends])
 
 
-def table(cases: list[Dataset]) -> Table:
+def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and time."""
-    return long_table(cases, ("time",), LOOKS)
+    return frame_of(cases, ("time",), LOOKS)

@@ -8,11 +8,13 @@ from math import erf
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from pandas import DataFrame, concat
 
+from brownpipe.analysis.variables import EACH
 from brownpipe.elementary import exp
 from brownpipe.figures.cases import has, parts_of, title_of
 from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
-from brownpipe.figures.tables import Table, long_table
+from brownpipe.figures.tables import frame_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +26,6 @@ NEIGHBOURS = 5  # bins on either side whose errors are pooled with those of a bi
 LOWEST_DENSITY = 1e-6  # expected density of the outermost bins shown
 LABELS = ("probability density", "(observed - expected)\n/ standard error")
 HEIGHTS = (3.6, 1.4)  # of a density and its residuals [inch]
-VARIABLES = ("velocity_density",)
-LACKING = "the observable velocity_distribution was not measured"
 
 
 class Quantity(NamedTuple):
@@ -63,7 +63,6 @@ def draw(cases: list[Dataset]) -> Figure:
             low.set_xlabel(SHOWN[name].label)
         axes[2 * k, 0].set_ylim(0, _top(cases, name))
         heads(axes[2 * k], [f"{title_of(case)}: {SHOWN[name].name}" for case in cases])
-        axes[2 * k + 1, 0].locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
     return figure
 
 
@@ -122,14 +121,14 @@ def _expected(centres: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     return edges, np.diff(cumulative) / width
 
 
-def table(cases: list[Dataset]) -> Table:
+def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, species and bin, components first and then speeds, with the expected density."""
-    header = ("scene", "particles", "engine", "species", "of", "value", "density")
-    rows = []
+    frames = []
     for name in (name for name in SHOWN if any(has(case, name) for case in cases)):
         dim = SHOWN[name].dim
+        columns = [*EACH, "species", "value", "density", "standard_error", "low", "high"]
+        frame = frame_of(cases, ("species", dim), [name]).set_axis(columns, axis="columns")
         centres = cases[0][dim].values
         maxwell = dict(zip(centres, _expected(centres, name)[1], strict=True))
-        measured = long_table(cases, ("species", dim), [name]).rows
-        rows += [(*row[:4], dim, *row[4:], maxwell[row[4]]) for row in measured]
-    return Table((*header, "standard_error", "low", "high", "maxwell"), rows)
+        frames.append(frame.assign(of=dim, maxwell=frame.value.map(maxwell)))
+    return concat(frames)

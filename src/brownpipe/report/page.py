@@ -6,23 +6,21 @@ import base64
 import json
 import math
 import re
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from jinja2 import Environment, Template
-from markupsafe import Markup, escape
+from jinja2 import Environment
+from markupsafe import Markup
 
 from brownpipe import figures
 from brownpipe.figures.origin import closing_lines
 from brownpipe.quoting import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
-    from brownpipe.figures.drawing import Drawing
     from brownpipe.figures.origin import Record
-    from brownpipe.figures.tables import Table
+    from brownpipe.figures.render import Drawing
 
 CAPTIONS = Path(figures.__file__).parent
 FROM_DATASET = ("sha256", "source_digest", "git_commit", "python")
@@ -30,52 +28,50 @@ MOST_ROWS = 400  # of a table of numbers
 DIGITS = 6  # of a number
 SVG_SIZE = re.compile(rb'viewBox="0 0 (\S+) (\S+)"')
 NUMBER = re.compile(r"-|[<+-]?[ 0-9.e+-]+( ± [0-9.e-]+)?( ?%)?( \([0-9.e-]+\))?")  # cells that are set right
-WHOLE = re.compile(r"(±|p =|below) \S+")  # not to be divided at the end of a line
 
 
-class Section(NamedTuple):
-    """A part of a page with a heading."""
+class Table(NamedTuple):
+    """A table of words, as the template takes it."""
 
-    name: str  # by which links find it
-    heading: str
-    contents: str  # HTML
+    title: str  # says what it shows to those who cannot see it
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    kinds: Sequence[str]  # of its columns: number or nothing
+    groups: Sequence[str]  # of its rows, each group below a line of its own, or none
+    above: tuple[str, int] | None  # a heading above the last columns, and their number
 
 
-@cache
-def _template() -> Template:
-    """Return the page and its parts; what is filled in is escaped, and shown as one line."""
+def table(
+    columns: Sequence[Sequence[str]], title: str, above: tuple[str, int] | None = None, grouped: bool = False
+) -> Table:
+    """Return a table given its columns of words, each with its heading; `grouped`: the first names groups of rows."""
+    groups, columns = (columns[0][1:], columns[1:]) if grouped else ((), columns)
+    kinds = ["number" if all(map(NUMBER.fullmatch, cells)) else "" for _, *cells in columns]
+    header, *rows = zip(*columns, strict=True)
+    return Table(title, header, rows, kinds, groups, above)
+
+
+def page(title: str, lead: str, record: Record, **contents: Any) -> bytes:
+    """Return the page: a title, a sentence below it, its contents, and how to make it again from its `record`.
+
+    contents: `answers` (heading, table, lines), `missing` and `legend` (lines), `figures` and `of_runs` (`figure`),
+    `runs` (table). What is filled in is escaped, and shown as one line.
+    """
     environment = Environment(
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         finalize=lambda value: value if isinstance(value, Markup) else printable(value),
     )
-    environment.filters["cell"] = _cell
-    return environment.from_string(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
-
-
-def _part(name: str, *contents: object) -> Markup:
-    """Return a part of a page, made by the macro of this name."""
-    return getattr(_template().module, name)(*contents)
-
-
-def page(title: str, lead: str, sections: Sequence[Section], record: Record) -> bytes:
-    """Return the page: a title, a sentence below it, its sections, and how to make it again from its `record`."""
-    sections = [*sections, Section("again", "Make it again", _again(record))]
+    template = environment.from_string(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
+    again = {
+        "made_by": closing_lines(record).splitlines()[:1],
+        "versions": table(_versions(record), "Versions and digests"),
+        "stated": json.dumps(record, sort_keys=True, indent=1).splitlines(),
+    }
     style = Markup(Path(__file__).with_suffix(".css").read_text(encoding="utf-8"))
-    return _template().render(title=title, lead=lead, sections=sections, style=style).strip().encode() + b"\n"
-
-
-def _again(record: Record) -> Markup:
-    """Return the commands that make the runs again, versions and digests, and the record."""
-    made_from = record["dataset"].get("made_from", [])
-    return _part(
-        "again",
-        [origin["command"] for origin in made_from],
-        closing_lines(record).splitlines()[:1],
-        table(_versions(record), "Versions and digests"),
-        json.dumps(record, sort_keys=True, indent=1).splitlines(),
-    )
+    text = template.render(title=title, lead=lead, record=record, style=style, **again, **contents)
+    return text.strip().encode() + b"\n"
 
 
 def _versions(record: Record) -> list[list[str]]:
@@ -90,31 +86,6 @@ def _versions(record: Record) -> list[list[str]]:
     ]
 
 
-def paragraphs(lines: Iterable[str], kind: str = "") -> Markup:
-    """Return lines, each as a paragraph, in a division of the class `kind`, if there are any."""
-    return _part("paragraphs", list(lines), kind)
-
-
-def table(
-    columns: Sequence[Sequence[str]], title: str, above: tuple[str, int] | None = None, grouped: bool = False
-) -> Markup:
-    """Return a table given its columns of words, each with its heading; the cells of the first name the rows.
-
-    `title` says what the table shows, to those who cannot see it. `above`: a heading above the last columns, and their
-    number. `grouped`: the first column names groups of rows, and has a line of its own above each.
-    """
-    groups, columns = (columns[0][1:], columns[1:]) if grouped else ((), columns)
-    kinds = ["number" if all(map(NUMBER.fullmatch, cells)) else "" for _, *cells in columns]
-    header, *rows = zip(*columns, strict=True)
-    return _part("table", title, header, rows, kinds, above, groups)
-
-
-def _cell(words: str) -> Markup:
-    """Return the words of a cell: numbers with errors in one piece, and verdicts that begin with yes stand out."""
-    whole = WHOLE.sub(r'<span class="whole">\g<0></span>', str(escape(printable(words))))
-    return Markup(re.sub("^yes,", "<strong>yes</strong>,", whole))
-
-
 def caption_of(name: str) -> tuple[str, list[str]]:
     """Return title and paragraphs of the caption of a figure, which lies beside its module (reStructuredText)."""
     contents = (CAPTIONS / f"{name}.rst").read_text(encoding="utf-8")
@@ -122,29 +93,25 @@ def caption_of(name: str) -> tuple[str, list[str]]:
     return title.strip().removesuffix("."), [" ".join(part.split()) for part in rest.split("\n\n")]
 
 
-def figure(drawing: Drawing, caption: str, title: str | None = None) -> Markup:
+def figure(drawing: Drawing, caption: str, title: str | None = None) -> dict[str, Any]:
     """Return a figure with the caption of this name and its numbers; `title` replaces that of the caption.
 
     The picture is an image of its own, so that ids in its SVG cannot collide with those of other figures. Of a long
     table the first MOST_ROWS rows are shown.
     """
     own_title, parts = caption_of(caption)
-    svg, shown = drawing.images["svg"], drawing.table
-    width, height = (float(size) for size in SVG_SIZE.search(svg).groups())
-    image, count = base64.b64encode(svg).decode(), len(shown.rows)
-    which = f"the first {MOST_ROWS} of {count:,} rows" if count > MOST_ROWS else f"{count:,} row{'s' * (count != 1)}"
-    remark = (
-        f"Rounded to {DIGITS} digits. The CSV file of this figure has all {'rows and ' * (count > MOST_ROWS)}digits."
-    )
-    numbers = _numbers(shown, f"Numbers: {title or own_title}")
-    size = f"{width:g}", f"{height:g}"
-    return _part("figure", drawing.name, title or own_title, parts, *size, image, which, remark, numbers)
-
-
-def _numbers(shown: Table, title: str) -> Markup:
-    """Return the first MOST_ROWS rows of a table of numbers and names."""
-    cells = [[_in_digits(value) for value in row] for row in shown.rows[:MOST_ROWS]]
-    return table([list(column) for column in zip(shown.header, *cells, strict=True)], title)
+    svg, shown = drawing.images["svg"], drawing.table.head(MOST_ROWS)
+    return {
+        "name": drawing.name,
+        "title": title or own_title,
+        "caption": parts,
+        "size": [f"{float(size):g}" for size in SVG_SIZE.search(svg).groups()],
+        "image": base64.b64encode(svg).decode(),
+        "numbers": table([[str(name), *map(_in_digits, shown[name])] for name in shown], f"Numbers: {own_title}"),
+        "shown": len(shown),
+        "rows": len(drawing.table),
+        "digits": DIGITS,
+    }
 
 
 def _in_digits(value: object) -> str:

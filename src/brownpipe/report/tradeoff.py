@@ -5,11 +5,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from markupsafe import Markup
-
 from brownpipe.figures.tradeoff import REMARK, columns_of, off_front, scenes_of
-from brownpipe.quoting import printable
-from brownpipe.report.page import Section, caption_of, paragraphs, table
+from brownpipe.report.page import caption_of, figure, table
 from brownpipe.report.page import page as whole_page
 
 if TYPE_CHECKING:
@@ -18,27 +15,17 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from brownpipe.figures.origin import Record
+    from brownpipe.figures.render import Drawing
 
 CAPTION = "tradeoff"
 NEXT = re.compile(r"\n(?=\w+: )")  # before the explanation of a column
 
 
-def page(dataset: Dataset, figures: Iterable[str], record: Record) -> bytes:
-    """Return the page of a trade-off and its figures.
-
-    figures: their sections of the page (`page.figure`), one for each scene.
-    """
+def page(dataset: Dataset, drawings: Iterable[Drawing], record: Record) -> bytes:
+    """Return the page of a trade-off and its figures, one for each scene."""
     scenes = scenes_of(dataset)
+    answers = [(scene, table(columns_of(dataset, scene), scene), [*off_front(dataset, scene)]) for scene in scenes]
+    figures = [figure(drawing, CAPTION, scene) for drawing, scene in zip(drawings, scenes, strict=True)]
+    legend = [" ".join(part.split()) for part in NEXT.split(REMARK.strip())]
     title, _ = caption_of(CAPTION)
-    answers = Markup("").join(_answer(dataset, scene) for scene in scenes)
-    legend = paragraphs((" ".join(part.split()) for part in NEXT.split(REMARK.strip())), "legend")
-    sections = [
-        Section("answer", "Answer", answers + legend),
-        Section("figures", "Figures", Markup("").join(figures)),
-    ]
-    return whole_page(title, ", ".join(scenes), sections, record)
-
-
-def _answer(dataset: Dataset, scene: str) -> str:
-    lines = paragraphs(off_front(dataset, scene))
-    return Markup("<h3>{}</h3>\n").format(printable(scene)) + table(columns_of(dataset, scene), scene) + lines
+    return whole_page(title, ", ".join(scenes), record, answers=answers, legend=legend, figures=figures)
