@@ -8,7 +8,7 @@
   // --- the run
 
   const bytesOf = (text) => Uint8Array.from(atob(text), (char) => char.charCodeAt(0)).buffer;
-  const numbers = (text) => Float64Array.from(new (run.bits === 32 ? Float32Array : Float64Array)(bytesOf(text)));
+  const numbers = (text) => new Float64Array(bytesOf(text));
   const start = numbers(run.position), launch = numbers(run.velocity);  // x, y of disk after disk
   const eventTime = numbers(run.time), impulse = numbers(run.impulse), pair = new Int16Array(bytesOf(run.pair));
   const ofDisks = (column) => run.species.flatMap((species) => Array(species[0]).fill(species[column]));

@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from brownpipe.scene import Scene
     from brownpipe.storage import Trajectories
 
-MOST_BYTES = 75_000  # of the numbers of a replay: 100 kB as base64
+MOST_BYTES = 150_000  # of the numbers of a replay: 200 kB as base64
 MOST_DISKS = 1000
-WORST = 1e-3  # departure from the recorded samples that single precision may cause [smallest radius]
+WORST = 1e-3  # departure from the recorded samples beyond which a replay is refused [smallest radius]
 RECORD = "all,events"  # what `--record` must be given
 ELONGATION = 6.0  # longer side of the picture over the shorter one at most; of longer boxes a part is shown
 
 
 class Flight(NamedTuple):
-    """The state of N disks at t = 0 and the first E collisions of a run. Arrays have the precision of the replay."""
+    """The state of N disks at t = 0 and the first E collisions of a run."""
 
     position: np.ndarray  # (N, 2) [length]
     velocity: np.ndarray  # (N, 2) [length/time]
@@ -85,9 +85,7 @@ h1 {{ font-size: 1.3rem; line-height: 1.25; margin: 0 0 .5rem; }}
 def replay_of(trajectories: Trajectories, path: str, seed: int | None = None) -> Replay:
     """Return the replay of a run up to the time until which its collisions fit into MOST_BYTES.
 
-    `path` is the file of the trajectories, for messages; the run is that of `seed`, by default of the smallest. The
-    replay has single precision if this displaces no disk by more than WORST from its samples, otherwise double
-    precision.
+    `path` is the file of the trajectories, for messages; the run is that of `seed`, by default of the smallest.
 
     Raises RequestError for a file without this run, its tracks or its collisions, for more than MOST_DISKS disks, and
     for collisions that do not lead to the recorded positions.
@@ -98,19 +96,13 @@ def replay_of(trajectories: Trajectories, path: str, seed: int | None = None) ->
     numbers = (track.position, track.velocity, events.time, events.impulse)
     if track.velocity is None or not all(np.isfinite(values).all() for values in numbers):
         raise RequestError(f"{path}: seed {seed}: its run failed: positions or velocities are not numbers")
-    for kind in (np.float32, np.float64):
-        with np.errstate(all="ignore"):  # what single precision cannot represent departs too far
-            flight = _first(track.position[0], track.velocity[0], events, kind)
-            shown = len(flight.time)
-            end = float(events.time[shown]) if shown < len(events.time) else scene.duration
-            departure = _departure(scene, flight, ensemble.times[ensemble.times <= end], track.position)
-            if kind is np.float32:  # the samples may end long before the last collision that is shown
-                exact, last = _first(track.position[0], track.velocity[0], events, np.float64, shown), np.array([end])
-                at_end = np.stack([*flown(exact, scene.mass, last)])
-                departure = float(np.maximum(departure, _departure(scene, flight, last, at_end)))
-        if departure <= WORST:
-            return Replay(scene, seed, flight, end, len(events.time), departure)
-    raise RequestError(f"{path}: seed {seed}: its collisions do not lead to its recorded positions")
+    flight = _first(track.position[0], track.velocity[0], events)
+    shown = len(flight.time)
+    end = float(events.time[shown]) if shown < len(events.time) else scene.duration
+    departure = _departure(scene, flight, ensemble.times[ensemble.times <= end], track.position)
+    if not departure <= WORST:
+        raise RequestError(f"{path}: seed {seed}: its collisions do not lead to its recorded positions")
+    return Replay(scene, seed, flight, end, len(events.time), departure)
 
 
 def replayed_seed(trajectories: Trajectories, path: str, seed: int | None = None) -> int:
@@ -130,28 +122,23 @@ def replayed_seed(trajectories: Trajectories, path: str, seed: int | None = None
     return seed
 
 
-def _first(position: np.ndarray, velocity: np.ndarray, events: Any, kind: type, count: int | None = None) -> Flight:
-    """Return the flight of the first `count` collisions, by default as many as fit into MOST_BYTES, in a precision."""
-    size = np.dtype(kind).itemsize
-    fit = (MOST_BYTES - position.size * 2 * size) // (3 * size + 4) if count is None else count
+def _first(position: np.ndarray, velocity: np.ndarray, events: Any) -> Flight:
+    """Return the flight of as many of the first collisions as fit into MOST_BYTES, of 28 bytes each."""
+    fit = (MOST_BYTES - position.nbytes - velocity.nbytes) // 28
     pair = np.stack([events.a, events.b], axis=1)[:fit].astype(np.int16)
-    return Flight(
-        position.astype(kind),
-        velocity.astype(kind),
-        events.time[:fit].astype(kind),
-        pair,
-        events.impulse[:fit].astype(kind),
-    )
+    return Flight(position, velocity, events.time[:fit], pair, events.impulse[:fit])
 
 
 def flown(flight: Flight, mass: np.ndarray, times: np.ndarray) -> Iterator[np.ndarray]:
     """Yield the unwrapped positions (N, 2) float64 of disks of masses (N,) at each of the ascending times (T,)."""
-    position, velocity, event_times = (values.astype(float) for values in flight[:3])
-    impulses, since, done = flight.impulse.astype(float), np.zeros(len(position)), 0
+    position, velocity = flight.position.copy(), flight.velocity.copy()
+    since, done = np.zeros(len(position)), 0
     for time in times:
-        while done < len(event_times) and event_times[done] <= time:
-            now = event_times[done]
-            for disk, impulse in zip(flight.pair[done].tolist(), (impulses[done], -impulses[done]), strict=True):
+        while done < len(flight.time) and flight.time[done] <= time:
+            now = flight.time[done]
+            for disk, impulse in zip(
+                flight.pair[done].tolist(), (flight.impulse[done], -flight.impulse[done]), strict=True
+            ):
                 if disk >= 0:
                     position[disk] += velocity[disk] * (now - since[disk])
                     velocity[disk] += impulse / mass[disk]
@@ -271,7 +258,6 @@ def _data(replay: Replay) -> dict[str, Any]:
         "elongation": ELONGATION,
         "species": species,
         "end": replay.end,
-        "bits": 8 * flight.time.itemsize,
         **{name: _base64(values) for name, values in flight._asdict().items()},
     }
 
