@@ -342,7 +342,7 @@ def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
     assert "crowd, N = 40: failed and left out: 4 of 16 seeds (0,2,11,14); 4 could not go on, seed 0: disks: " in text
     assert "The averages leave out 4 failed runs; they are biased if runs that fail differ from the others.\n" in text
     assert failed_of(cases_of(dataset)) == ["crowd, N = 40: 4 of 16 runs failed: seeds 0,2,11,14"]
-    assert any("4 of 16 runs failed" in text.get_text() for text in draw(dataset, "health").axes[0].texts)
+    assert "4 of 16 runs failed" in draw(dataset, "health").get_suptitle()
     assert failed_runs("a.nc") == (4, 16, "crowd, N = 40: seeds 0,2,11,14")
     line = "brownpipe: a.nc: 4 of 16 runs failed and are in no average, {}: crowd, N = 40: seeds 0,2,11,14\n"
     limits = ("allow_failed: 3 accepts no more", "accepted by allow_failed: 4")

@@ -54,6 +54,13 @@ def drawing() -> AbstractContextManager:
     return matplotlib.rc_context(defaults | style)
 
 
+def import_libraries() -> None:
+    """Import all of matplotlib that figures need, once for all processes that draw."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.backends.backend_svg
+    import matplotlib.figure  # noqa: F401
+
+
 def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None = None) -> bytes:
     """Return the bytes of a PNG or SVG file with these metadata, without date or version.
 

@@ -18,6 +18,7 @@ from brownpipe.figures.origin import (
     record_text,
     recorded_page,
 )
+from brownpipe.figures.style import import_libraries
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.figures.tables import to_csv
 from brownpipe.parallel import calculated
@@ -70,6 +71,8 @@ def write(
         name, text = "tradeoff.txt", tradeoff.summary(dataset)
     else:
         cases = render.cases_shown(dataset, record["particles"], names or record["figures"])
+        if cores > 1:
+            import_libraries()
         drawings = calculated(partial(_drawn, cases, record), [*cases], "figures", cores)
         tables, page_of = {one.name: one.table for one in drawings}, study_page.page
         tables["summary"] = summary_table(dataset)
