@@ -104,7 +104,7 @@ def started(scene, effort, change=None, record=()):
     """A melted run, its buckets as in `run.to_end`: workspace and recorder. `change` gives a workspace more to do."""
     engine = prepare_scene(scene)
     w = engine.workspace if change is None else change(engine.workspace)
-    room = new_recorder(engine.frame, w, FOR_EVER, record)
+    room = new_recorder(engine.scene, engine.frame, w, FOR_EVER, record)
     begin(w, motion_of(draw(scene, 0), engine.frame))
     melting = max(effort.melting, EVENTS_TO_MELT * scene.particles)
     go_on(w, room, melting // 2)
@@ -172,7 +172,7 @@ def milliseconds_per_run(effort):
     """Median CPU time of a run of the note's scene: the engine alone, and with drawing, sampling and reporting."""
     scene, runs = read_scene(NOTE), effort.runs
     engine, states = prepare_scene(scene), [draw(scene, seed) for seed in range(runs)]
-    w, room = engine.workspace, new_recorder(engine.frame, engine.workspace, scene.times, ())
+    w, room = engine.workspace, new_recorder(engine.scene, engine.frame, engine.workspace, scene.times, ())
     alone, whole, pairs = [], [], 0
     for _ in range(effort.stretches):
         begun = time.process_time()

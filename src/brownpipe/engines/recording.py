@@ -16,6 +16,7 @@ from brownpipe.engines.units import SMALLEST_NORMAL, Frame
 from brownpipe.scene import Scene
 
 SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", "whole_image")  # of a Recorder
+NO_TOTALS = np.zeros((0, 2))  # of a run that is not counted in quarters
 MOST_IMAGES = 2.0**31  # periodic images that an int32 can count
 
 
@@ -27,6 +28,7 @@ class Ending(NamedTuple):
     elapsed: float  # time
     count: np.ndarray  # type: ignore[assignment]  # int64, as in the workspace at the end; hides tuple.count
     tally: np.ndarray  # float64, as in the workspace at the end
+    totals: np.ndarray = NO_TOTALS  # float64, as in the recorder at the end
 
 
 class EndedRun(NamedTuple):
@@ -62,8 +64,8 @@ def tracer_samples(recorder: Any) -> Track:
 
 def kept(run: EndedRun) -> EndedRun:
     """Return a run that has ended with arrays of its own, which the next run does not overwrite."""
-    first, motion, elapsed, count, tally = run.ending
-    ending = Ending(first, motion.copy(), elapsed, count.copy(), tally.copy())
+    first, motion, elapsed, count, tally, totals = run.ending
+    ending = Ending(first, motion.copy(), elapsed, count.copy(), tally.copy(), totals.copy())
     return run._replace(tracer=Track(*(values.copy() for values in run.tracer)), ending=ending)
 
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from brownpipe.errors import RequestError
 from brownpipe.observables import displacement, orientation, pairs, profile, time_origins, velocity
+from brownpipe.observables.quarters import QUARTERS, has_quarters
 from brownpipe.observables.species import bath_disks, equal_disks, species_table
-from brownpipe.observables.time_origins import why_not_stationary
+from brownpipe.observables.time_origins import is_stationary, why_not_stationary
 from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
@@ -63,6 +64,7 @@ class Observable(NamedTuple):
 AXES = {
     "time": Axis("time", "time since the start of the run, or since a time origin", lambda scene: scene.times),
     "species": Axis("1", "species of the disk", lambda scene: list(species_table(scene).name)),
+    "quarter": Axis("1", "quarter of the run, between the samples next to its ends", lambda scene: QUARTERS),
     "species_pair": Axis("1", "species of the two disks", pairs.pair_names),
     "velocity": Axis(
         "sqrt(kT/mass)",
@@ -119,6 +121,17 @@ ARRAYS = {
     ),
     "orientational_order": RunArray((), "1", "bond-orientational order abs(psi_6) of all disks, mean over samples"),
     "orientational_order_squared": RunArray((), "1", "abs(psi_6)^2 of all disks, mean over samples"),
+    "quarter_order": RunArray(
+        ("quarter",),
+        "1",
+        "abs(psi_6) of all disks, mean over the samples of each quarter of the run",
+        lambda scene: is_stationary(scene) and has_quarters(scene),
+    ),
+    "quarter_collisions": RunArray(("quarter",), "1", "collisions between disks in each quarter of the run"),
+    "quarter_virial": RunArray(("quarter",), "energy*time", "virial in each quarter of the run"),
+    "quarter_energy": RunArray(
+        ("quarter", "species"), "energy", "kinetic energy per disk, mean of those at both ends of each quarter"
+    ),
 }
 OBSERVABLES = {
     "square_displacement": Observable(
@@ -182,7 +195,7 @@ OBSERVABLES = {
     ),
     "orientational_order": Observable(
         orientation.order,
-        ("orientational_order", "orientational_order_squared"),
+        ("orientational_order", "orientational_order_squared", "quarter_order"),
         seconds_per_run=1e-4,
         seconds_per_disk_sample=4.9e-6,
         seconds_per_sample=lambda scene: 5.5e-4,

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from brownpipe.observables.quarters import ends_of_quarters, has_quarters
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
@@ -17,12 +18,18 @@ MARGIN = 4.0  # width of the strip around the box whose images are triangulated 
 def order(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     """Return abs(psi_6) and abs(psi_6)^2 of one run, means over the samples; if it is not stationary, of the last one.
 
+    Of a stationary run also the mean of abs(psi_6) in each quarter (4,), over its samples but the one at its beginning.
+
     psi_6 is the mean over all disks j of the mean over the Voronoi neighbours k of j of exp(6 i theta_jk), theta_jk the
     angle of the bond from j to k (D. R. Nelson and B. I. Halperin, Phys. Rev. B 19, 2457 (1979)).
     """
     position = run.whole.position[slice(None) if is_stationary(scene) else slice(-1, None)]
     squared = np.array([square_order(scene, sample) for sample in position])
-    return {"orientational_order": np.sqrt(squared).mean(), "orientational_order_squared": squared.mean()}
+    values = {"orientational_order": np.sqrt(squared).mean(), "orientational_order_squared": squared.mean()}
+    if is_stationary(scene) and has_quarters(scene):
+        quarters = np.split(np.sqrt(squared), ends_of_quarters(scene.times)[:-1] + 1)[1:]
+        values["quarter_order"] = np.array([part.mean() for part in quarters])
+    return values
 
 
 def square_order(scene: Scene, position: np.ndarray) -> float:

@@ -5,17 +5,21 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.recording import Ending, conservation, images_fit, report, represented, sample_arrays
+from brownpipe.engines.recording import NO_TOTALS, Ending, conservation, images_fit, report, represented, sample_arrays
 from brownpipe.engines.state import HEALTH_BOUND, Events, together
 from brownpipe.engines.units import Frame
 from brownpipe.errors import RequestError
+from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
+from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
 EVENTS_PER_LOG = 65_536  # collisions that a recorder holds; a full log is emptied between two calls of the kernel
 MOST_BLOCKS = 2.0**62  # an int64 counts the blocks of a run
 
 
-def new_recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
+def new_recorder(
+    scene: Scene, frame: Frame, w: ws.Workspace, times: np.ndarray, record: Collection[str]
+) -> ws.Recorder:
     """Return an empty recorder for samples at the times (T,) [scene's units]; `record` as of `simulate`.
 
     Raises RequestError if the last time is more blocks away than can be counted.
@@ -32,11 +36,45 @@ def new_recorder(frame: Frame, w: ws.Workspace, times: np.ndarray, record: Colle
         block=block.astype(np.int64),
         time=engine_times - block * w.calendar.block,  # exact, as the length of a block is a power of two
         **sample_arrays(len(times), n if "all" in record else 0),
+        **quarter_arrays(scene, frame, times),
         log_block=np.empty(log_length, np.int64),
         log_time=np.empty(log_length),
         log_pair=np.empty((log_length, 2), np.int32),
         log_impulse=np.empty((log_length, 2)),
     )
+
+
+def quarter_arrays(scene: Scene, frame: Frame, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the arrays of an empty Recorder for quarters of a run sampled at `times` (T,); empty if it has none.
+
+    The energy of a single species is that of the run, which is conserved: it is left out.
+    """
+    ends = ends_of_quarters(times)
+    if not (len(ends) and claims_equilibrium(scene)):
+        return {"quarter": ends[:0], "species": ends[:0], "totals": NO_TOTALS}
+    table = species_table(scene)
+    kinds = len(table.name) if len(table.name) > 1 else 0
+    species = table.label[frame.order] if kinds else ends[:0]
+    return {"quarter": ends, "species": species, "totals": np.zeros((len(ends), 2 + kinds))}
+
+
+def quarters(scene: Scene, frame: Frame, totals: np.ndarray) -> dict[str, np.ndarray]:
+    """Return what K runs report by quarters, given their totals (K, 5 or 0, ...), in the scene's units; {} if nothing.
+
+    The energy of a quarter is the mean of those at its beginning and its end, per disk.
+    """
+    if not totals.shape[1]:
+        return {}
+    speed = frame.length / frame.time
+    collisions, virial = np.moveaxis(np.diff(totals[:, :, :2], axis=1), 2, 0)
+    values = {
+        "quarter_collisions": collisions.astype(np.int64),
+        "quarter_virial": represented(virial, frame.mass, speed, frame.length),
+    }
+    if totals.shape[2] > 2:
+        energy = (totals[:, 1:, 2:] + totals[:, :-1, 2:]) / (2 * species_table(scene).number)
+        values["quarter_energy"] = represented(energy, frame.mass, speed, speed)
+    return values
 
 
 def logged(recorder: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
@@ -69,7 +107,7 @@ def each_report(
     A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers
     that are not finite. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
-    first, motion, elapsed, count, tally = (together(values) for values in zip(*endings, strict=True))
+    first, motion, elapsed, count, tally, totals = (together(values) for values in zip(*endings, strict=True))
     mass, last = np.ones(motion.shape[1]) if mass is None else mass, motion[:, :, 2:]
     moving = np.isfinite(mass)
     pinned = not moving.all()
@@ -83,7 +121,8 @@ def each_report(
     sound &= np.isfinite(conserved.twice_energy)
     sound &= images_fit(scene, frame, count[:, ws.CROSSINGS], conserved.fastest * elapsed)
     collisions = count[:, [ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
-    return report(scene, frame, conserved, collisions, tally[:, ws.VIRIAL :], overlap, sound)
+    further = quarters(scene, frame, totals)
+    return report(scene, frame, conserved, collisions, tally[:, ws.VIRIAL :], overlap, sound, further)
 
 
 def _worst_overlap(tally: np.ndarray) -> np.ndarray:

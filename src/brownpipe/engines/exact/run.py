@@ -55,6 +55,7 @@ class RunState(NamedTuple):
     count: np.ndarray | None = None  # type: ignore[assignment]  # int64; hides tuple.count
     tally: np.ndarray | None = None  # float64
     samples: dict[str, np.ndarray] | None = None  # the rows of a Recorder that are filled, by the names in SAMPLES
+    totals: np.ndarray | None = None  # those of the Recorder
     events: Events | None = None  # the log so far, in the scene's units and order
 
 
@@ -72,7 +73,7 @@ def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
     """Return a scene with its workspace and with its kernels compiled; a `pinned` tracer has infinite mass."""
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
-    compile_all(insert_nothing, partial(advance, w, new_recorder(frame, w, np.zeros(0), ()), 0))
+    compile_all(insert_nothing, partial(advance, w, new_recorder(scene, frame, w, np.zeros(0), ()), 0))
     return PreparedScene(scene, frame, w, pinned)
 
 
@@ -113,7 +114,7 @@ def recorder_of(prepared: PreparedScene, times: np.ndarray, record: Collection[s
 
     It also serves a run that restarts with larger cells: the duration of a block is that of the scene.
     """
-    return new_recorder(prepared.frame, prepared.workspace, times, record)
+    return new_recorder(prepared.scene, prepared.frame, prepared.workspace, times, record)
 
 
 def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Saving = NOT_SAVED) -> EndedRun:
@@ -131,7 +132,7 @@ def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, savi
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
     whole, ending = whole_track(scene, frame, recorder), ending_of(w, start.first[:, 2:])
-    return EndedRun(tracer_samples(recorder), whole, joined(logs), ending)
+    return EndedRun(tracer_samples(recorder), whole, joined(logs), ending._replace(totals=recorder.totals))
 
 
 def _to_last_sample(
@@ -176,6 +177,7 @@ def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: lis
         count=w.count,
         tally=w.tally,
         samples={name: getattr(recorder, name)[: w.progress[ws.SAMPLE]] for name in SAMPLES},
+        totals=recorder.totals,
         events=joined(logs),
     )
 
@@ -198,6 +200,7 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
     w.tally[:] = state.tally
     if w.image is not None:
         w.image[:] = state.image
+    recorder.totals[:] = state.totals
     for name, rows in state.samples.items():
         getattr(recorder, name)[: len(rows)] = rows
     return [] if state.events is None else [state.events]

@@ -161,6 +161,9 @@ class Recorder(NamedTuple):
     whole_position: np.ndarray  # (T, N, 2) float64, of all disks, or (T, 0, 2)
     whole_velocity: np.ndarray  # (T, N, 2) float64, or (T, 0, 2)
     whole_image: np.ndarray  # (T, N, 2) int32, or (T, 0, 2)
+    quarter: np.ndarray  # (5,) int64, samples between which the quarters of the run lie; (0,): not counted in quarters
+    species: np.ndarray  # (N,) int64, of each disk; (0,): energies are not summed
+    totals: np.ndarray  # (5, 2 + K) float64: pair collisions and virial until then, energy of the K species; or (0, 2)
     log_block: np.ndarray  # (L,) int64, of each collision
     log_time: np.ndarray  # (L,) float64, within the block
     log_pair: np.ndarray  # (L, 2) int32, the disks; the second is -side for a wall

@@ -38,7 +38,7 @@ def ending_of(w: Workspace, first: np.ndarray) -> Ending:
 @np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
 def each_report(scene: Scene, frame: Frame, w: Workspace, endings: Sequence[Ending]) -> dict[str, np.ndarray]:
     """Return the reports of K runs in a workspace, name -> (K,)."""
-    first, motion, elapsed, count, tally = (together(values) for values in zip(*endings, strict=True))
+    first, motion, elapsed, count, tally, _ = (together(values) for values in zip(*endings, strict=True))
     conserved = conservation(w.mass, first, motion[:, :, 2:], tally[:, ws.WALL_IMPULSE :])
     sound = np.abs(conserved.energy_drift) <= HEALTH_BOUND
     sound &= _are_inside(scene, frame, w, motion[:, :, :2], tally[:, ws.FASTEST])
