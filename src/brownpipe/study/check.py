@@ -12,6 +12,7 @@ from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
 from brownpipe.engines.exact.layout import prepare
 from brownpipe.engines.placement import lattice_sites
 from brownpipe.engines.saturation import placement_caution
+from brownpipe.engines.settling import FEWEST_DISKS, settling_caution, settling_in_words
 from brownpipe.engines.units import frame_of
 from brownpipe.errors import RequestError
 from brownpipe.formatting import in_bytes, in_time
@@ -24,7 +25,6 @@ from brownpipe.study.study import REFERENCE
 from brownpipe.study.workload import LONG, cautions, describe_workload, with_assumed_runs, workloads
 
 RUNS = 100  # of a scene, for which its placement should succeed
-FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 
 
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:
@@ -44,6 +44,7 @@ def _scene(scene: Scene) -> list[str]:
         f"box       {scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
         f"disks     {_disks(scene)}; packing fraction {scene.packing_fraction:.4g}",
         f"start     {_start(scene)}",
+        *([f"settle    {settling}"] if (settling := settling_in_words(scene)) else []),
         f"run       from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
         f"engine    exact: {_exact_model(scene)}",
         f"expected  {_collisions(scene, cost)}",
@@ -130,7 +131,7 @@ def _approximate_engines(scene: Scene) -> list[str]:
 
 def _foreseen(scene: Scene, cost: forecast.Cost) -> list[str]:
     """Return a line for each reason why a run of the exact engine will fail or take days."""
-    reasons = [_placement(REFERENCE, scene, RUNS)]
+    reasons = [_placement(REFERENCE, scene, RUNS), settling_caution(scene)]
     try:
         forecast.refuse_too_large(scene, 1, cost)
     except RequestError as error:
@@ -183,7 +184,8 @@ def _study(study: Study) -> list[str]:
         model = f"{engine.model(cases)}; some {in_time(sum(part.seconds for part in of_engine))} of CPU"
         lines += [f"engine    {engine.label}{where}: {model}", *_cautions(engine, cases)]
     placements = [_placement(part.engine, part.case, len(part.seeds)) for part in parts]
-    foreseen = dict.fromkeys([*filter(None, placements), *cautions(study)])
+    settling = [settling_caution(case) for case in study.cases]
+    foreseen = dict.fromkeys(filter(None, [*placements, *settling, *cautions(study)]))
     lines += [f"caution   {reason}" for reason in foreseen]
     return [*lines, *seeds, f"total     {describe_workload(study)}", f"figures   {', '.join(study.figures)}"]
 
