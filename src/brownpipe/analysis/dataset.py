@@ -12,6 +12,7 @@ from brownpipe.analysis import (
     conditions,
     displacement,
     distribution,
+    drift,
     non_gaussian,
     orientation,
     pairs,
@@ -45,6 +46,7 @@ ESTIMATORS = tuple(
         orientation,
         profile,
         thermodynamics,
+        drift,
     )
 )
 ALL_VARIABLES = VARIABLES | {name: one for estimator in ESTIMATORS for name, one in estimator.variables.items()}
@@ -89,6 +91,7 @@ def aggregate(
     _refuse_unsampled(cases, options.displacement_times)
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
     parts = [_results(*given, total) for given in zip(cases, groups, before, strict=True)]
+    drift.adjust(parts)
     seeds = np.unique(np.concatenate([group.seeds for group in groups]))
     for part, case, group in zip(parts, cases, groups, strict=True):
         ends = [other.seeds[[0, -1]] for like, other in zip(cases, groups, strict=True) if like.engine == case.engine]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, SupportsFloat
 
 import numpy as np
 
+from brownpipe.analysis.drift import LEVEL
 from brownpipe.errors import FigureError
 from brownpipe.scene import parse_scene
 
@@ -53,8 +54,8 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
 
 
 def by_series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
-    """Group the cases that differ in particle count alone, under the name of their scene and engine."""
-    return _grouped(cases, lambda case: case.scene.item() + _engine_suffix(case))
+    """Group the cases that differ in particle count alone, under scene, engine and whether their runs drift."""
+    return _grouped(cases, lambda case: case.scene.item() + _suffix(case))
 
 
 def _grouped(cases: list[Dataset], name: Callable[[Dataset], str]) -> dict[str, list[Dataset]]:
@@ -100,12 +101,18 @@ def fits_of(case: Dataset) -> list[Dataset]:
 
 
 def title_of(case: Dataset) -> str:
-    """Return scene, particle count and, unless it is the exact one, the label of the engine."""
-    return f"{case.scene.item()}, N = {case.particles.item()}{_engine_suffix(case)}"
+    """Return scene, particle count, the label of the engine unless it is the exact one, and whether its runs drift."""
+    return f"{case.scene.item()}, N = {case.particles.item()}{_suffix(case)}"
 
 
-def _engine_suffix(case: Dataset) -> str:
-    return "" if case.engine == "exact" else f", {case.engine.item()}"
+def _suffix(case: Dataset) -> str:
+    engine = "" if case.engine == "exact" else f", {case.engine.item()}"
+    return engine + (", not equilibrated" if drifts(case) else "")
+
+
+def drifts(case: Dataset) -> bool:
+    """Return whether the runs of a case that claims equilibrium are found to drift (`analysis.drift`)."""
+    return has(case, "drift_p_value") and bool(np.nanmin(case.drift_p_value.values) < LEVEL)
 
 
 def scene_of(case: Dataset) -> Scene | None:

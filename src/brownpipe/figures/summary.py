@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from brownpipe.analysis import drift
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
 from brownpipe.engines.failures import stopped_in_words
-from brownpipe.figures.cases import at_last_distribution, cases_of, has, over_time, plus_minus, title_of
+from brownpipe.figures.cases import at_last_distribution, cases_of, drifts, has, over_time, plus_minus, title_of
 from brownpipe.figures.tables import aligned, label_of
 from brownpipe.quoting import in_lines
 from brownpipe.scene.seeds import brief_seed_text
@@ -34,6 +35,7 @@ class Answer(NamedTuple):
     columns: list[tuple[str, ...]]  # heading and cells; those of TESTS, the last, only if there are tests
     legend: list[str]  # lines that explain the columns
     missing: list[str]  # lines that name failed and missing seeds
+    drifting: list[str]  # lines that name cases that are not in equilibrium, or of which it cannot be told
 
 
 def summary(dataset: Dataset) -> str:
@@ -41,7 +43,7 @@ def summary(dataset: Dataset) -> str:
     found = answer(dataset)
     lines = aligned(found.columns)
     above = [" " * lines[0].index(TESTS[0]) + QUESTION] if found.columns[-1][0] in TESTS else []
-    return in_lines([*above, *lines, *found.legend, *found.missing]) + "\n"
+    return in_lines([*above, *lines, *found.legend, *found.missing, *found.drifting]) + "\n"
 
 
 def answer(dataset: Dataset) -> Answer:
@@ -60,7 +62,8 @@ def answer(dataset: Dataset) -> Answer:
     if len({row[2] for row in rows}) == 2:  # the header and one engine
         hidden.add("engine")
     columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
-    return Answer(columns, list(_legend(dataset, cases, tests)), list(missing_runs(cases)))
+    legend = list(_legend(dataset, cases, tests))
+    return Answer(columns, legend, list(missing_runs(cases)), list(drifting(cases)))
 
 
 def heading_of_msd(cases: list[Dataset]) -> str:
@@ -70,11 +73,15 @@ def heading_of_msd(cases: list[Dataset]) -> str:
 
 
 def estimates_of(case: Dataset) -> list[str]:
-    """Return the MSD at the end and D in the first fit window with their standard errors; `-` where there is none."""
+    """Return the MSD at the end and D in the first fit window with their standard errors; `-` where there is none.
+
+    A star marks those of runs that drift.
+    """
     if not has(case, "msd"):
         return ["-", "-"]
     estimates = [(over_time(case).isel(time=-1), "msd"), (case.isel(window=0), "diffusion_coefficient")]
-    return [plus_minus(part[name], part[f"{name}_standard_error"]) for part, name in estimates]
+    star = " *" * drifts(case)
+    return [plus_minus(part[name], part[f"{name}_standard_error"]) + star for part, name in estimates]
 
 
 def _p_values(case: Dataset) -> np.ndarray | list[float]:
@@ -94,7 +101,7 @@ def _verdict(p: float, rejected: bool) -> str:
 
 def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]:
     """Lines that explain the columns."""
-    yield from legend_of_estimates(dataset)
+    yield from legend_of_estimates(dataset, cases)
     if tests:
         shown = [case for case in cases if has(case, "msd")]
         times = sorted({at_last_distribution(case).displacement_time.item() for case in shown})
@@ -104,13 +111,37 @@ def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]
         yield f"yes: rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm); no: not rejected."
 
 
-def legend_of_estimates(dataset: Dataset) -> list[str]:
-    """Return the lines that explain N, MSD, D and their errors."""
+def legend_of_estimates(dataset: Dataset, cases: list[Dataset]) -> list[str]:
+    """Return the lines that explain N, MSD, D and their errors, and the tests for equilibrium."""
     whose = dataset.attrs.get("msd_of", "the tracer")
     return [
         f"N: number of disks. MSD: mean squared displacement of {whose}. All in the scene's reduced units.",
         f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs.",
+        *_tests_of_equilibrium(cases),
     ]
+
+
+def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:
+    """Two lines on the tests of cases that claim equilibrium: number, level, power, and what they do not see."""
+    tested = [case for case in cases if has(case, "drift_p_value")]
+    tests = sum(int(np.isfinite(case.drift_p_value).sum()) for case in tested)
+    if tests:
+        found = max(drift.found_with_power(case.drift_standard_error.values, int(case.runs), tests) for case in tested)
+        family = f"level {drift.LEVEL:.0%} for all {tests} tests (Holm)"
+        yield f"Equilibrium: first and last quarter of each run compared, {family}; {drift.POWER:.0%} of the pressure's"
+        yield f"drifts by {100 * found:.2g} % are found. Changes that take longer than the runs are not seen."
+
+
+def drifting(cases: list[Dataset]) -> Iterator[str]:
+    """Lines that name the cases, marked by a star, whose runs drift, and those where it cannot be told."""
+    for case in (case for case in cases if has(case, "time_to_try")):
+        if drifts(case):
+            values = (case[name].values for name in ("drift", "drift_standard_error", "drift_p_value"))
+            found = drift.Drift(case["quantity"].values.tolist(), *values)
+            words = drift.in_words(found, case.time_to_try.item())
+            yield f"* {case.scene.item()}, N = {case.particles.item()}: {words}"
+        elif not has(case, "drift_p_value"):
+            yield f"{title_of(case)}: {drift.TOO_FEW}"
 
 
 def missing_runs(cases: list[Dataset]) -> Iterator[str]:

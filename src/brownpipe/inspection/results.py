@@ -10,7 +10,7 @@ import numpy as np
 from brownpipe.analysis.variables import EACH
 from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import cases_of, has
-from brownpipe.figures.summary import estimates_of, heading_of_msd, legend_of_estimates, missing_runs
+from brownpipe.figures.summary import drifting, estimates_of, heading_of_msd, legend_of_estimates, missing_runs
 from brownpipe.figures.tables import aligned
 from brownpipe.inspection.lines import provenance, worst
 from brownpipe.provenance import made_with
@@ -51,8 +51,9 @@ def _of_cases(dataset: Dataset) -> Iterator[str]:
     diffusion = f"D, t in {dataset.window.values[0]}"
     header = ("scene", "N", "engine", "runs", "failed", heading_of_msd(cases), diffusion, *SHOWN_HEALTH.values())
     yield from aligned(list(zip(header, *map(_row, cases), strict=True)))
-    yield from legend_of_estimates(dataset)
+    yield from legend_of_estimates(dataset, cases)
     yield from missing_runs(cases)
+    yield from drifting(cases)
 
 
 def _row(case: Dataset) -> tuple[str, ...]:

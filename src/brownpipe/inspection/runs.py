@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
 from brownpipe.engines.failures import reason_of, stopped_in_words
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import RequestError
@@ -35,6 +36,7 @@ def describe_trajectories(path: str | Path, contents: Trajectories) -> list[str]
         _samples(ensemble),
         f"recorded     {_recorded(ensemble)}",
         f"health       {_health(ensemble)}",
+        *equilibrium(contents),
         *_statistics(ensemble.observables),
         *_arrays(ensemble),
         *provenance(header, source_digest(*modules_of("simulate", header["engine"]))),
@@ -115,6 +117,17 @@ def _health(ensemble: Ensemble) -> str:
         if name in ensemble.observables:
             parts.append(f"{words} {worst(ensemble.observables[name][complete], ensemble.seeds[complete])}")
     return "; ".join(parts)
+
+
+def equilibrium(contents: Trajectories) -> list[str]:
+    """Return whether the runs drift, if their scene claims to be in equilibrium from t = 0."""
+    scene, ensemble = contents.scene, contents.ensemble
+    if not is_tested(scene, contents.engine):
+        return []
+    kept = {name: values[ensemble.observables["failed"] == 0] for name, values in ensemble.observables.items()}
+    found = drift_of(quarters_of(scene, ensemble.times, kept))
+    words = in_words(found, time_to_try(scene)) or f"no drift found (family-wise level {LEVEL:.0%})"
+    return [f"equilibrium  {words if np.isfinite(found.p).any() else TOO_FEW}"]
 
 
 def seeds_in_words(seeds: Sequence[int] | np.ndarray) -> str:

@@ -27,7 +27,7 @@ FROM_DATASET = ("sha256", "source_digest", "git_commit", "python")
 MOST_ROWS = 400  # of a table of numbers
 DIGITS = 6  # of a number
 SVG_SIZE = re.compile(rb'viewBox="0 0 (\S+) (\S+)"')
-NUMBER = re.compile(r"-|[<+-]?[ 0-9.e+-]+( ± [0-9.e-]+)?( ?%)?( \([0-9.e-]+\))?")  # cells that are set right
+NUMBER = re.compile(r"-|[<+-]?[ 0-9.e+-]+( ± [0-9.e-]+)?( ?%)?( \([0-9.e-]+\))?( \*)?")  # cells that are set right
 
 
 class Table(NamedTuple):

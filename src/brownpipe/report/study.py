@@ -31,6 +31,7 @@ def page(dataset: Dataset, drawings: Iterable[Drawing], record: Record) -> bytes
         _lead(cases),
         record,
         answers=[("", results, [])],
+        drifting=found.drifting,
         missing=found.missing,
         legend=found.legend,
         figures=[one for one in figures if one["name"] != "health"],

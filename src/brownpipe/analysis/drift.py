@@ -1,0 +1,181 @@
+"""Drifts within the runs of a scene that claims to be in equilibrium from t = 0. See docs/theory.md, section 5.
+
+In each run a quantity in the last quarter is compared with the same in the first. In equilibrium their difference is as
+likely as its negative, because the motion of hard disks is reversible: over n runs the mean over its standard error is
+Student's t with n - 1 degrees of freedom. The quantities of all cases of a dataset are one family of tests (Holm).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
+from brownpipe.analysis.goodness import holm
+from brownpipe.analysis.outer_join import Part
+from brownpipe.analysis.runs import RunBlock
+from brownpipe.analysis.thermodynamics import compressibility, temperature
+from brownpipe.analysis.variables import EACH, Variable
+from brownpipe.engines import Engine
+from brownpipe.engines.exact import EXACT
+from brownpipe.engines.settling import settling_time
+from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
+from brownpipe.observables.species import species_table
+from brownpipe.scene import Scene
+
+LEVEL = 0.01  # family-wise error rate
+FEWEST_RUNS = 8
+TOO_FEW = f"too few runs, samples or collisions to tell whether it is in equilibrium; {FEWEST_RUNS} runs are needed"
+POWER = 0.9
+LONGER = 2.0
+COLUMN, MEAN = "drift of the ", "mean of the "  # names of columns, before that of the quantity
+
+
+class Drift(NamedTuple):
+    """The last quarter of the runs minus the first, relative to the mean; arrays (Q,), one entry per quantity."""
+
+    quantity: Sequence[str]
+    change: np.ndarray
+    error: np.ndarray  # standard error over runs
+    p: np.ndarray  # probability of one as large in equilibrium; NaN if it cannot be told
+
+
+def is_tested(scene: Scene, engine: Engine) -> bool:
+    """Return whether runs are tested: those of the exact engine. Others drift towards an equilibrium of their own."""
+    return claims_equilibrium(scene) and engine.definition is EXACT
+
+
+def quarters_of(scene: Scene, times: np.ndarray, observables: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return each quantity in the quarters (n, 4) of n runs sampled at `times` (T,); {} if they were not counted."""
+    if "quarter_virial" not in observables:
+        return {}
+    duration = np.diff(times[ends_of_quarters(times)])
+    kt = temperature(scene, observables["kinetic_energy"])[:, None]
+    virial = observables["quarter_virial"]
+    found = {
+        "pressure": compressibility(scene, virial, np.where(kt > 0, kt, np.nan), duration),
+        "collision rate": observables["quarter_collisions"] / duration,
+    }
+    if "quarter_energy" in observables:
+        energies = np.moveaxis(observables["quarter_energy"], 2, 0)
+        names = (f"kinetic energy of {name}" for name in species_table(scene).name)
+        found |= zip(names, energies, strict=True)
+    if "quarter_order" in observables:
+        found["psi_6"] = observables["quarter_order"]
+    return found
+
+
+def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
+    """Return the drift of quantities in the quarters (n, 4) of n runs, which are the whole family of tests.
+
+    Without quarters, or for fewer than FEWEST_RUNS, no quantity is there.
+    """
+    runs = min(map(len, quarters.values()), default=0)
+    if runs < FEWEST_RUNS:
+        return Drift((), *np.empty((3, 0)))
+    changes, means = (np.array([of(values) for values in quarters.values()]) for of in (_change, np.mean))
+    found = _tested([*quarters], changes.mean(axis=1), changes.std(axis=1, ddof=1) / math.sqrt(runs), means, runs)
+    return found._replace(p=holm(found.p))
+
+
+def _change(quarters: np.ndarray) -> np.ndarray:
+    """Return the last quarter minus the first (n,) of runs (n, 4)."""
+    return quarters[:, 3] - quarters[:, 0]
+
+
+def _tested(names: Sequence[str], change: np.ndarray, error: np.ndarray, mean: np.ndarray, runs: int) -> Drift:
+    """Return the drift of quantities with changes, their errors, and means over all quarters, (Q,); p not adjusted."""
+    from scipy.special import stdtr
+
+    may_tell = (error > 0) & (mean != 0) & (runs >= FEWEST_RUNS)
+    t = np.divide(change, error, out=np.full(len(change), np.nan), where=may_tell)
+    size = np.where(mean != 0, np.abs(mean), np.nan)
+    return Drift(names, change / size, error / size, 2 * stdtr(runs - 1, -np.abs(t)))
+
+
+def found_with_power(error: np.ndarray, runs: int, tests: int) -> float:
+    """Return the pressure's drift that is found with probability POWER, at the first step of Holm's procedure.
+
+    `error` (Q,) are the standard errors of the drifts over so many runs, that of the pressure first.
+    """
+    from scipy.special import stdtrit
+
+    return float(error[0] * (stdtrit(runs - 1, 1 - LEVEL / (2 * tests)) + stdtrit(runs - 1, POWER)))
+
+
+def adjust(parts: Sequence[Part]) -> None:
+    """Replace the p-values of all cases of a dataset by those adjusted for all their tests."""
+    tested = [part.values for part in parts if "drift_p_value" in part.values]
+    if tested:
+        sizes = np.cumsum([np.size(values["drift_p_value"]) for values in tested])
+        adjusted = np.split(holm(np.concatenate([values["drift_p_value"] for values in tested])), sizes[:-1])
+        for values, p in zip(tested, adjusted, strict=True):
+            values["drift_p_value"] = p
+
+
+def time_to_try(scene: Scene) -> float:
+    """Return a longer equilibrate.time: LONGER times that at which runs that drift end, at least what is forecast."""
+    longer = np.fmax(LONGER * (scene.equilibrate.time + scene.duration), settling_time(scene))
+    return float(f"{longer:.1g}")
+
+
+def in_words(found: Drift, to_try: float) -> str:
+    """Return what drifts within the runs, and the equilibrate.time to try; empty if nothing does."""
+    rows = zip(*found, strict=True)
+    parts = [f"the {name} by {_percent(change, error)}" for name, change, error, p in rows if p < LEVEL]
+    if not parts:
+        return ""
+    listed = ", ".join(parts).replace(" by ", " drifts by ", 1)
+    return f"{listed} within the runs: not equilibrated; try equilibrate.time: {to_try:g}"
+
+
+def _percent(change: float, error: float) -> str:
+    """Return `-1.2(1) %`, a change with its standard error in the last digits."""
+    digits = max(0, -math.floor(math.log10(100 * error)))
+    return f"{100 * change:+.{digits}f}({100 * error * 10**digits:.0f}) %"
+
+
+def _columns(case: Case, runs: RunBlock) -> Columns:
+    found = quarters_of(case.scene, case.times, runs.observables) if is_tested(case.scene, case.engine) else {}
+    changes = {f"{COLUMN}{name}": _change(of) for name, of in found.items()}
+    return Columns(changes, {f"{MEAN}{name}": of.mean(axis=1) for name, of in found.items()})
+
+
+def _names(averages: Averages) -> list[str]:
+    return [name.removeprefix(COLUMN) for name in averages.places if name.startswith(COLUMN)]
+
+
+def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    if not is_tested(case.scene, case.engine):
+        return {}
+    values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
+    if names := _names(averages):
+        changes = [averages.estimate(f"{COLUMN}{name}") for name in names]
+        change, error = (np.array([getattr(one, part) for one in changes]) for part in ("mean", "standard_error"))
+        means = np.array([averages.mean(f"{MEAN}{name}") for name in names])
+        found = _tested(names, change, error, means, averages.runs)
+        values |= {"drift": found.change, "drift_standard_error": found.error, "drift_p_value": found.p}
+    return values
+
+
+def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
+    return {"quantity": ("quantity", names)} if (names := _names(averages)) else {}
+
+
+QUANTITY = (*EACH, "quantity")
+ESTIMATOR = Estimator(
+    _columns,
+    _estimate,
+    {
+        "time_to_try": Variable(EACH, "time", "equilibrate.time to try if the runs drift"),
+        "drift": Variable(QUANTITY, "1", "relative change from the first to the last quarter of the runs"),
+        "drift_standard_error": Variable(QUANTITY, "1", "standard error of that change"),
+        "drift_p_value": Variable(
+            QUANTITY, "1", "probability of such a change in equilibrium, adjusted for all of the dataset (Holm)"
+        ),
+    },
+    _axes,
+    {"quantity": {"long_name": "quantity that may drift"}},
+)

@@ -1,0 +1,202 @@
+"""Runs of a scene that claims equilibrium are tested for drifts: those that drift are named, and nobody else."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brownpipe import observables
+from brownpipe.analysis import aggregate, drift
+from brownpipe.engines import configured
+from brownpipe.engines.settling import settling_caution, settling_time
+from brownpipe.figures.cases import cases_of, title_of
+from brownpipe.figures.summary import answer, summary
+from brownpipe.inspection import results, runs
+from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
+from brownpipe.scene import parse_scene, read_scene
+from brownpipe.storage import Trajectories
+
+SCENES = Path(__file__).parent.parent / "config" / "scenes"
+EXACT = configured("exact")
+LATTICE = {
+    "box": {"x": [0, 21.44], "y": [0, 21.44], "boundary": "periodic"},
+    "disks": {"species": [{"name": "disk", "count": 400, "radius": 0.5, "mass": 1.0}], "placement": "lattice"},
+    "velocities": {"temperature": 1.0, "zero_momentum": True},
+    "equilibrate": {"time": 0.5, "tracer": "free"},
+    "duration": 10.0,
+    "sample_interval": 0.5,
+}
+MIXTURE = LATTICE | {
+    "box": {"x": [0, 8], "y": [0, 8], "boundary": "reflecting"},
+    "velocities": {"temperature": 1.0},
+    "disks": {
+        "species": [
+            {"name": "big", "count": 3, "radius": 0.6, "mass": 5.0},
+            {"name": "small", "count": 30, "radius": 0.3, "mass": 1.0},
+        ]
+    },
+    "duration": 2.0,
+    "sample_interval": 0.1,
+}
+
+
+def runs_of(mapping, seeds, engine=EXACT, **more):
+    """Runs of a scene in memory."""
+    scene = parse_scene(mapping, "scene.yaml") if isinstance(mapping, dict) else mapping
+    return Trajectories(scene, engine, engine.simulate(scene, seeds, {"tracer"}, **more))
+
+
+@pytest.mark.slow
+def test_dense_disks_from_a_lattice_are_named_and_marked():
+    """Packing fraction 0.683; after 0.5 the pressure still rises by 6 % within the runs: some 10 standard errors."""
+    found = runs_of(LATTICE, range(16))
+    dataset = aggregate([found])
+    (case,) = cases_of(dataset)
+    (words,) = answer(dataset).drifting
+    assert words.startswith("* scene, N = 400: the pressure drifts by +")
+    assert words.endswith("% within the runs: not equilibrated; try equilibrate.time: 30")
+    assert words in summary(dataset)
+    assert words in results.table(dataset)
+    assert title_of(case) == "scene, N = 400, not equilibrated"
+    assert [column[1][-2:] for column in answer(dataset).columns if column[0] in ("D", "MSD(t = 10)")] == [" *", " *"]
+    (said,) = runs.equilibrium(found)
+    assert said.partition("the pressure")[2] == words.partition("the pressure")[2]
+
+
+def test_a_fluid_that_settled_is_not_accused():
+    """By 20 times its friction time; false alarm: 1 %."""
+    fluid = MIXTURE | {"equilibrate": {"time": 5.0, "tracer": "free"}}
+    found = runs_of(fluid, range(40))
+    dataset = aggregate([found])
+    assert answer(dataset).drifting == []
+    assert "all 4 tests (Holm)" in summary(dataset)
+    assert "equilibrium  no drift found (family-wise level 1%)" in runs.equilibrium(found)
+
+
+@pytest.mark.parametrize("name", ["harrison2020", "harrison2020_thermal", "hot_tracer"])
+def test_scenes_that_do_not_equilibrate_claim_nothing(name):
+    path = SCENES / f"{name}.yaml"
+    if not path.exists():
+        pytest.skip("no such scene")
+    found = runs_of(read_scene(path), range(10))
+    assert not claims_equilibrium(found.scene)
+    assert not [array for array in found.ensemble.observables if array.startswith("quarter_")]
+    dataset = aggregate([found])
+    assert "quilibr" not in summary(dataset)
+    assert "drift" not in dataset
+    assert settling_caution(found.scene) is None
+
+
+def test_who_claims_equilibrium():
+    def claims(**changes):
+        disks = MIXTURE["disks"] | {"tracer": {"radius": 0.3, "mass": 1.0}}
+        return claims_equilibrium(parse_scene(MIXTURE | {"disks": disks} | changes, "scene.yaml"))
+
+    periodic = {"box": LATTICE["box"]}
+    assert claims()
+    assert claims(velocities={"standard_deviation": 1.0})
+    assert not claims(velocities={"temperature": 1.0, "zero_momentum": True})
+    assert not claims(equilibrate=0.0)
+    assert not claims(equilibrate=1.0)
+    assert claims(equilibrate=1.0, **periodic)
+    assert not claims(equilibrate=1.0, velocities={"standard_deviation": 1.0}, **periodic)
+
+
+def test_few_runs_or_samples_do_not_tell():
+    for found in (runs_of(MIXTURE, range(7)), runs_of(MIXTURE | {"sample_interval": 0.9}, range(10))):
+        (words,) = answer(aggregate([found])).drifting
+        assert words == f"scene, N = 33: {drift.TOO_FEW}"
+        assert f"equilibrium  {drift.TOO_FEW}" in runs.equilibrium(found)
+
+
+def test_quarters_add_up_to_the_run():
+    scene = MIXTURE | {"equilibrate": {"time": 0.5, "tracer": "free"}}
+    names = ("species_energy", "orientational_order")
+    of = runs_of(scene, range(3), observables=names).ensemble.observables
+    np.testing.assert_array_equal(of["quarter_collisions"].sum(axis=1), of["pair_collisions"])
+    assert (of["quarter_collisions"] > 0).all()
+    np.testing.assert_allclose(of["quarter_virial"].sum(axis=1), of["virial"], rtol=1e-12)
+    ends = of["species_energy"][:, ::5]
+    np.testing.assert_allclose(of["quarter_energy"], (ends[:, 1:] + ends[:, :-1]) / 2, rtol=1e-12)
+    assert of["quarter_order"].shape == (3, 4)
+    sizes = {
+        dim: len(values) for dim, values in observables.axes(parse_scene(scene, "s.yaml"), "quarter_energy").items()
+    }
+    assert sizes == {"quarter": 4, "species": 2}
+
+
+@pytest.mark.parametrize("engine", [configured("timestep", time_step=0.01), configured("langevin", friction="enskog")])
+def test_approximate_engines_are_not_tested(engine):
+    """Time steps have an equilibrium of their own, to which runs drift from the exact one, however long that took."""
+    found = runs_of(read_scene(SCENES / "heavy.yaml").replace(duration=0.5), range(8), engine)
+    assert not [array for array in found.ensemble.observables if array.startswith("quarter_")]
+    assert answer(aggregate([found])).drifting == []
+
+
+def test_psi_6_in_quarters_is_its_mean_without_the_first_sample():
+    found = runs_of(MIXTURE, [1], observables=("orientational_order",), average="runs")
+    assert found.ensemble.observables["quarter_order"].mean() == pytest.approx(
+        found.ensemble.observables["orientational_order"][0], rel=0.2
+    )
+
+
+def test_quarters_end_at_the_samples_next_to_them():
+    assert ends_of_quarters(np.linspace(0, 1, 101)).tolist() == [0, 25, 50, 75, 100]
+    assert ends_of_quarters(np.array([0, 0.3, 0.5, 0.7, 1.0])).tolist() == [0, 1, 2, 3, 4]
+    assert not len(ends_of_quarters(np.array([0, 0.01, 0.1, 0.2, 0.5, 1.0])))
+    assert not len(ends_of_quarters(np.array([0, 0.5, 1.0])))
+    assert not len(ends_of_quarters(np.zeros(0)))
+
+
+@pytest.mark.parametrize("draw", ["normal", "exponential", "poisson"])
+def test_the_level_is_nominal_for_stationary_numbers(draw):
+    """4,000 families of three quantities; false alarm: 1e-4. Rare counts are discrete: fewer are rejected."""
+    rng = np.random.default_rng(1)
+    families = 4000
+    values = getattr(rng, draw)(size=(families, 3, 10, 4)) + 2.0
+    alarms = sum((drift.drift_of(dict(zip("abc", family, strict=True))).p < drift.LEVEL).any() for family in values)
+    sigma = np.sqrt(families * drift.LEVEL)
+    assert alarms < families * drift.LEVEL + 3.7 * sigma
+    if draw == "normal":
+        assert alarms > families * drift.LEVEL - 3.7 * sigma
+
+
+def test_the_power_stated_is_that_of_the_test():
+    """A drift of the size that is said to be found with 90 %; 1,000 families, false alarm: 1e-4."""
+    rng = np.random.default_rng(2)
+    size = drift.found_with_power(np.array([np.sqrt(2 / 40)]), 40, 3) * np.array([-0.5, 0.0, 0.0, 0.5])
+    found = 0
+    for _ in range(1000):
+        quarters = rng.normal(size=(3, 40, 4)) + 1.0
+        quarters[0] += size
+        found += drift.drift_of(dict(zip("abc", quarters, strict=True))).p[0] < drift.LEVEL
+    assert found / 1000 == pytest.approx(0.9, abs=3.9 * np.sqrt(0.09 / 1000))
+
+
+def test_the_family_is_all_cases_of_a_dataset():
+    """p-values of the dataset are those of its cases, adjusted together."""
+    one = runs_of(MIXTURE, range(8))
+    other = runs_of(parse_scene(MIXTURE, "other.yaml"), range(8))
+    alone, both = aggregate([one]), aggregate([one, other])
+    assert (both.drift_p_value.sel(scene="scene").values >= alone.drift_p_value.values - 1e-12).all()
+    assert np.isfinite(both.drift_p_value).sum() == 8
+
+
+def test_sentence():
+    found = drift.Drift(
+        ("pressure", "psi_6"), np.array([-0.0123, 0.2]), np.array([0.00098, 0.03]), np.array([1e-6, 0.5])
+    )
+    assert drift.in_words(found, 20.0) == (
+        "the pressure drifts by -1.23(10) % within the runs: not equilibrated; try equilibrate.time: 20"
+    )
+    assert drift.in_words(found._replace(p=np.ones(2)), 20.0) == ""
+
+
+def test_settling_is_forecast_for_a_fluid():
+    dense = parse_scene(LATTICE, "dense.yaml")
+    assert 15 < settling_time(dense) < 35
+    assert "equilibrate.time 0.5 is short: some 26 should be enough" in settling_caution(dense)
+    assert settling_caution(dense.replace(equilibrate={"time": 40.0, "tracer": "free"})) is None
+    crystal = parse_scene(LATTICE | {"box": {"x": [0, 20], "y": [0, 20], "boundary": "periodic"}}, "crystal.yaml")
+    assert np.isnan(settling_time(crystal))
+    assert settling_caution(crystal) is None
