@@ -132,9 +132,10 @@ def in_words(found: Drift, to_try: float) -> str:
 
 
 def _percent(change: float, error: float) -> str:
-    """Return `-1.2(1) %`, a change with its standard error in the last digits."""
-    digits = max(0, -math.floor(math.log10(100 * error)))
-    return f"{100 * change:+.{digits}f}({100 * error * 10**digits:.0f}) %"
+    """Return `-1.2(1) %`, a change with its standard error, rounded to one digit, in the last digit."""
+    digit, exponent = f"{100 * error:.0e}".split("e")
+    decimals = max(0, -int(exponent))
+    return f"{100 * change:+.{decimals}f}({digit if decimals else f'{100 * error:.0f}'}) %"
 
 
 def _columns(case: Case, runs: RunBlock) -> Columns:

@@ -101,7 +101,7 @@ def _verdict(p: float, rejected: bool) -> str:
 
 def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]:
     """Lines that explain the columns."""
-    yield from legend_of_estimates(dataset, cases)
+    yield from legend_of_estimates(dataset)
     if tests:
         shown = [case for case in cases if has(case, "msd")]
         times = sorted({at_last_distribution(case).displacement_time.item() for case in shown})
@@ -111,13 +111,13 @@ def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]
         yield f"yes: rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm); no: not rejected."
 
 
-def legend_of_estimates(dataset: Dataset, cases: list[Dataset]) -> list[str]:
+def legend_of_estimates(dataset: Dataset) -> list[str]:
     """Return the lines that explain N, MSD, D and their errors, and the tests for equilibrium."""
     whose = dataset.attrs.get("msd_of", "the tracer")
     return [
         f"N: number of disks. MSD: mean squared displacement of {whose}. All in the scene's reduced units.",
         f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs.",
-        *_tests_of_equilibrium(cases),
+        *_tests_of_equilibrium(cases_of(dataset)),
     ]
 
 

@@ -51,7 +51,7 @@ def _of_cases(dataset: Dataset) -> Iterator[str]:
     diffusion = f"D, t in {dataset.window.values[0]}"
     header = ("scene", "N", "engine", "runs", "failed", heading_of_msd(cases), diffusion, *SHOWN_HEALTH.values())
     yield from aligned(list(zip(header, *map(_row, cases), strict=True)))
-    yield from legend_of_estimates(dataset, cases)
+    yield from legend_of_estimates(dataset)
     yield from missing_runs(cases)
     yield from drifting(cases)
 
