@@ -128,8 +128,9 @@ def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:
     if tests:
         found = max(drift.found_with_power(case.drift_standard_error.values, int(case.runs), tests) for case in tested)
         family = f"level {drift.LEVEL:.0%} for all {tests} tests (Holm)"
-        yield f"Equilibrium: first and last quarter of each run compared, {family}; {drift.POWER:.0%} of the pressure's"
-        yield f"drifts by {100 * found:.2g} % are found. Changes that take longer than the runs are not seen."
+        yield f"Equilibrium: the first and the last quarter of each run are compared, {family}."
+        power = f"{drift.POWER:.0%} of the pressure's drifts by {100 * found:.2g} % are found"
+        yield f"{power}; changes that take longer than the runs are not seen."
 
 
 def drifting(cases: list[Dataset]) -> Iterator[str]:
