@@ -54,8 +54,8 @@ def table(
 def page(title: str, lead: str, record: Record, **contents: Any) -> bytes:
     """Return the page: a title, a sentence below it, its contents, and how to make it again from its `record`.
 
-    contents: `answers` (heading, table, lines), `drifting`, `missing` and `legend` (lines), `figures` and `of_runs` (`figure`),
-    `runs` (table). What is filled in is escaped, and shown as one line.
+    contents: `answers` (heading, table, lines), `drifting`, `missing` and `legend` (lines), `figures` and `of_runs`
+    (`figure`), `runs` (table). What is filled in is escaped, and shown as one line.
     """
     environment = Environment(
         autoescape=True,
