@@ -77,7 +77,7 @@ def test_any_damage_is_found_and_nothing_else(study, faults):
         file = faults.random.choice(sealed())
         before = Path(file).read_bytes()
         faults.random.choice((flip, cut, append))(Path(file), faults.random)
-        assert verify_results(RESULTS).damaged == [file], faults.seed
+        assert verify_results(RESULTS)[1] == [file], faults.seed
         Path(file).write_bytes(before)
 
 

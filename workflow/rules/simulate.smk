@@ -6,11 +6,7 @@ rule simulate:
     resources:
         **request["simulate"],
     params:
-        scene=lookup(dpath="{digest}/scene", within=simulations),
-        engine=lookup(dpath="{digest}/engine", within=simulations),
-        digest=lookup(dpath="{digest}/digest", within=simulations),
-        options=study.simulate_options,
+        runs=lookup(dpath="{digest}", within=simulations),
     shell:
-        "brownpipe simulate {params.scene} --particles {wildcards.particles} --seeds {wildcards.first}-{wildcards.last}"
-        " --engine {params.engine} {params.options} --planned {params.digest} --allow-failed all --output {output:q}"
-        " > {log:q} 2>&1"
+        "brownpipe simulate {params.runs} --seeds {wildcards.first}-{wildcards.last} --allow-failed all"
+        " --output {output:q} > {log:q} 2>&1"

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from brownpipe.errors import RequestError, StorageError
+from brownpipe.errors import RequestError
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import Name, validated
 from brownpipe.storage import write_file
@@ -15,7 +15,7 @@ def write_new_study(name: str, folder: str | Path = ".") -> tuple[Path, Path]:
     """Write the scene `NAME_scene.yaml` and the study `NAME.yaml` into a folder, made if necessary; return their paths.
 
     Raises RequestError for a name that cannot be part of a path or is too long, or if one of the files exists;
-    StorageError if they cannot be written: then neither is there.
+    StorageError if one cannot be written.
     """
     name = name.removesuffix(".yaml")
     for key, value in (("NAME", name), ("name of the scene", f"{name}_scene")):
@@ -24,11 +24,6 @@ def write_new_study(name: str, folder: str | Path = ".") -> tuple[Path, Path]:
     for path in paths:
         if os.path.lexists(path):
             raise RequestError(f"{path}: exists; choose another name or folder")
-    try:
-        for path, template in zip(paths, ("scene.yaml", "study.yaml"), strict=True):
-            write_file(path, (TEMPLATES / template).read_bytes().replace(b"NAME", name.encode()))
-    except StorageError:
-        for path in paths:
-            path.unlink(missing_ok=True)
-        raise
+    for path, template in zip(paths, ("scene.yaml", "study.yaml"), strict=True):
+        write_file(path, (TEMPLATES / template).read_bytes().replace(b"NAME", name.encode()))
     return paths

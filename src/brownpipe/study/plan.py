@@ -1,40 +1,39 @@
-"""`brownpipe plan`: the engine and number of runs that meet a tolerance or fit a budget, from pilot runs.
+"""`brownpipe plan`: a table of engines for a tolerance, from pilot runs.
 
-An engine is excluded if a run costs at least as much as an exact one, or if its bias, with the standard error of that,
-is as large as the tolerance. At equal cost, within EQUAL, the exact engine is preferred.
+The squared error of n runs is bias^2 + se^2 + spread^2/n, with the standard error se of the bias and the standard
+deviation `spread` over runs. An engine that costs more than the exact one is not compared.
 """
 
+import os
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from brownpipe.engines import DEFINITIONS, Engine, configured
 from brownpipe.errors import RequestError
-from brownpipe.formatting import in_bytes, in_time
+from brownpipe.formatting import in_time
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import MOST_SEEDS
+from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.stages import tracked
-from brownpipe.study.batches import automatic_batches
-from brownpipe.study.run_count import DISTRIBUTION, average_of_msd, case_title, run_pilot
+from brownpipe.storage import write_file
+from brownpipe.study.run_count import DISTRIBUTION, case_title, run_pilot
 from brownpipe.study.study import REFERENCE, Study
-from brownpipe.study.workload import seconds_of_jobs
-from brownpipe.tradeoff import FEWEST_RUNS, compare, runs_for, timing
+from brownpipe.tradeoff import compare, runs_for, timing
 
-NAMES = {
-    "msd": "MSD at the end",
-    "d": "D in the first fit window",
-    DISTRIBUTION: "displacement distribution at the end",
-}
 VARIABLES = {  # of `tradeoff.compare`: bias, its standard error or noise, spread of a run
     "msd": ("msd_bias", "msd_bias_standard_error", "msd_spread"),
     "d": ("d_bias", "d_bias_standard_error", "d_spread"),
     DISTRIBUTION: ("displacement_bias", "displacement_bias_noise", "displacement_spread"),
 }
+NOT_INHERITED = ("batch", "tolerance", "target", "instead_of", "figures", "record")  # keys of a study that is planned
 TIMING_REPEATS = 3
-EQUAL = 0.1  # relative difference of costs, or of errors
+EQUAL = 0.1  # relative difference of costs within which the exact engine is preferred
 
 
 class Performance(NamedTuple):
@@ -44,47 +43,45 @@ class Performance(NamedTuple):
     engine: Engine
     bias: float  # 0 for the exact engine; NaN if it was not compared, as it costs more
     bias_error: float  # standard error of the bias
-    scatter: float  # standard deviation over runs
+    spread: float  # standard deviation over runs
     seconds: float  # of CPU for one run
     share_sound: float = 1.0  # of runs that do not fail
 
-    @property
-    def bias_square(self) -> float:
-        """The squared bias that enters the total error, with the variance of its estimate."""
-        return self.bias**2 + self.bias_error**2
+    def runs_for(self, tolerance: float) -> int | None:
+        """Return the runs, failing ones included, that a tolerance needs; None for a bias too large or not compared."""
+        return (
+            None
+            if np.isnan(self.bias)
+            else runs_for(tolerance, self.bias**2 + self.bias_error**2, self.spread, self.share_sound)
+        )
 
 
 class Offer(NamedTuple):
-    """A number of runs of one engine in each of some cases."""
+    """A number of runs of one engine in each case."""
 
     engine: Engine
     runs: int  # of each case
-    error: float  # expected total error, relative: the largest of the cases
-    seconds: float  # of CPU, with starting the processes
-    size: float  # bytes of files
-    failing: int = 0  # of these runs of a case, that are expected to fail
+    seconds: float  # of CPU, of the runs of all cases
 
 
 def performance_of(study: Study, target: str) -> list[list[Performance]]:
     """Return, for each case, the exact engine and the candidates by pilot runs; one that costs more is not compared."""
-    window = study.fit_windows[0]
-    average = "runs" if target == DISTRIBUTION else average_of_msd(study)
-    return [_by_pilots(scene, target, window, average) for scene in tracked(study.cases, "cases")]
+    return [_by_pilots(study, scene, target) for scene in tracked(study.cases, "cases")]
 
 
-def _by_pilots(scene: Scene, target: str, window: tuple[float, float], average: str) -> list[Performance]:
+def _by_pilots(study: Study, scene: Scene, target: str) -> list[Performance]:
     found: list[Performance] = []
     for engine in tracked([REFERENCE, *candidates(scene)], "engines"):
         seconds = timing.seconds_per_run(engine, scene, TIMING_REPEATS)
         if found and seconds >= found[0].seconds:
             found.append(Performance(scene, engine, np.nan, np.nan, np.nan, seconds))
             continue
-        runs = run_pilot(scene, engine, average)
+        runs = run_pilot(study, scene, engine, target)
         if engine == REFERENCE:  # the first
             exact = runs
-        values = compare(runs, exact, window, seconds)
-        bias, error, scatter = (float(values[name]) for name in VARIABLES[target])
-        found.append(Performance(scene, engine, bias, error, scatter, seconds, runs.share_sound))
+        values = compare(runs, exact, study.fit_windows[0], seconds)
+        bias, error, spread = (float(values[name]) for name in VARIABLES[target])
+        found.append(Performance(scene, engine, bias, error, spread, seconds, runs.share_sound))
     return found
 
 
@@ -100,102 +97,51 @@ def candidates(scene: Scene) -> list[Engine]:
     return engines
 
 
-def offers(cases: Sequence[Sequence[Performance]], tolerance: float | None, budget: float | None) -> list[Offer]:
-    """Return the offers that meet the tolerance in all cases within the budget (CPU seconds), the cheapest first.
+def offers(cases: Sequence[Sequence[Performance]], tolerance: float) -> list[Offer]:
+    """Return the offers that meet the tolerance in all cases, the cheapest first.
 
-    Without a tolerance: one offer for each engine that spends the budget, the most accurate first. An engine that was
-    not compared in a case, or costs at least as much as the exact one in all cases together, offers nothing.
+    An engine that was not compared in a case offers nothing.
     """
     made = []
-    exact_seconds = sum(case[0].seconds for case in cases)
     for engine in [performance.engine for performance in cases[0]]:
-        performances = [each for case in cases for each in case if each.engine == engine]
-        is_compared = len(performances) == len(cases) and not any(np.isnan(each.bias) for each in performances)
-        if not is_compared or (engine != REFERENCE and sum(each.seconds for each in performances) >= exact_seconds):
-            continue
-        runs = _runs_for_tolerance(performances, tolerance) if tolerance else _runs_for_budget(performances, budget)
-        offer = _offer(engine, performances, runs) if runs else None
-        if offer is not None and (tolerance is None or budget is None or offer.seconds <= budget):
-            made.append(offer)
-
-    def rank(offer: Offer) -> float:
-        return (offer.seconds if tolerance else offer.error) * (1.0 - EQUAL if offer.engine == REFERENCE else 1.0)
-
-    return sorted(made, key=rank)
+        needed = [each.runs_for(tolerance) for case in cases for each in case if each.engine == engine]
+        if None not in needed and len(needed) == len(cases) and max(needed) <= MOST_SEEDS:
+            seconds = sum(each.seconds for case in cases for each in case if each.engine == engine)
+            made.append(Offer(engine, max(needed), max(needed) * seconds))
+    return sorted(made, key=lambda offer: offer.seconds * (1.0 - EQUAL if offer.engine == REFERENCE else 1.0))
 
 
-def _offer(engine: Engine, performances: Sequence[Performance], runs: int) -> Offer:
-    """Return the error and cost of so many runs of an engine in each case, in jobs as of `batch: auto`."""
-    seconds, size = 0.0, 0.0
-    for each in performances:
-        cost = engine.forecast(each.scene)._replace(seconds=each.seconds)
-        seconds += seconds_of_jobs(cost, runs, len(automatic_batches(range(runs), engine.forecast(each.scene))))
-        size += runs * cost.recorded
-    error = max(float(np.sqrt(each.bias_square + each.scatter**2 / (runs * each.share_sound))) for each in performances)
-    failing = round(runs * (1.0 - min(each.share_sound for each in performances)))
-    return Offer(engine, runs, error, seconds, size, failing)
-
-
-def _runs_for_tolerance(performances: Sequence[Performance], tolerance: float) -> int | None:
-    """Return the runs, failing ones included, that the most demanding case needs; None for a bias too large."""
-    needed = [runs_for(tolerance, each.bias_square, each.scatter, each.share_sound) for each in performances]
-    return None if None in needed or max(needed) > MOST_SEEDS else max(needed)
-
-
-def _runs_for_budget(performances: Sequence[Performance], budget: float) -> int | None:
-    """Return the runs of each case that the budget pays for; None if fewer than FEWEST_RUNS of them do not fail."""
-    runs = MOST_SEEDS
-    while runs and (spent := _offer(performances[0].engine, performances, runs).seconds) > budget:
-        runs = min(runs - 1, int(runs * budget / spent))
-    return runs if runs * min(each.share_sound for each in performances) >= FEWEST_RUNS else None
-
-
-def recommendation(
-    cases: Sequence[Sequence[Performance]], target: str, tolerance: float | None, budget: float | None
-) -> str:
-    """Return the best engine, the runner-up and the excluded engines for each case, then one engine for all cases."""
-    limits = [f"to {_percent(tolerance)}"] if tolerance is not None else []
-    limits += [f"within {in_time(budget)} of CPU"] if budget is not None else []
-    lines = []
-    for case in cases:
-        lines.append(f"{case_title(case[0].scene)}: {NAMES[target]} {' '.join(limits)}, from pilot runs")
-        lines += _choice([case], tolerance, budget / len(cases) if budget is not None else None)
-        lines += _excluded(case, tolerance)
-    if len(cases) > 1:
-        lines += ["the same engine in all cases", *_choice(cases, tolerance, budget)]
-    return in_lines(lines)
-
-
-def _choice(cases: Sequence[Sequence[Performance]], tolerance: float | None, budget: float | None) -> list[str]:
-    """Return the best two offers; if there is none, that fact and the most accurate offer within the budget."""
-    made = offers(cases, tolerance, budget)
-    if made:
-        return [f"  {rank:<9}  {_in_words(offer)}" for rank, offer in zip(("use", "runner-up"), made, strict=False)]
-    lines = ["  cannot be met" + (f" within {in_time(budget)} of CPU" if budget is not None else "")]
-    if tolerance is not None and budget is not None:
-        lines += [f"  instead    {_in_words(offer)}" for offer in offers(cases, None, budget)[:1]]
-    return lines
-
-
-def _in_words(offer: Offer) -> str:
-    """Return runs, error and cost of an offer."""
-    failing = f", of which some {offer.failing:,} fail" if offer.failing else ""
-    runs = f"{offer.engine.label}: {offer.runs:,} runs{failing}, error {_percent(offer.error)}"
-    return f"{runs}; {in_time(offer.seconds)} of CPU, {in_bytes(offer.size)} of files"
-
-
-def _excluded(case: Sequence[Performance], tolerance: float | None) -> list[str]:
-    """Return the engines that cost more than the exact one, and those whose bias alone may exceed the tolerance."""
-    lines = []
-    for each in case[1:]:
-        if each.seconds >= case[0].seconds:
-            ratio = f"{each.seconds / case[0].seconds:.2g}"
-            lines.append(f"  no         {each.engine.label}: a run costs {ratio} times as much as an exact one")
-        elif tolerance is not None and each.bias_square >= tolerance**2:
-            known = f"known to {_percent(each.bias_error)}"
-            lines.append(f"  no         {each.engine.label}: its bias is {_percent(each.bias)}, {known}")
-    return lines
+def recommendation(cases: Sequence[Sequence[Performance]], target: str, tolerance: float) -> str:
+    """Return a table of the engines in each case, and the best two offers for all cases."""
+    rows = [
+        {
+            "case": case_title(each.scene),
+            "engine": each.engine.label,
+            "CPU of a run": in_time(each.seconds),
+            f"bias of {target}": "" if np.isnan(each.bias) else f"{_percent(each.bias)} +- {_percent(each.bias_error)}",
+            "runs": each.runs_for(tolerance) or ("costs more than exact" if np.isnan(each.bias) else "bias too large"),
+        }
+        for case in cases
+        for each in case
+    ]
+    lines = [*pd.DataFrame(rows).to_string(index=False).splitlines(), f"{target} to {_percent(tolerance)}:"]
+    made = offers(cases, tolerance)
+    for word, offer in zip(("use", "or"), made, strict=False):
+        runs = f"{offer.engine.label}: {offer.runs:,} runs in each case"
+        lines.append(f"{word:<4}{runs}; {in_time(offer.seconds)} of CPU")
+    return in_lines(lines if made else [*lines, "no engine can"])
 
 
 def _percent(share: float) -> str:
     return f"{100 * share:.2g} %"
+
+
+def write_study(study_file: str | Path, path: str | Path, offer: Offer, comment: str) -> None:
+    """Write a study below a line of comment, all or nothing: the scenes of another study, with the runs of an offer."""
+    mapping: dict[str, Any] = {key: value for key, value in read_yaml(study_file).items() if key not in NOT_INHERITED}
+    scenes = mapping["scenes"] if isinstance(mapping["scenes"], list) else [mapping["scenes"]]
+    folder = Path(path).resolve().parent
+    mapping["scenes"] = [os.path.relpath(Path(study_file).resolve().parent / scene, folder) for scene in scenes]
+    mapping |= {"engines": [{"name": offer.engine.name, **dict(offer.engine.settings)}], "seeds": offer.runs}
+    folder.mkdir(parents=True, exist_ok=True)
+    write_file(path, f"# {comment}\n\n{yaml_text(mapping, in_blocks=True)}".encode())

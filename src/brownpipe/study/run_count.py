@@ -4,6 +4,7 @@ The number of pilot runs follows from the forecast, not from a clock: a study ha
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,13 +18,11 @@ from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.stages import tracked
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
 from brownpipe.study.study import MOST_JOBS, REFERENCE, Study
-from brownpipe.study.workload import PILOT_SECONDS
 
 COMMENT = "# The number of runs that the tolerance of this study needs, determined once."
-LEAST_SOUND = 0.01  # share of runs that do not fail
-DISTRIBUTION = "displacement_distribution"  # the target whose scatter is known without pilot runs
-SQUARES = "square_displacement"  # the observable
+SQUARES, DISTRIBUTION = "square_displacement", "displacement_distribution"  # an observable; a target
 FIRST_SEED = 2**40
+PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
 FEWEST_RUNS, MOST_RUNS = 10, 400  # of a pilot
 
 
@@ -45,7 +44,8 @@ def write_plan(study: Study, path: str | Path) -> int:
 def settled(study: Study, path: str | Path | None) -> Study:
     """Return the study with as many seeds as the file that `write_plan` wrote says; one that has seeds is unchanged.
 
-    Raises RequestError if there is no such file, StorageError if it is not as it was written.
+    A `batch` too small for so many runs is replaced by batches of their cost. Raises RequestError if there is no such
+    file, StorageError if it is not as it was written.
     """
     if study.tolerance is None:
         return study
@@ -53,35 +53,24 @@ def settled(study: Study, path: str | Path | None) -> Study:
         raise RequestError("--plan: missing; the number of runs for a tolerance is in results/STUDY/plan/*.yaml")
     with naming(path, "plan"):
         read_sealed(path)
-    plan = read_yaml(path)
-    runs = plan.get("runs") if isinstance(plan, dict) else None
-    if not isinstance(runs, int) or not 0 < runs <= MOST_SEEDS:
-        raise RequestError(f"{path}: says no number of runs; delete it and run the study again")
-    study = study.model_copy(update={"seeds": range(runs)})
-    while study.batch is not None and runs * len(study.cases) > MOST_JOBS * study.batch:
-        study = study.model_copy(update={"batch": 2 * study.batch})
-    return study
+    runs = read_yaml(path)["runs"]
+    too_many = study.batch is not None and runs * len(study.cases) > MOST_JOBS * study.batch
+    return study.model_copy(update={"seeds": range(runs)} | ({"batch": None} if too_many else {}))
 
 
-def average_of_msd(study: Study) -> str:
-    """Return over what the squared displacements of a study are averaged within a run: runs (not at all) or another."""
-    return study.average if SQUARES in study.observables else "runs"
+def run_pilot(study: Study, scene: Scene, engine: Engine, target: str) -> tradeoff.EngineRuns:
+    """Run the pilot of a scene by an engine, with the same seeds for all engines.
 
-
-def pilot_runs(scene: Scene, average: str = "runs") -> int:
-    """Return the number of runs of a pilot; the time of those that fail does not count, as they say nothing."""
-    seconds = _forecast(scene, average) - forecast.SECONDS_TO_FAIL * share_failing(scene)
-    return int(np.clip(PILOT_SECONDS / seconds, FEWEST_RUNS, MOST_RUNS))
-
-
-def run_pilot(scene: Scene, engine: Engine, average: str = "runs") -> tradeoff.EngineRuns:
-    """Run the pilot of a scene by an engine, with the same seeds for all engines and this `average` in each run."""
-    seeds = range(FIRST_SEED, FIRST_SEED + pilot_runs(scene, average))
-    ensemble = engine.simulate(scene, seeds, frozenset({"tracer"}), observables=_measured(average), average=average)
+    Squared displacements are averaged within a run as in the study, unless the target is their distribution.
+    """
+    names = (SQUARES,) if SQUARES in study.observables and target != DISTRIBUTION else ()
+    measured: dict[str, Any] = {"observables": names, "average": study.average if names else "runs"}
+    seconds = forecast.of_run(scene, **measured).seconds - forecast.SECONDS_TO_FAIL * share_failing(scene)
+    number = int(np.clip(PILOT_SECONDS / seconds, FEWEST_RUNS, MOST_RUNS))  # of failing ones more, as they take no time
+    ensemble = engine.simulate(scene, range(FIRST_SEED, FIRST_SEED + number), frozenset({"tracer"}), **measured)
     runs = tradeoff.runs_of(scene, engine, ensemble)
-    if average == "runs":
-        return runs
-    return runs._replace(squared=ensemble.observables[SQUARES][ensemble.observables["failed"] == 0])
+    sound = ensemble.observables["failed"] == 0
+    return runs._replace(squared=ensemble.observables[SQUARES][sound]) if names else runs
 
 
 def case_title(scene: Scene) -> str:
@@ -89,29 +78,14 @@ def case_title(scene: Scene) -> str:
     return f"{scene.name}, N = {scene.particles}"
 
 
-def _measured(average: str) -> tuple[str, ...]:
-    return () if average == "runs" else (SQUARES,)
-
-
-def _forecast(scene: Scene, average: str) -> float:
-    """CPU seconds of a run of the pilot."""
-    return forecast.of_run(scene, observables=_measured(average), average=average).seconds
-
-
 def _runs_needed(scene: Scene, study: Study) -> int:
     """Return the number of exact runs of a scene, with failing ones, whose standard error is the study's tolerance."""
-    if study.target == DISTRIBUTION:
-        scatter, sound = tradeoff.bias.spread_of_shares(), 1.0 - share_failing(scene)
-    else:
-        pilot = run_pilot(scene, REFERENCE, average_of_msd(study))
-        try:
-            scatter, sound = tradeoff.spread_of(pilot, study.target, study.fit_windows[0]), pilot.share_sound
-        except AnalysisError as error:
-            raise RequestError(str(error)) from error
-    if sound < LEAST_SOUND:
-        share = f"{100 * (1 - sound):.4g} % of the runs are expected to fail"
-        raise RequestError(f"{case_title(scene)}: {share}; must be fewer or smaller disks, or `placement: lattice`")
-    runs = tradeoff.runs_for(study.tolerance, 0.0, scatter, sound)
+    pilot = run_pilot(study, scene, REFERENCE, study.target)
+    try:
+        scatter = tradeoff.spread_of(pilot, study.target, study.fit_windows[0])
+    except AnalysisError as error:
+        raise RequestError(str(error)) from error
+    runs = tradeoff.runs_for(study.tolerance, 0.0, scatter, pilot.share_sound)
     if runs > MOST_SEEDS:
         needed = f"a tolerance of {study.tolerance:g} needs {runs} runs; at most {MOST_SEEDS}"
         raise RequestError(f"{case_title(scene)}: {needed}")

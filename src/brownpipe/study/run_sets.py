@@ -11,20 +11,28 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.engines import Engine, forecast
 from brownpipe.provenance import STEPS, digest_of, source_digest
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
-from brownpipe.scene.seeds import seed_text
+from brownpipe.scene.seeds import batches, ranges, seed_text
 from brownpipe.storage.store import DIGITS, StoredFile, folder_of_runs, runs_digest, stored_batches, without
-from brownpipe.study.study import EngineUse, Study
+from brownpipe.study.study import Study
+
+SECONDS = 30.0  # CPU time of a job of `batch: auto`: starting one takes 2 % of it
+OFTEN = 20.0  # and it is longer by so many times what a job calculates once
+LARGEST = 1e9  # bytes of memory of such a job
+EQUAL_JOBS = 256  # then their length doubles whenever the number of runs before has doubled
 
 
 class RunSet(NamedTuple):
     """The runs of one engine in one case of a study."""
 
-    use: EngineUse
+    engine: Engine
     case: Scene
     seeds: Sequence[int]  # ascending
+    batch: int | None  # seeds of a job; None: by their cost
+    cost: forecast.Cost  # of one run
     digest: str  # of all that determines the runs
     folder: Path  # of their files
 
@@ -33,23 +41,55 @@ class RunSet(NamedTuple):
         """The digits at the end of the folder."""
         return self.digest[:DIGITS]
 
+    def jobs(self, seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
+        """Return first and last seed of each job that makes these seeds."""
+        return batches(seeds, self.batch) if self.batch else automatic_batches(seeds, self.cost)
+
+    @property
+    def most_seeds(self) -> int:
+        """The largest number of seeds of a job."""
+        return max(last - first + 1 for first, last in self.jobs(self.seeds))
+
+
+def automatic_batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost) -> list[tuple[int, int]]:
+    """Return first and last seed of each batch, for ascending seeds of runs of this cost.
+
+    Neither the number of cores nor that of seeds enters: a study has the same jobs on every machine, and complete
+    batches stay valid when seeds are added. Every range of consecutive seeds begins with batches of SECONDS.
+    """
+    most = max(1, forecast.most_runs(cost, LARGEST))
+    size = min(most, _power_of_two((SECONDS + OFTEN * cost.once) / (cost.seconds + cost.storing)))
+    found = []
+    for first, last in ranges(seeds):
+        start = first
+        while start <= last:
+            length = min(most, size * _power_of_two((start - first) / (EQUAL_JOBS * size)))
+            found.append((start, min(start + length - 1, last)))
+            start += length
+    return found
+
+
+def _power_of_two(number: float) -> int:
+    """Return the largest power of two up to a number; 1 for less."""
+    return 1 << max(int(number).bit_length() - 1, 0)
+
 
 def run_sets(study: Study) -> list[RunSet]:
     """Return the runs of a study, case by case; their seeds must be known, or there are none yet."""
     sets = []
     for case in study.cases:
-        for use in (use for use in study.engine_uses if case.name in use.scenes):
-            digest = runs_digest(case, use.engine, {study.record}, study.observables, study.average)
-            seeds = use.seeds or study.seeds or ()
-            sets.append(RunSet(use, case, seeds, digest, folder_of_runs(case, use.engine, digest)))
+        for engine, _, seeds in (use for use in study.uses if use.case is case):
+            cost, digest = engine.forecast(case, *study.recording), runs_digest(case, engine, *study.recording)
+            folder = folder_of_runs(case, engine, digest)
+            sets.append(RunSet(engine, case, seeds or study.seeds, study.batch, cost, digest, folder))
     return sets
 
 
-def batches_of(study: Study, runs: RunSet) -> list[tuple[int, int]]:
+def batches_of(runs: RunSet) -> list[tuple[int, int]]:
     """Return first and last seed of each file: those that are there, and those to be made of the seeds that are not."""
     seeds = np.asarray(runs.seeds, np.int64)
     stored = stored_batches(runs.folder, seeds)
-    return sorted([*stored, *study.batches_of(runs.use, runs.case, without(seeds, stored))])
+    return sorted([*stored, *runs.jobs(without(seeds, stored))])
 
 
 def files_of(study: Study) -> list[StoredFile]:
@@ -57,15 +97,17 @@ def files_of(study: Study) -> list[StoredFile]:
     return [
         StoredFile(runs.folder / f"{first}-{last}.h5", runs.digest, first, last, runs.seeds)
         for runs in run_sets(study)
-        for first, last in batches_of(study, runs)
+        for first, last in batches_of(runs)
     ]
 
 
-def commands(study: Study) -> dict[str, dict[str, str]]:
-    """Return what `brownpipe simulate` is told, in words of a shell, by the digits at the end of the folder of runs."""
+def commands(study: Study) -> dict[str, str]:
+    """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of its folder."""
     scenes = {path.stem: shell_path(os.path.relpath(path)) for path in study.scenes}
+    measured = f" --observables {','.join(study.observables)} --average {study.average}" if study.observables else ""
     return {
-        runs.key: {"scene": scenes[runs.case.name], "engine": runs.use.engine.options, "digest": runs.digest}
+        runs.key: f"{scenes[runs.case.name]} --particles {runs.case.particles} --engine {runs.engine.options}"
+        f" --record {study.record}{measured} --planned {runs.digest}"
         for runs in run_sets(study)
     }
 
@@ -78,8 +120,9 @@ def listed_runs(study: Study) -> list[str]:
 def digests(study: Study) -> dict[str, str]:
     """Return the first digits of a SHA-256 over all that each step of the workflow after `simulate` is made from."""
     runs = [*listed_runs(study), study.tolerance, study.target, study.fit_windows[0]]
-    analysis = [study.fit_windows, study.displacement_times, study.rings]
-    found = {name: source_digest(*STEPS[name]) for name in STEPS if name != "simulate"}
+    rings = study.rings and [study.rings.dr, study.rings.count]
+    analysis = [study.fit_windows, study.displacement_times, rings]
+    found = {step: source_digest(*modules) for step, modules in STEPS.items()}
     aggregate = digest_of(runs, analysis, found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])
     return {

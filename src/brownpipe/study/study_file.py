@@ -15,8 +15,7 @@ from brownpipe.scene.yaml_file import Document, read_yaml, scalar
 from brownpipe.study.study import Study
 
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
-LISTS = ("particles", "engines", "observables", "figures", "displacement_times")  # keys of plain lists
-REPLACED = {"seeds": ("tolerance", "target"), "tolerance": ("seeds",)}  # by a new value of these keys
+REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of these keys
 
 
 def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
@@ -30,7 +29,9 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
         if not is_study(mapping) and mapping.keys() & {"box", "disks", "duration"}:
             cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
             raise RequestError(f"{path}: is a scene, not a study; {cure}")
-        gone = {key: None for new in overrides for key in REPLACED.get(new, ()) if key in mapping and overrides[new]}
+        gone = {
+            REPLACED[new]: None for new in overrides.keys() & REPLACED if overrides[new] and REPLACED[new] in mapping
+        }
         mapping = mapping.with_values({**gone, **overrides}) if overrides else mapping
     name = validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
     return validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
@@ -45,17 +46,9 @@ def variant(overrides: Mapping[str, Any]) -> str:
 def from_command_line(values: Mapping[str, object]) -> dict[str, object]:
     """Return the values of `snakemake --config KEY=VALUE` with the types that they would have in a study file.
 
-    Snakemake reads numbers inside lists and mappings, null, true and false as text. A key that takes a list takes a
-    text with commas, too: particles=50,150.
+    Snakemake reads numbers inside lists and mappings, null, true and false as text.
     """
-    return {key: _with_types(_listed(key, value)) for key, value in values.items()}
-
-
-def _listed(key: str, value: object) -> object:
-    """Return the parts of a text with commas as a list, if the key takes a list; otherwise the value."""
-    if key in LISTS and isinstance(value, str) and "," in value and value[0] not in "[{":
-        return [part.strip() for part in value.split(",")]
-    return value
+    return {key: _with_types(value) for key, value in values.items()}
 
 
 def _with_types(value: object) -> object:

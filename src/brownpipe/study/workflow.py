@@ -7,33 +7,30 @@ import fcntl
 import json
 import os
 import shlex
-import signal
-import subprocess
 import sys
 import sysconfig
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from importlib.util import find_spec
 from logging import Logger
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from brownpipe.errors import RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.provenance import PACKAGE
 from brownpipe.quoting import shell_path
 from brownpipe.scene.yaml_file import read_yaml
-from brownpipe.study.resources import costs_of_runs
+from brownpipe.study.cost import seconds_of_jobs
+from brownpipe.study.run_sets import run_sets
 from brownpipe.study.study import Study
 from brownpipe.study.study_file import from_command_line, read_study
-from brownpipe.study.workload import seconds_of_jobs
 
 LOCKS = Path(".snakemake/locks")
 _held: list[int] = []  # the open file that says that a Snakemake is alive in this folder
 
 
 def pipeline_folder() -> Path:
-    """Return the folder with the Snakefile, its profile and the example configurations."""
+    """Return the folder with the Snakefile, its profiles and the example configurations."""
     installed = PACKAGE / "pipeline"
     return installed if installed.is_dir() else PACKAGE.parents[1]
 
@@ -44,22 +41,18 @@ def pipeline_folder() -> Path:
 def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object]) -> tuple[Study, str]:
     """Return the study of --configfile and --config, and the words that name it in commands of brownpipe.
 
-    Keys of later files replace those of the first, as Snakemake has it. Ends the process with one line for a mistake.
+    Ends the process with one line for a mistake.
     """
     first, *others = (os.path.relpath(file) for file in files)
+    replaced = from_command_line(config)
     try:
-        replaced: dict[str, object] = {}
-        for file in others:
-            keys = read_yaml(file)
-            if not isinstance(keys, dict):
-                raise RequestError(f"{file}: must be a mapping of keys of a study")
-            replaced |= keys
-        replaced |= from_command_line(config)
+        if others:
+            raise RequestError(f"--configfile {others[0]}: must be one study; replace its keys by --config KEY=VALUE")
         study = read_study(first, replaced)
     except RequestError as error:
         sys.exit(f"brownpipe: {error}")
-    words = [f"{key}={json.dumps(value)}" for key, value in replaced.items()]
-    return study, " ".join([shell_path(first), *(["--config", *map(shlex.quote, words)] if words else [])])
+    words = [shlex.quote(f"{key}={json.dumps(value)}") for key, value in replaced.items()]
+    return study, " ".join([shell_path(first), *(["--config", *words] if words else [])])
 
 
 def remove_stale_locks() -> None:
@@ -79,7 +72,7 @@ def remove_stale_locks() -> None:
 
 def forecast(study: Study, jobs: Sequence[Any], logger: Logger) -> None:
     """Say what the jobs of `simulate` that are due will take; the logger plugin derives the time left from it."""
-    costs = costs_of_runs(study)
+    costs = {runs.key: runs.cost for runs in run_sets(study)}
     runs = {job.output[0]: int(job.wildcards.last) - int(job.wildcards.first) + 1 for job in jobs}
     seconds = {job.output[0]: seconds_of_jobs(costs[job.wildcards.digest], runs[job.output[0]]) for job in jobs}
     total = in_time(sum(seconds.values()))
@@ -90,55 +83,23 @@ def forecast(study: Study, jobs: Sequence[Any], logger: Logger) -> None:
 # -- brownpipe run --------------------------------------------------------------------------------------------------
 
 
-def run_study(study_file: str, cores: int | None, profile: str | None, further: Sequence[str]) -> int:
-    """Run the workflow of a study by Snakemake, with results in `results` of the current folder; return its status.
+def run_study(study_file: str, cores: int | None, profile: str | None, further: Sequence[str]) -> NoReturn:
+    """Become the Snakemake that runs the workflow of a study, with results in `results` of the current folder.
 
-    cores: jobs at the same time (None: all cores, or as many as the profile says). profile: where the jobs run
-    (`profile_folder`); None: on this machine. further: other arguments of Snakemake, such as targets.
-    Raises RequestError for a file that is no YAML and for a profile that cannot be used, PermissionError if the folder
-    cannot be written to. The Snakefile refuses all other mistakes.
+    cores: jobs at the same time (None: all cores, or as many as the profile says). profile: where the jobs run, one of
+    brownpipe's or a folder with a profile of Snakemake; None: on this machine. further: other arguments of Snakemake.
+    Raises RequestError for a file that is no YAML, PermissionError if the folder cannot be written to. The Snakefile
+    refuses all other mistakes.
     """
     read_yaml(study_file)
     if not os.access(".", os.W_OK):
         raise PermissionError(f"{Path.cwd()}: cannot be written to; run the study from another folder")
     place = ["--cores", str(cores or "all")]
     if profile is not None:
-        place = ["--profile", str(profile_folder(profile)), *(["--jobs", str(cores)] if cores else [])]
-    own = Path(sys.argv[0]).parent if Path(sys.argv[0]).name == "brownpipe" else Path(sysconfig.get_path("scripts"))
-    path = os.pathsep.join([str(own.absolute()), os.environ.get("PATH", os.defpath)])
+        own = pipeline_folder() / "profiles" / profile
+        place = ["--profile", str(own if own.is_dir() else profile), *(["--jobs", str(cores)] if cores else [])]
+    scripts = Path(sys.argv[0]).parent if Path(sys.argv[0]).name == "brownpipe" else Path(sysconfig.get_path("scripts"))
+    path = os.pathsep.join([str(scripts.absolute()), os.environ.get("PATH", os.defpath)])
     snakefile = str(pipeline_folder() / "Snakefile")
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", snakefile, "--configfile", study_file]
-    return _wait_for([*command, *place, *further], os.environ | {"PATH": path})
-
-
-def profile_folder(profile: str) -> Path:
-    """Return the folder of a profile of Snakemake, which says where jobs run: `profile` itself, or one of brownpipe's.
-
-    Raises RequestError if there is none, or if Snakemake's plugin for its executor is not installed.
-    """
-    own = pipeline_folder() / "profiles"
-    names = sorted(path.parent.name for path in own.glob("*/config.yaml") if path.parent.name != "default")
-    folders = [Path(profile).absolute(), *(own / name for name in names if name == profile)]
-    folder = next((folder for folder in folders if (folder / "config.yaml").is_file()), None)
-    if folder is None:
-        raise RequestError(f"--profile {profile}: must be a folder with config.yaml, or one of {', '.join(names)}")
-    options = read_yaml(folder / "config.yaml")
-    executor = str(options.get("executor", "local")) if isinstance(options, dict) else "local"
-    if executor != "local" and not find_spec(f"snakemake_executor_plugin_{executor.replace('-', '_')}"):
-        package = f"snakemake-executor-plugin-{executor}"
-        raise RequestError(f"--profile {profile}: there is no {package} here; install it by pip")
-    return folder
-
-
-def _wait_for(command: list[str], environment: dict[str, str]) -> int:
-    """Run Snakemake and return its exit status, as a shell would. It ends by itself at Ctrl-C, which it gets, too."""
-    with subprocess.Popen(command, env=environment) as process:
-        while process.returncode is None:
-            try:
-                process.wait()
-            except KeyboardInterrupt:
-                continue
-            except SystemExit:  # raised for SIGTERM, which only this process gets
-                process.send_signal(signal.SIGTERM)
-                raise
-    return process.returncode if process.returncode >= 0 else 128 - process.returncode
+    os.execve(sys.executable, [*command, *place, *further], os.environ | {"PATH": path})

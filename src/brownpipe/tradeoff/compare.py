@@ -62,11 +62,14 @@ def refuse_motionless(exact: EngineRuns) -> None:
 def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> float:
     """Return the spread of `msd` (at the end) or `d` (in the window) in one run: standard deviation / mean.
 
-    The standard deviation of n runs is estimated with n - 1 degrees of freedom. Raises AnalysisError for fewer than two
-    runs, and if the tracer does not move.
+    For the displacement distribution that of its shares, `bias.spread_of_shares`. The standard deviation of n runs is
+    estimated with n - 1 degrees of freedom. Raises AnalysisError for fewer than two runs, and if the tracer does not
+    move.
     """
     refuse_unfit(runs)
     refuse_motionless(runs)
+    if target not in TARGET_COLUMNS:
+        return bias.spread_of_shares()
     values = _per_run(runs, window)[:, TARGET_COLUMNS[target]]
     return float(values.std(ddof=1) / abs(values.mean()))
 

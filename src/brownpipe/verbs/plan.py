@@ -1,4 +1,4 @@
-"""`brownpipe plan`: engine and number of runs for a tolerance or a CPU time."""
+"""`brownpipe plan`: engine and number of runs for a tolerance."""
 
 import shlex
 from argparse import Namespace
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.verbs.output import YAML, show, writable
-from brownpipe.verbs.values import key_value, seconds
+from brownpipe.verbs.values import key_value
 
 EXAMPLE = "config/harrison2020.yaml --tolerance 2% --write my_study.yaml"
 
@@ -17,7 +17,6 @@ def add_arguments(add: Callable) -> None:
     add("--tolerance", metavar="ERROR", help="relative error that is allowed: 2%% or 0.02")
     target = "quantity with this error: msd (at the end; default), d, or displacement_distribution (at the end)"
     add("--target", metavar="QUANTITY", help=target)
-    add("--budget", type=seconds, metavar="TIME", help="CPU time that may be spent: 60s, 5min, 2h")
     replaced = "other values of the study's keys, as for `snakemake --config`"
     add("--config", nargs="+", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
     add("--count", metavar="PLAN.yaml", help="only determine how many runs the tolerance needs, and store it here")
@@ -25,18 +24,18 @@ def add_arguments(add: Callable) -> None:
 
 
 def plan(arguments: Namespace) -> int:
-    """Find the engine and number of runs that meet a tolerance at the lowest cost, or the best accuracy for a CPU time.
+    """Find the engine and number of runs that meet a tolerance at the lowest cost.
 
     From pilot runs of some 10 s of CPU for each scene and number of disks.
     """
     from brownpipe import progress
     from brownpipe.scene.reading import Name, validated
-    from brownpipe.study import read_study, writing
-    from brownpipe.study.plan import offers, performance_of, recommendation
+    from brownpipe.study import read_study
+    from brownpipe.study.plan import offers, performance_of, recommendation, write_study
     from brownpipe.study.run_count import write_plan
     from brownpipe.study.study import Target, Tolerance, why_no_relative_error
 
-    study, budget = read_study(arguments.study, dict(arguments.config)), arguments.budget
+    study = read_study(arguments.study, dict(arguments.config))
     if arguments.count is not None:
         with progress.shown("plan"):
             runs = write_plan(study, writable(arguments.count, arguments.study, suffixes=YAML))
@@ -46,8 +45,8 @@ def plan(arguments: Namespace) -> int:
     tolerance = study.tolerance
     if arguments.tolerance is not None:
         tolerance = validated(Tolerance, _number(arguments.tolerance), key="--tolerance")
-    if tolerance is None and budget is None:
-        raise RequestError("--tolerance: missing; must be given, or --budget")
+    if tolerance is None:
+        raise RequestError("--tolerance: missing; must be given, as the study has none")
     if reason := why_no_relative_error(study.cases):
         raise RequestError(f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan")
     if arguments.write is not None:
@@ -56,11 +55,10 @@ def plan(arguments: Namespace) -> int:
     output = None if arguments.write is None else writable(arguments.write, *inputs, suffixes=YAML)
     with progress.shown("plan"):
         cases = performance_of(study, target)
-    show(*recommendation(cases, target, tolerance, budget).split("\n"))
-    best = next(iter(offers(cases, tolerance, budget)), None)
+    show(*recommendation(cases, target, tolerance).split("\n"))
+    best = next(iter(offers(cases, tolerance)), None)
     if output is not None and best is not None:
-        mapping = writing.derived_study(arguments.study, output, best.engine, best.runs)
-        writing.write_yaml(output, mapping, " ".join(["brownpipe plan", *map(shlex.quote, arguments.argv[1:])]))
+        write_study(arguments.study, output, best, " ".join(["brownpipe plan", *map(shlex.quote, arguments.argv[1:])]))
         show(f"{output}: a study with this engine and number of runs")
     return FAILED if best is None else DONE
 
