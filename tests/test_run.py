@@ -51,7 +51,7 @@ def test_new_writes_a_scene_and_a_study_that_are_valid_and_names_the_next_comman
     assert [words[1] for words in next_commands] == ["check", "run"]
     described = [said(capsys, *words[1:]) for words in next_commands]
     assert [status for status, _, _ in described] == [DONE, DONE] and len(started) == 1
-    seconds = re.search(r"^total     600 runs in 2 jobs .* some ([0-9.]+) s of CPU", described[0][1], re.MULTILINE)
+    seconds = re.search(r"^total     600 runs in 2 jobs: some ([0-9.]+) s of CPU", described[0][1], re.MULTILINE)
     assert float(seconds[1]) < 15  # a wall time below 30 s on two cores, with kernels to compile
     assert said(capsys, "check", "my studies/first_scene.yaml")[0] == DONE
     readme = out.rpartition("all keys: ")[2].strip()
