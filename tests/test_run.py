@@ -143,12 +143,36 @@ def test_a_lock_of_a_study_that_runs_outlives_a_dry_run_that_began_before(monkey
 # -- on a cluster ---------------------------------------------------------------------------------------------------
 
 
-def test_a_profile_says_where_jobs_run_and_how_many(capsys, study, started):
+@pytest.fixture
+def plugin(monkeypatch):
+    """Snakemake's plugin for Slurm, as if it were installed."""
+    monkeypatch.setattr(workflow, "find_spec", lambda name: name if name == "snakemake_executor_plugin_slurm" else None)
+
+
+def test_a_profile_says_where_jobs_run_and_how_many(capsys, study, started, plugin):
     Path("my profile").mkdir()
     Path("my profile/config.yaml").write_text("executor: slurm\n")
-    for name, folder in (("slurm", ROOT / "profiles" / "slurm"), ("my profile", "my profile")):
+    for name, folder in (("slurm", ROOT / "profiles" / "slurm"), ("my profile", Path("my profile").absolute())):
         assert said(capsys, "run", study, "--profile", name) == (DONE, "", "")
         assert started[-1][0][-2:] == ["--profile", str(folder)]
     assert said(capsys, "run", study, "--profile", "slurm", "-j", "9") == (DONE, "", "")
     assert started[-1][0][-2:] == ["--jobs", "9"]
     assert "--cores" not in started[-1][0]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("slrum", "--profile slrum: must be a folder with config.yaml, or one of slurm"),
+        ("other", "--profile other: there is no snakemake-executor-plugin-my-queue here; install it by pip"),
+        ("empty", "empty/config.yaml: empty; must be a mapping of keys to values"),
+    ],
+)
+def test_a_profile_that_cannot_be_used(capsys, study, started, plugin, name, message):
+    for folder, text in (("other", "executor: my-queue\n"), ("empty", "")):
+        Path(folder).mkdir()
+        Path(folder, "config.yaml").write_text(text)
+    for further in ([], ["-n"]):
+        status, out, err = said(capsys, "run", study, "--profile", name, *further)
+        assert (status, out, started) == (WRONG_REQUEST, "", [])
+        assert err.startswith("brownpipe: ") and err.endswith(f"{message}\n")

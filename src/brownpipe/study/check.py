@@ -38,6 +38,7 @@ def _scene(scene: Scene) -> list[str]:
     lines = [
         f"box         {scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
         f"disks       {_disks(scene)}; packing fraction {scene.packing_fraction:.4g}",
+        f"start       {_start(scene)}",
         *([f"settle      {settling}"] if (settling := settling_in_words(scene)) else []),
         f"run         from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
         f"collisions  {counts} per run (Enskog, in equilibrium)",
@@ -62,6 +63,23 @@ def _disks(scene: Scene) -> str:
     """Return number, radius and mass of the disks of each species."""
     species = [f"{s.count} {s.name} (radius {s.radius:g}, mass {s.mass:g})" for s in scene.species if s.count]
     return f"{scene.particles}: {', '.join(species)}" if species else f"{scene.particles}, listed one by one"
+
+
+def _start(scene: Scene) -> str:
+    """Return how positions and velocities are drawn, and how they are equilibrated."""
+    velocities = scene.velocities
+    if velocities is None:
+        return "as listed"
+    placed = {"random": "placed at random", "lattice": "on a lattice"}[scene.placement]
+    width = (
+        f"with kT = {velocities.temperature:g}"
+        if velocities.standard_deviation is None
+        else f"with standard deviation {velocities.standard_deviation:g}"
+    )
+    zero_momentum = ", total momentum zero" if velocities.zero_momentum else ""
+    tracer = scene.equilibrate.tracer
+    equilibrated = f"; equilibrated for {scene.equilibrate.time:g}, tracer {tracer}" if scene.equilibrate.time else ""
+    return f"{placed}; velocity components normal {width}{zero_momentum}{equilibrated}"
 
 
 def _study(study: Study) -> list[str]:

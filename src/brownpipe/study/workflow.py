@@ -11,6 +11,7 @@ import sys
 import sysconfig
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from importlib.util import find_spec
 from logging import Logger
 from pathlib import Path
 from typing import Any, NoReturn
@@ -41,13 +42,17 @@ def pipeline_folder() -> Path:
 def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object]) -> tuple[Study, str]:
     """Return the study of --configfile and --config, and the words that name it in commands of brownpipe.
 
-    Ends the process with one line for a mistake.
+    Keys of later files replace those of the first, as Snakemake has it. Ends the process with one line for a mistake.
     """
     first, *others = (os.path.relpath(file) for file in files)
-    replaced = from_command_line(config)
     try:
-        if others:
-            raise RequestError(f"--configfile {others[0]}: must be one study; replace its keys by --config KEY=VALUE")
+        replaced: dict[str, object] = {}
+        for file in others:
+            keys = read_yaml(file)
+            if not isinstance(keys, dict):
+                raise RequestError(f"{file}: must be a mapping of keys of a study")
+            replaced |= keys
+        replaced |= from_command_line(config)
         study = read_study(first, replaced)
     except RequestError as error:
         sys.exit(f"brownpipe: {error}")
@@ -86,20 +91,38 @@ def forecast(study: Study, jobs: Sequence[Any], logger: Logger) -> None:
 def run_study(study_file: str, cores: int | None, profile: str | None, further: Sequence[str]) -> NoReturn:
     """Become the Snakemake that runs the workflow of a study, with results in `results` of the current folder.
 
-    cores: jobs at the same time (None: all cores, or as many as the profile says). profile: where the jobs run, one of
-    brownpipe's or a folder with a profile of Snakemake; None: on this machine. further: other arguments of Snakemake.
-    Raises RequestError for a file that is no YAML, PermissionError if the folder cannot be written to. The Snakefile
-    refuses all other mistakes.
+    cores: jobs at the same time (None: all cores, or as many as the profile says). profile: where the jobs run
+    (`profile_folder`); None: on this machine. further: other arguments of Snakemake, such as targets.
+    Raises RequestError for a file that is no YAML and for a profile that cannot be used, PermissionError if the folder
+    cannot be written to. The Snakefile refuses all other mistakes.
     """
     read_yaml(study_file)
     if not os.access(".", os.W_OK):
         raise PermissionError(f"{Path.cwd()}: cannot be written to; run the study from another folder")
     place = ["--cores", str(cores or "all")]
     if profile is not None:
-        own = pipeline_folder() / "profiles" / profile
-        place = ["--profile", str(own if own.is_dir() else profile), *(["--jobs", str(cores)] if cores else [])]
+        place = ["--profile", str(profile_folder(profile)), *(["--jobs", str(cores)] if cores else [])]
     scripts = Path(sys.argv[0]).parent if Path(sys.argv[0]).name == "brownpipe" else Path(sysconfig.get_path("scripts"))
     path = os.pathsep.join([str(scripts.absolute()), os.environ.get("PATH", os.defpath)])
     snakefile = str(pipeline_folder() / "Snakefile")
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", snakefile, "--configfile", study_file]
     os.execve(sys.executable, [*command, *place, *further], os.environ | {"PATH": path})
+
+
+def profile_folder(profile: str) -> Path:
+    """Return the folder of a profile of Snakemake, which says where jobs run: `profile` itself, or one of brownpipe's.
+
+    Raises RequestError if there is none, or if Snakemake's plugin for its executor is not installed.
+    """
+    own = pipeline_folder() / "profiles"
+    names = sorted(path.parent.name for path in own.glob("*/config.yaml") if path.parent.name != "default")
+    folders = [Path(profile).absolute(), *(own / name for name in names if name == profile)]
+    folder = next((folder for folder in folders if (folder / "config.yaml").is_file()), None)
+    if folder is None:
+        raise RequestError(f"--profile {profile}: must be a folder with config.yaml, or one of {', '.join(names)}")
+    options = read_yaml(folder / "config.yaml")
+    executor = str(options.get("executor", "local")) if isinstance(options, dict) else "local"
+    if executor != "local" and not find_spec(f"snakemake_executor_plugin_{executor.replace('-', '_')}"):
+        package = f"snakemake-executor-plugin-{executor}"
+        raise RequestError(f"--profile {profile}: there is no {package} here; install it by pip")
+    return folder
