@@ -37,6 +37,7 @@ WORDS = {  # of pydantic, and the same in messages here
     "a valid string": "a text",
     "a valid tuple": "a list",
 }
+TINY = 1e-100  # a bound that only the range of floating-point numbers sets
 BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 NO_MINUS_ZERO = AfterValidator(lambda value: value + 0.0)
@@ -74,7 +75,8 @@ class Record(BaseModel):
             refuse(f"must be a mapping with the keys {', '.join(keys)}, not {found}")
         for key in value:
             if key not in keys:
-                refuse(f"unknown key; {did_you_mean(str(key), keys)}allowed: {', '.join(keys)}", key)
+                hint = "a number has a decimal point; " if str(key).isdigit() else did_you_mean(str(key), keys)
+                refuse(f"unknown key; {hint}allowed: {', '.join(keys)}", key)
         return {key: part for key, part in value.items() if part is not None}
 
     def replace(self, **keys: object) -> Self:
@@ -135,7 +137,8 @@ def _place_and_problem(error: ValidationError) -> tuple[list[str | int], str]:
     if kind == "string_pattern_mismatch":
         problem = "must be a name: letters, digits, '.', '_', '-', the first a letter or digit, at most 64"
     for name in BOUNDS.keys() & context.keys():
-        problem = f"must be {BOUNDS[name]} {context[name]:.10g}"
+        far_below = name == "ge" and value <= 0 < context[name] < TINY
+        problem = "must be > 0" if far_below else f"must be {BOUNDS[name]} {context[name]:.10g}"
     for theirs, ours in WORDS.items():
         problem = problem.replace(theirs, ours)
     hint = did_you_mean(str(value), re.findall("'([^']+)'", context["expected"])) if kind == "literal_error" else ""

@@ -80,7 +80,8 @@ def read_yaml(path: str | Path) -> Any:
     except yaml.YAMLError as error:
         mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
         line = f"line {mark.line + 1}: " if mark else ""
-        raise RequestError(f"{path}: {line}not valid YAML: {problem or 'a character that is not allowed'}") from None
+        problem = (problem or "a character that is not allowed").replace("found char", "found a tab or another char")
+        raise RequestError(f"{path}: {line}not valid YAML: {problem}") from None
     if isinstance(value, dict):
         value = Document(value)
         value.text = text
