@@ -7,7 +7,6 @@ Everything goes to standard error. The display of a whole study is the same: sna
 """
 
 import os
-import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -53,8 +52,8 @@ class Display:
     """A line of progress and the messages above it. No error of the screen ends a calculation."""
 
     def __init__(self) -> None:
-        self.is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
-        self.overwrites = self.is_terminal or "ipykernel" in sys.modules
+        is_terminal = getattr(sys.stderr, "isatty", lambda: False)() and os.environ.get("TERM") != "dumb"
+        self.overwrites = is_terminal or "ipykernel" in sys.modules
         self.began = self.stage_began = time.monotonic()
         self.due = self.began + (DELAY if self.overwrites else LINE_INTERVAL)
         self.first = self.done = self.total = 0.0  # of the stage: done at its first report and at the last one, all
@@ -74,7 +73,7 @@ class Display:
             left = (now - self.stage_began) / (done - self.first) * (total - done)
             text += f", about {_whole_seconds(left)} to go"
         if self.overwrites:
-            self._overwrite(text[: shutil.get_terminal_size().columns - 1])
+            self._overwrite(text[: _columns() - 1])
         else:
             self.say(text)
 
@@ -91,9 +90,16 @@ class Display:
             self._overwrite("")
 
     def _overwrite(self, text: str) -> None:
+        padded, self.length = f"{text:{self.length}}", len(text)  # before it is printed: Ctrl-C may come meanwhile
         with suppress(OSError):
-            print(f"\r{text:{self.length}}", end="", file=sys.stderr, flush=True)
-        self.length = len(text)
+            print(f"\r{padded}", end="", file=sys.stderr, flush=True)
+
+
+def _columns() -> int:
+    """Return the width of the terminal; 80 where it is not known, as in a notebook."""
+    with suppress(OSError, ValueError):
+        return os.get_terminal_size(sys.stderr.fileno()).columns or 80
+    return 80
 
 
 def _whole_seconds(seconds: float) -> str:

@@ -18,7 +18,7 @@ def add_arguments(add: Callable) -> None:
     add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
     add("--output", required=True, metavar="FOLDER", help="folder for the figures, tables and the summary")
     add("--page", metavar="FILE.html", help="also write a page with all results, in one file")
-    names = f"some of {','.join(FIGURES)} (default: all)"
+    names = f"names joined by commas, some of {', '.join(FIGURES)} (default: all)"
     add("--figures", type=several(str), metavar="NAMES", help=names)
     count = "show the runs with this many disks (default: the most)"
     add("--particles", type=integer, metavar="N", help=count)

@@ -29,7 +29,7 @@ def add_arguments(add: Callable) -> None:
     _add_engines(add)
     what = "tracer (default), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what)
-    measured = f"what to measure in each run: some of {','.join(OBSERVABLES)}"
+    measured = f"what to measure in each run: names joined by commas, some of {', '.join(OBSERVABLES)}"
     add("--observables", type=several(str), default=[], metavar="NAMES", help=measured)
     over = "runs (default), or all time origins or equal disks of a run"
     add("--average", default="runs", metavar="OVER", help=over)
