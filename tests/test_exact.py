@@ -39,7 +39,8 @@ def species(*kinds):
 def make(where, kinds, duration, tracer=None, velocities=None, **more):
     disks = {"species": species(*kinds)} | ({} if tracer is None else {"tracer": tracer})
     mapping = {"box": where, "disks": disks, "duration": duration}
-    return parse_scene(mapping | {"velocities": velocities or {"standard_deviation": 1.0}} | more, "made.yaml")
+    velocities = {"zero_momentum": False} | (velocities or {"standard_deviation": 1.0})
+    return parse_scene(mapping | {"velocities": velocities} | more, "made.yaml")
 
 
 def explicit(where, state, duration, **more):

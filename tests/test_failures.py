@@ -39,6 +39,7 @@ particles: 40
 disks:
   tracer: {radius: 0.13, mass: 1.0}
   species: [{name: bath, count: rest, radius: 0.13, mass: 0.4}]
+  placement: random
 velocities: {temperature: 1.0}
 duration: 0.2
 sample_interval: 0.1

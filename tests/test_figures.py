@@ -41,7 +41,7 @@ OF_OBSERVABLES = {
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
     """What trajectories alone give."""
-    return aggregate(study(tmp_path_factory.mktemp("study"), failed=(7, 33)))
+    return aggregate(study(tmp_path_factory.mktemp("study"), failed=(7, 33)), [(0.1, 1.0), (0.5, 1.0)])
 
 
 @pytest.fixture(scope="module")

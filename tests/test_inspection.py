@@ -126,7 +126,7 @@ def dataset(tmp_path_factory):
     """A dataset of two cases, one with a failed run and a missing one: its path, contents and report."""
     folder = tmp_path_factory.mktemp("dataset")
     runs = make_runs(make_scene("few", 10), range(30), failed=(4,)), make_runs(make_scene("many", 20), range(31))
-    contents = analysis.aggregate([write(folder, one) for one in runs])
+    contents = analysis.aggregate([write(folder, one) for one in runs], [(0.1, 1.0), (0.5, 1.0)])
     storage.write_dataset(folder / "study.nc", contents)
     return folder / "study.nc", contents, inspection.report(folder / "study.nc")
 

@@ -290,7 +290,7 @@ def test_enskogs_diffusion_and_the_friction_of_the_engine_are_one_number(name):
     A scene without a temperature is taken at that of its bath.
     """
     scene = read_scene(SCENES / f"{name}.yaml")
-    hot = scene.replace(velocities={"temperature": friction.bath_of(scene).temperature})
+    hot = scene.replace(velocities={"temperature": friction.bath_of(scene).temperature, "zero_momentum": False})
     assert scene.velocities.temperature in (None, hot.velocities.temperature)
     expected = thermodynamics.enskog(hot)
     gamma = friction.friction_rate(scene, "enskog")

@@ -407,7 +407,7 @@ def test_logarithmic_samples_see_the_same_run():
 @pytest.mark.parametrize("boundary", [W, P])
 def test_equipartition(boundary):
     """kT per disk of any mass. Errors over 200 runs, which are independent; chance of a false alarm below 1e-6."""
-    scene = make(boundary)
+    scene = make(boundary, velocities={"temperature": 1.5, "zero_momentum": False})
     found = simulate(scene, range(200), {"none"}, observables=("species_energy",)).observables
     energy = found["species_energy"].mean(axis=1)
     error = energy.std(axis=0, ddof=1) / np.sqrt(len(energy))

@@ -4,17 +4,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.placement import place
 from brownpipe.engines.units import common_radius
-from brownpipe.errors import RequestError
+from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import packing, parse_scene
 from test_exact import P, W, box, make, note_scene, species
 
 
-def on_lattice(where, kinds, **more):
-    mapping = {"box": where, "disks": {"species": species(*kinds), "placement": "lattice"} | more}
+def dense(where, kinds, placement, **more):
+    mapping = {"box": where, "disks": {"species": species(*kinds), "placement": placement} | more}
     return parse_scene(mapping | {"velocities": {"temperature": 1.0}, "duration": 1.0}, "dense.yaml")
+
+
+def on_lattice(where, kinds, **more):
+    return dense(where, kinds, "lattice", **more)
 
 
 def assert_sound(scene, state):
@@ -74,7 +79,7 @@ def test_a_disk_is_uniform_over_where_it_can_be(boundary):
 
 def test_what_cannot_be_placed_ends_with_a_message():
     """Random insertion jams near phi = 0.547; in bounded time."""
-    scene = make(box(3, 3, P), [(150, 0.13, 1)], 1.0)
+    scene = dense(box(3, 3, P), [(150, 0.13, 1)], "random")
     with pytest.raises(RequestError, match=r"only \d+ of 150 disks found a place .*\(packing fraction 0\.885\)"):
         draw(scene, 0)
 
@@ -129,3 +134,61 @@ def test_place_is_what_draw_uses():
     numbers = np.random.Generator(np.random.Philox(np.random.SeedSequence(2020, spawn_key=(150, 4))))
     numbers.standard_normal((150, 2))
     assert np.array_equal(place(scene, numbers), draw(scene, 4).position)
+
+
+GROWN = {  # side of the box, (number, radius, mass) of each species, and a tracer: packing fractions of 0.65 to 0.75
+    "tracer": (box(20.1, 20.1, P), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0}),
+    "tracer held, walls": (box(20.1, 20.1, W), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0, "position": [1, 2]}),
+    "equal": (box(22.9, 22.9, P), [(500, 0.5, 1)], None),
+    "binary": (box(15.7, 15.7, P, (-5.0, 3.0)), [(80, 0.5, 1), (80, 0.7, 1)], None),
+    "one to ten": (box(10, 10, W), [(12, 1.0, 1), (950, 0.1, 1)], None),
+}
+
+
+@pytest.mark.parametrize("name", GROWN)
+def test_mixtures_too_dense_for_insertion_grow(name):
+    where, kinds, tracer = GROWN[name]
+    scene = dense(where, kinds, "auto", **({"tracer": tracer} if tracer else {}))
+    assert 0.6 < scene.packing_fraction < 0.76
+    states = [draw(scene, seed) for seed in (0, 1)]
+    for state in states:
+        assert_sound(scene, state)
+    assert np.array_equal(draw(scene, 0).position, states[0].position)
+    assert not np.array_equal(states[0].position[1:], states[1].position[1:])
+    if tracer and "position" in tracer:
+        assert states[0].position[0].tolist() == tracer["position"]
+
+
+def test_growth_changes_no_place_that_insertion_finds():
+    kinds = [(60, 0.12, 1)]
+    assert np.array_equal(*(draw(dense(box(3, 2, P), kinds, how), 7).position for how in ("auto", "random")))
+
+
+def test_where_some_runs_find_no_place_these_grow():
+    """Of equal disks at a packing fraction of 0.52 in a small box, 6 % get stuck."""
+    scenes = [dense(box(10, 10, P), [(66, 0.5, 1)], how) for how in ("auto", "random")]
+    stuck = 0
+    for seed in range(100):
+        state = draw(scenes[0], seed)
+        assert_sound(scenes[0], state)
+        try:
+            assert np.array_equal(state.position, draw(scenes[1], seed).position)
+        except PlacementError:
+            stuck += 1
+    assert 0 < stuck < 20
+
+
+def test_what_is_jammed_cannot_grow():
+    with pytest.raises(RequestError, match=r"^disks: 150 disks still overlap .*\(packing fraction 0\.885\)"):
+        draw(dense(box(3, 3, P), [(150, 0.13, 1)], "auto"), 0)
+
+
+def test_grown_disks_reach_the_pressure_of_the_fluid():
+    """At 0.65, after equilibration: Z by the virial beside that of a lattice start; both forget where they began."""
+    pressure = []
+    for how in ("auto", "lattice"):
+        mapping = dense(box(15.54, 15.54, P), [(200, 0.5, 1)], how).replace(duration=20.0, equilibrate={"time": 20.0})
+        found = simulate(mapping, range(16), {"none"}).observables["virial"]
+        pressure.append((found.mean(), found.std(ddof=1) / 4))
+    (grown, error), (lattice, other) = pressure
+    assert abs(grown - lattice) < 4 * np.hypot(error, other)

@@ -144,7 +144,7 @@ def test_runs_that_fail_are_made_up_for(study_file, tmp_path, here, monkeypatch)
 
 def crowd(count):
     """Disks at random places, for 56 of which a share of 3e-10 of the runs is expected to fail, for 72 nine of ten."""
-    disks = {"species": [{"name": "a", "count": count, "radius": 0.5, "mass": 1.0}]}
+    disks = {"species": [{"name": "a", "count": count, "radius": 0.5, "mass": 1.0}], "placement": "random"}
     box = {"x": [0, 10], "y": [0, 10], "boundary": "periodic"}
     return {"box": box, "disks": disks, "velocities": {"temperature": 1.0}, "duration": 0.01}
 

@@ -51,7 +51,7 @@ def folder(tmp_path_factory):
         given = dict.fromkeys(map(tuple, commands("brownpipe", shown)))  # some stand on both pages
         for words in given:
             assert words[0] == "run" or main([*words]) == DONE  # tests/test_wheel.py runs a new study
-        assert main(["aggregate", "seed17.h5", "--output", DATASET]) == DONE
+        assert main(["aggregate", "seed17.h5", "--fit-windows", "0.1:1", "--output", DATASET]) == DONE
     return folder
 
 

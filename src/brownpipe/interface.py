@@ -20,6 +20,7 @@ from brownpipe import progress
 from brownpipe.analysis import aggregate
 from brownpipe.engines import forecast, read_record, requested
 from brownpipe.engines.failures import failures
+from brownpipe.engines.saturation import growth_caution
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
@@ -126,7 +127,7 @@ def simulate(
     refuse_unfit(scene, names, average)
     chosen.refuse_unfit(scene, recorded)
     forecast.refuse_too_large(scene, len(numbers), chosen.forecast(scene, recorded, names, average))
-    if remark := chosen.definition.caution(scene):
+    for remark in filter(None, (chosen.definition.caution(scene), growth_caution(scene, len(numbers)))):
         warnings.warn(remark, stacklevel=2)
     with progress.shown("simulate", silent=quiet):
         ensemble = chosen.simulate(scene, numbers, recorded, observables=names, average=average)

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.variables import EACH, SPEED2, Variable
+from brownpipe.engines.friction import diffusive_from
 from brownpipe.scene import Scene
 
 CENTRED = 1e-12  # relative distance from the centre, or difference of the sides, that counts as round-off
@@ -62,6 +63,7 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "packing_fraction": scene.packing_fraction,
         "initial_square_speed": initial_square_speed(scene),
         "tracer_radius": scene.radius[0] if scene.particles else np.nan,
+        "diffusive_from": diffusive_from(scene),
         "start_x": x,
         "start_y": y,
         "accessible_half_width": accessible_half_width(scene),
@@ -82,6 +84,9 @@ ESTIMATOR = Estimator(
         "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
         "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
         "tracer_radius": Variable(EACH, "length", "radius of the tracer"),
+        "diffusive_from": Variable(
+            EACH, "time", "3/gamma of the tracer (Enskog), after which straight lines may be fitted to the MSD"
+        ),
         "start_x": Variable(EACH, "length", "initial x of the tracer, if not random"),
         "start_y": Variable(EACH, "length", "initial y of the tracer, if not random"),
         "accessible_half_width": Variable(

@@ -27,8 +27,8 @@ from brownpipe.analysis.outer_join import Axes, Part, joined
 from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_of, select
 from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
 from brownpipe.engines.failures import HEALTH
+from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError
-from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.storage import Outline, made_by, origin_attributes
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def aggregate(
         raise AnalysisError("rings: width and number must be given together")
     edges = None if dr is None else ring_edges(dr, rings)
     groups = groups_of(sources)
-    fitted = windows or default_fit_windows(min(group.outline.scene.duration for group in groups))
+    fitted = windows or default_windows([group.outline.scene for group in groups])
     options = Options(fitted, edges, tuple(displacement_times or ()))
     _refuse_same(options)
     outlines = [group.outline for group in groups]

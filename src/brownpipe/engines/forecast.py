@@ -3,11 +3,12 @@
 CPU time is a sum of terms in proportion to the numbers of collisions, of cell crossings, of samples, and of disks that
 an observable measures in a sample; the costs of an observable are in its record (`observables.Observable`).
 
-The forecast is rough on purpose. Collision counts hold in equilibrium, within some percent up to a packing fraction of
-0.65. In a scene that gives disks of all masses the same standard deviation of the velocity, they hold for the first
-collisions only. docs/theory.md, section 3.
+The forecast is rough on purpose. Collision counts hold in equilibrium, within some percent, those above a packing
+fraction of 0.7 for crystals. In a scene that gives disks of all masses the same standard deviation of the velocity,
+they hold for the first collisions only. docs/theory.md, section 3.
 """
 
+import math
 import os
 from bisect import bisect_right
 from collections.abc import Collection, Iterable
@@ -18,7 +19,8 @@ import numpy as np
 from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.friction import DENSEST
-from brownpipe.engines.saturation import share_failing
+from brownpipe.engines.placement import lattice_gaps
+from brownpipe.engines.saturation import is_grown, share_stuck
 from brownpipe.engines.units import PATH_PER_BLOCK
 from brownpipe.errors import RequestError
 from brownpipe.observables import Observable
@@ -30,6 +32,7 @@ START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, impor
 EACH_RUN = 1.1e-4  # CPU seconds to begin a run, and to store what is recorded
 EQUILIBRATION = 2.5e-4  # CPU seconds to begin the time to equilibrate, and to check its end
 SECONDS_TO_FAIL = 0.09  # CPU seconds of the tries of a disk that finds no place by random insertion
+SECONDS_TO_GROW = 4e-5  # CPU seconds for each disk that grows, some hundred sweeps
 SECONDS_PER_DISK = 1e-6  # CPU seconds to draw the initial state of one disk, list it, and predict its first event
 SECONDS_PER_COLLISION = 2e-7  # CPU seconds, with a disk or a wall
 SECONDS_PER_CROSSING = 1.6e-7  # CPU seconds for a disk that moves by the distance of neighbours
@@ -46,6 +49,8 @@ BYTES_PER_EVENT = 32  # of a collision in memory
 EVENT_IN_FILE = 22  # bytes of a collision, compressed
 COMPRESSED = 0.95  # size of compressed random coordinates, relative to the bytes of the numbers
 BYTES_PER_NUMBER = 8
+CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of equal disks
+SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
 MOST_RUNS = 10**9  # of one process
 COPIES_KEPT, COPIES_WRITTEN = 2, 2  # of what is recorded, as arrays and as a file, while it is written
 
@@ -92,8 +97,8 @@ def of_run(
     every_disk = measures.needs_every_disk(scene, observables, average)
     disks_recorded = 1 + (scene.particles if every_disk or "all" in record else 0)
     working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * len(scene.times) * disks_recorded
-    seconds = EACH_RUN + EQUILIBRATION * (scene.equilibrate.time > 0) + SECONDS_TO_FAIL * share_failing(scene)
-    seconds += (SECONDS_PER_DISK + SECONDS_PER_BLOCK * blocks(time, mixture)) * scene.particles
+    seconds = EACH_RUN + EQUILIBRATION * (scene.equilibrate.time > 0) + _seconds_to_place(scene)
+    seconds += (SECONDS_PER_DISK + SECONDS_PER_BLOCK * blocks(time, mixture, scene.box.area)) * scene.particles
     seconds += slower * SECONDS_PER_COLLISION * events
     seconds += slower * SECONDS_PER_CROSSING * time * crossing_rate(scene, mixture)
     if every_disk or "all" in record:
@@ -102,6 +107,13 @@ def of_run(
     seconds += sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average, bath) for name in observables)
     storing = SECONDS_PER_SAMPLE * len(scene.times) + SECONDS_PER_BYTE * recorded
     return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working, storing)
+
+
+def _seconds_to_place(scene: Scene) -> float:
+    """Return the CPU seconds of the tries of disks that find no place, and of disks that grow."""
+    share = share_stuck(scene)
+    tried = 0.0 if is_grown(scene) else SECONDS_TO_FAIL * share
+    return tried + (SECONDS_TO_GROW * scene.particles * share if scene.placement == "auto" else 0.0)
 
 
 def _bytes_of_record(
@@ -192,12 +204,12 @@ def _speeds(scene: Scene, mass: np.ndarray) -> np.ndarray:
     return np.full(len(mass), scene.velocities.standard_deviation)
 
 
-def blocks(time: float, mixture: Mixture) -> float:
+def blocks(time: float, mixture: Mixture, area: float) -> float:
     """Return the number of blocks in a time: at the start of each, the exact engine predicts all events afresh."""
     present = mixture.number > 0
     if not present.any():
         return 0.0
-    path = PATH_PER_BLOCK * 2 * float(mixture.radius[present].min())
+    path = max(PATH_PER_BLOCK * 2 * float(mixture.radius[present].min()), math.sqrt(area / (4 * mixture.number.sum())))
     return time * float(mixture.speed[present].max()) / path
 
 
@@ -208,8 +220,7 @@ def pair_rate(scene: Scene, mixture: Mixture) -> float:
     relative velocity. This also holds for components of different temperatures.
     """
     density = mixture.number / scene.box.area
-    fluid = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
-    rate = 0.0
+    fluid, rate = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300)), 0.0
     for i, radius in enumerate(mixture.radius):
         partners = mixture.number - (np.arange(len(mixture.number)) == i)
         sigma = radius + mixture.radius
@@ -217,7 +228,26 @@ def pair_rate(scene: Scene, mixture: Mixture) -> float:
         relative_speed = np.hypot(mixture.speed[i], mixture.speed)
         rates = theory.collision_rate(partners / scene.box.area, sigma, contact, 1.0, 1.0) * relative_speed
         rate += mixture.number[i] * rates.sum() / 2
-    return float(rate)
+    return float(rate) * _crowding(scene)
+
+
+def _crowding(scene: Scene) -> float:
+    """Return how many times as often disks collide above DENSEST as in the fluid of that packing fraction.
+
+    By the free volume of a crystal of equal disks, Z = 1 + 2 phi chi = s/(s - 2 R) for neighbours at the distance s (Z.
+    W. Salsburg & W. W. Wood, J. Chem. Phys. 37, 798 (1962)); its mean over the three directions of a stretched lattice.
+    """
+    phi = scene.packing_fraction
+    if phi <= DENSEST:
+        return 1.0
+    gaps = np.full(3, 1 - math.sqrt(min(phi / CLOSE_PACKING, 1.0)))  # relative to the distance
+    if scene.placement == "lattice" and scene.species[0].position is None:
+        in_row, to_next = lattice_gaps(scene)
+        gaps = np.array([in_row, to_next, to_next])
+        gaps /= gaps + 2 * float(scene.radius.max())
+    z = float(np.mean(1 / np.maximum(gaps, SMALLEST_GAP)))
+    crystal = (z - 1) / (2 * phi)
+    return crystal / theory.contact_value(DENSEST)
 
 
 def wall_rate(scene: Scene, mixture: Mixture) -> float:

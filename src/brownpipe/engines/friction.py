@@ -1,6 +1,7 @@
 """Friction of a disk in a bath of other disks, by Enskog's and Boltzmann's theories: docs/theory.md, section 3."""
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,10 @@ from brownpipe import theory
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene, Species
+from brownpipe.scene.sample_times import default_fit_windows
 
+DECAY_TIMES = 3.0  # 1/gamma of the tracer, after which its displacements are taken for diffusive
+ROUNDED = 0.95  # of that time: a window may begin so much earlier
 DENSEST = 0.7  # packing fraction above which disks freeze and the contact values, those of the fluid, do not hold
 
 
@@ -60,6 +64,48 @@ def bath_share(scene: Scene) -> float:
     tracer, bath = followed(scene), bath_of(scene)
     others = float((bath.number * (bath.mass / tracer.mass)).sum())
     return others / (1.0 + others)
+
+
+def diffusive_from(scene: Scene) -> float:
+    """Return the time [time] from which straight lines may be fitted to the MSD: DECAY_TIMES of the tracer's velocity.
+
+    It decays at the rate gamma of Enskog's theory, over the bath's share of the mass. NaN without a bath, and for disks
+    listed one by one. Necessary, not sufficient: in a dense fluid, or for tails of the decay, D goes on changing.
+    """
+    if scene.listed or scene.particles < 2:
+        return math.nan
+    gamma = float(partners_of(scene).friction.sum())
+    return DECAY_TIMES * bath_share(scene) / gamma if gamma > SMALLEST_NORMAL else math.nan
+
+
+def default_windows(scenes: Sequence[Scene]) -> tuple[tuple[float, float], ...]:
+    """Return the windows of straight-line fits [time] for scenes, after the slowest tracer's motion is diffusive."""
+    slowest = np.nanmax([0.0, *(diffusive_from(scene) for scene in scenes)])
+    return default_fit_windows(min(scene.duration for scene in scenes), float(f"{slowest:.2g}"))
+
+
+def window_caution(window: tuple[float, float], starts: Mapping[str, float]) -> str | None:
+    """Return one line of caution if a window of a straight-line fit begins before motion is diffusive; otherwise None.
+
+    starts: `diffusive_from` [time] of scenes by their names.
+    """
+    early = {name: start for name, start in starts.items() if window[0] < ROUNDED * start}
+    if not early:
+        return None
+    latest = max(early, key=lambda name: early[name])
+    of_several = f"in {len(early)} of {len(starts)} cases, " if len(starts) > 1 else ""
+    where = f"{of_several}{early[latest]:.3g} for {latest}"
+    begins = f"[{window[0]:g}, {window[1]:g}] begins before {DECAY_TIMES:g}/gamma of the tracer"
+    return f"the fit window {begins} {where}: D there is not yet that of diffusion"
+
+
+def drift_square_speed(scene: Scene) -> float:
+    """Return the mean squared velocity [length^2/time^2] of the centre of mass of disks whose momentum is not zero."""
+    relative = scene.mass / scene.mass.max()
+    velocities = scene.velocities
+    if velocities.temperature is not None:
+        return float(2 * velocities.temperature / scene.mass.max() / relative.sum())
+    return float(2 * velocities.standard_deviation**2 * (relative**2).sum() / relative.sum() ** 2)
 
 
 def friction_rate(scene: Scene, friction: str, measured: float | None = None) -> float:

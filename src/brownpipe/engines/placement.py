@@ -2,15 +2,20 @@
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from brownpipe.engines.growth import push_apart
 from brownpipe.engines.insertion import OUT_OF_NUMBERS, STUCK, TRIES, insert, register
+from brownpipe.engines.saturation import JAMMED, is_grown
 from brownpipe.engines.units import common_radius
 from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import Scene
 
+BEFORE_GROWTH = 0.4  # packing fraction of the smaller disks that are inserted, and then grow
+SPARE = 0.1  # share of the room between disks that they leave to each other when they are pushed apart
+MOST_SWEEPS = 5_000  # over all disks
 TRIES_PER_CALL = 1_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
 
 
@@ -36,22 +41,33 @@ def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     `random`: random sequential insertion (B. Widom, J. Chem. Phys. 44, 3888 (1966)): each centre is uniform over the
     positions where the disk lies in the box and overlaps no disk inserted before. Larger disks are inserted first, as
     they find no gap among many small ones, and equal disks in the scene's order. The packing fraction can reach 0.5.
+    `auto`: the same where it succeeds; otherwise smaller disks are inserted, and grow and push each other apart. The
+    packing fraction can reach 0.75; the places are not those of equilibrium.
     `lattice`: random sites of a triangular lattice that fills the box.
     Raises RequestError if the disks do not fit, PlacementError if random insertion ends before all have a place.
     """
     fixed = scene.species[0].position if scene.species else None
     if scene.placement == "lattice":
         return _on_lattice(scene, fixed, stream)
-    return _insert(scene, stream) if scene.particles else np.zeros((0, 2))
+    if not scene.particles:
+        return np.zeros((0, 2))
+    if is_grown(scene):
+        return _grow(scene, stream)
+    try:
+        return _insert(scene, stream)
+    except PlacementError:
+        if scene.placement == "random":
+            raise
+        return _grow(scene, stream)
 
 
-@lru_cache(maxsize=1)
-def _insertion(scene: Scene) -> Insertion:
-    """Return what insertion needs of a scene; kept for its next run."""
+@lru_cache(maxsize=2)
+def _insertion(scene: Scene, scale: float) -> Insertion:
+    """Return what insertion of disks of `scale` times their radii needs of a scene; kept for its next run."""
     sequence, fixed = np.argsort(-scene.radius, kind="stable"), scene.species[0].position
     if fixed is not None:
         sequence = np.concatenate([[0], sequence[sequence > 0]])
-    radius = scene.radius[sequence]
+    radius = scale * scene.radius[sequence]
     n, common, (low, size) = len(radius), common_radius(radius), scene.box.accessible(0.0)
     cells = np.clip((size / (2 * common)).astype(np.int64), 1, 1 + math.isqrt(4 * n))
     position, grid, following = np.zeros((n, 2)), np.full(cells, -1, np.int64), np.full(n, -1, np.int64)
@@ -62,9 +78,9 @@ def _insertion(scene: Scene) -> Insertion:
     return Insertion(radius, common, big, back, low, size, placed, position, grid, following)
 
 
-def _insert(scene: Scene, stream: np.random.Generator) -> np.ndarray:
-    """Return centres (N, 2) by random sequential insertion."""
-    radius, common, big, back, low, size, placed, *unfilled = _insertion(scene)
+def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np.ndarray:
+    """Return centres (N, 2) by random sequential insertion of disks of `scale` times their radii."""
+    radius, common, big, back, low, size, placed, *unfilled = _insertion(scene, scale)
     position, grid, following = (array.copy() for array in unfilled)
     n, progress = len(radius), np.array([placed, 0])  # disks placed, failed tries for the next one
     outcome = OUT_OF_NUMBERS
@@ -77,10 +93,32 @@ def _insert(scene: Scene, stream: np.random.Generator) -> np.ndarray:
                 break
     if outcome == STUCK:
         raise PlacementError(
-            f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries "
-            f"(packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
+            f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries (packing "
+            f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: auto` or `lattice`"
         )
     return (position + low).take(back, axis=0)
+
+
+def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
+    """Return centres (N, 2) by random insertion of smaller disks, which grow and push each other apart."""
+    fixed = scene.species[0].position
+    small = math.sqrt(BEFORE_GROWTH / scene.packing_fraction)
+    position = _insert(scene, stream, small) - scene.box.origin
+    size = np.array((scene.box.width, scene.box.height))
+    if not scene.box.periodic:
+        position = np.clip(position, scene.radius[:, None], size - scene.radius[:, None])
+    radius, common = scene.radius, common_radius(scene.radius)
+    big, held = np.flatnonzero(radius > common), -1 if fixed is None else 0
+    grid = np.zeros(np.clip((size / (2 * common)).astype(np.int64), 1, None), np.int64)
+    given = (position, radius, common, big, size, scene.box.periodic, grid, np.zeros(len(radius), np.int64), held)
+    apart = 1.0 + SPARE * (math.sqrt(max(JAMMED / scene.packing_fraction, 1.0)) - 1.0)
+    for _ in range(MOST_SWEEPS):
+        if push_apart(*given, apart) == 0 and push_apart(*given, 0.0) == 0:
+            return position + scene.box.origin
+    raise PlacementError(
+        f"disks: {scene.particles} disks still overlap after they were pushed apart {MOST_SWEEPS} times (packing "
+        f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
+    )
 
 
 def _on_lattice(scene: Scene, fixed: tuple[float, float] | None, stream: np.random.Generator) -> np.ndarray:
@@ -128,12 +166,33 @@ def _lattice(size: np.ndarray, periodic: bool, n: int) -> tuple[np.ndarray, floa
     It has the number of rows for which this distance is greatest; in a periodic box this number is even, as every other
     row is shifted. It is stretched along x or y to fill the rectangle: its triangles need not be equilateral.
     """
+    rows, columns, across, up = _rows_and_columns(size, periodic, n)
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    sites = np.stack([(column + 0.5 * (row % 2)) * across, row * up], axis=1)
+    return sites, float(min(_spacings(across, up)))
+
+
+def _rows_and_columns(size: np.ndarray, periodic: bool, n: int) -> tuple[int, int, float, float]:
+    """Return the numbers of rows and columns of a lattice, and the distances between columns and between rows."""
     rows = np.arange(1 + periodic, n + 2 + periodic, 1 + periodic)  # each possible number, of which one is chosen
     columns = -(-n // rows)
-    across = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))  # spacing of columns
-    up = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))  # spacing of rows
-    nearest = np.minimum(np.minimum(across, 2 * up), np.hypot(across / 2, up))
-    best = np.argmax(nearest)
-    row, column = np.divmod(np.arange(rows[best] * columns[best]), columns[best])
-    sites = np.stack([(column + 0.5 * (row % 2)) * across[best], row * up[best]], axis=1)
-    return sites, float(nearest[best])
+    across = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
+    up = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
+    best = np.argmax(np.minimum.reduce(_spacings(across, up)))
+    return int(rows[best]), int(columns[best]), float(across[best]), float(up[best])
+
+
+def _spacings(across: Any, up: Any) -> tuple[Any, Any, Any]:
+    """Return the distances of neighbours: in a row, in the next row but one, and in the next row."""
+    return across, 2 * up, np.hypot(across / 2, up)
+
+
+def lattice_gaps(scene: Scene) -> tuple[float, float]:
+    """Return the gaps [length] between edges of disks on the lattice of a scene without a fixed disk.
+
+    In a row (two neighbours) and to the next row (four); the disks are those of the largest radius.
+    """
+    radius = float(scene.radius.max())
+    _, _, across, up = _rows_and_columns(scene.box.accessible(radius)[1], scene.box.periodic, scene.particles)
+    in_row, _, to_next = _spacings(across, up)
+    return in_row - 2 * radius, float(to_next) - 2 * radius

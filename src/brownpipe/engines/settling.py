@@ -6,6 +6,7 @@ import numpy as np
 
 from brownpipe.engines.forecast import mixture_of, pair_rate
 from brownpipe.engines.friction import DENSEST, partners_of
+from brownpipe.engines.saturation import is_grown
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.observables.quarters import claims_equilibrium
 from brownpipe.scene import Scene
@@ -27,10 +28,15 @@ def settling_time(scene: Scene) -> float:
     if not rate > 0 or scene.packing_fraction > DENSEST:
         return math.nan
     flight = math.sqrt(scene.box.area / scene.particles) / mixture.speed[np.argmax(mixture.number)]
-    diffusion = flight * flight * rate if scene.placement == "lattice" else 0.0
+    diffusion = flight * flight * rate if _is_ordered(scene) else 0.0
     is_hot = scene.velocities.temperature is None
     cooling = FRICTION_TIMES / max(partners_of(scene).friction.sum(), SMALLEST_NORMAL) if is_hot else 0.0
     return float(max(flight + diffusion, cooling))
+
+
+def _is_ordered(scene: Scene) -> bool:
+    """Return whether a scene starts far from the places of a fluid: on a lattice, or of disks that have grown."""
+    return scene.placement == "lattice" or is_grown(scene)
 
 
 def settling_in_words(scene: Scene) -> str | None:
@@ -40,7 +46,7 @@ def settling_in_words(scene: Scene) -> str | None:
     needed = settling_time(scene)
     if math.isnan(needed):
         return f"no forecast for few disks, or above a packing fraction of {DENSEST:g}, where disks freeze"
-    basis = "to move to a neighbour's place" + (" by diffusion" if scene.placement == "lattice" else "")
+    basis = "to move to a neighbour's place" + (" by diffusion" if _is_ordered(scene) else "")
     hot = "" if scene.velocities.temperature is not None else f", {FRICTION_TIMES:g}/gamma of the tracer"
     return f"some {needed:.2g} should be enough ({basis}{hot}; Enskog's theory of the fluid, not of crystals)"
 

@@ -14,10 +14,12 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
 LARGEST_RATIO = 1e12  # of a mass to the smallest; `rms_speed` takes heavier disks to have this mass
+SLOW_TO_COOL = 100.0  # ratio of masses above which a heavy disk does not soon share its energy with light ones
 SMALLEST_NORMAL = float(np.finfo(float).smallest_normal)  # the smallest floating-point number with all its digits
 SHORTEST_UNIT = 1e-305  # of time: the unit, its inverse and its products with speeds are normal floating-point numbers
 # The longest path in a block of time of the exact engine, in contact distances, of a disk at rms speed. Times are
 # counted from the start of the block: at its end, round-off of the time moves such a disk by 1e-13 contact distances.
+# Where cells are wider, it is the width of a cell: round-off of positions is larger than that.
 PATH_PER_BLOCK = 1024.0
 
 
@@ -63,7 +65,8 @@ def frame_of(scene: Scene) -> Frame:
 def rms_speed(scene: Scene) -> float:
     """Return the rms speed sqrt(2 kT/m) of the lightest disks [length/time]; 0 if all disks are at rest.
 
-    kT is the mean kinetic energy per disk, by the velocities that the scene gives; equipartition is assumed.
+    kT is the mean kinetic energy per disk, by the velocities that the scene gives; equipartition is assumed. Where
+    disks of very different mass begin at one speed, the heaviest sqrt(N) keep their energy for long and do not count.
     """
     if scene.particles == 0:
         return 0.0
@@ -76,6 +79,8 @@ def rms_speed(scene: Scene) -> float:
         largest = scene.velocities.standard_deviation if temperature is None else math.sqrt(temperature)
         squares = 2.0 if temperature is None else 2.0 / scene.mass
     ratio = np.minimum(scene.mass / scene.mass.min(), LARGEST_RATIO)
+    if scene.velocities and temperature is None and ratio.max() > SLOW_TO_COOL:
+        ratio = np.sort(ratio)[: -math.isqrt(len(ratio))]
     return largest * math.sqrt(np.mean(ratio * squares))
 
 

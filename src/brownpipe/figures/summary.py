@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from brownpipe.analysis import drift
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
 from brownpipe.engines.failures import stopped_in_words
+from brownpipe.engines.friction import window_caution
 from brownpipe.figures.cases import at_last_distribution, cases_of, drifts, has, over_time, plus_minus, title_of
 from brownpipe.figures.tables import aligned, label_of
 from brownpipe.quoting import in_lines
@@ -27,6 +29,9 @@ FIT = (
     *("diffusion_coefficient", "diffusion_coefficient_standard_error"),
 )
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
+
+
+LINE = 100  # characters
 
 
 class Answer(NamedTuple):
@@ -75,13 +80,20 @@ def heading_of_msd(cases: list[Dataset]) -> str:
 def estimates_of(case: Dataset) -> list[str]:
     """Return the MSD at the end and D in the first fit window with their standard errors; `-` where there is none.
 
-    A star marks those of runs that drift.
+    A star marks those of runs that drift, a ring a D whose fit window begins before motion is diffusive.
     """
     if not has(case, "msd"):
         return ["-", "-"]
     estimates = [(over_time(case).isel(time=-1), "msd"), (case.isel(window=0), "diffusion_coefficient")]
     star = " *" * drifts(case)
-    return [plus_minus(part[name], part[f"{name}_standard_error"]) + star for part, name in estimates]
+    msd, d = (plus_minus(part[name], part[f"{name}_standard_error"]) + star for part, name in estimates)
+    return [msd, d + " °" * (_early_fit([case]) is not None)]
+
+
+def _early_fit(cases: Sequence[Dataset]) -> str | None:
+    """Return one line on cases whose first fit window begins before motion is diffusive; None if there are none."""
+    starts = {f"{case.scene.item()}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
+    return window_caution((cases[0].window_start.values[0], cases[0].window_end.values[0]), starts)
 
 
 def _p_values(case: Dataset) -> np.ndarray | list[float]:
@@ -109,6 +121,8 @@ def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]
         family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
         yield f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and kurtosis."
         yield f"yes: rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm); no: not rejected."
+        power = max(float(at_last_distribution(case).power_5_percent.max()) for case in shown)
+        yield f"Power: by ring counts alone, a D wrong by 5% is rejected with a probability of at most {power:.0%}."
 
 
 def legend_of_estimates(dataset: Dataset) -> list[str]:
@@ -117,6 +131,7 @@ def legend_of_estimates(dataset: Dataset) -> list[str]:
     return [
         f"N: number of disks. MSD: mean squared displacement of {whose}. All in the scene's reduced units.",
         f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs.",
+        *(textwrap.wrap(f"° {caution}.", LINE) if (caution := _early_fit(cases_of(dataset))) else []),
         *_tests_of_equilibrium(cases_of(dataset)),
     ]
 

@@ -31,6 +31,12 @@ def logarithmic_times(per_decade: int, first: float, duration: float) -> np.ndar
     return np.array([0.0, *(first * 10 ** (k / per_decade) for k in steps), duration])
 
 
-def default_fit_windows(shortest: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the windows of straight-line fits in runs of which the shortest lasts so long [time]."""
-    return (0.1 * shortest, shortest), (0.5 * shortest, shortest)
+def default_fit_windows(shortest: float, diffusive_from: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the windows of straight-line fits in runs of which the shortest lasts so long [time].
+
+    Both end with it. The first begins at `diffusive_from` [time], from a tenth to a half of it, the second at twice
+    that, from a half to three quarters.
+    """
+    first = min(max(diffusive_from, 0.1 * shortest), 0.5 * shortest)
+    second = min(max(2 * diffusive_from, 0.5 * shortest), 0.75 * shortest)
+    return (first, shortest), (second, shortest)

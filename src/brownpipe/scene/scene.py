@@ -140,7 +140,9 @@ class Mixture(Record):
 
     tracer: Tracer | None = key("disk 0, whose motion is recorded and analysed", None)
     species: tuple[Species, ...] = key("all other disks", ())
-    placement: Literal["random", "lattice"] = key("random sequential insertion, or a lattice if dense", "random")
+    placement: Literal["auto", "random", "lattice"] = key(
+        "random insertion (`auto`: of smaller disks that grow, where it fails), or a lattice", "auto"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "Mixture":
@@ -164,7 +166,9 @@ class Velocities(Record):
 
     standard_deviation: Width | None = key("of every velocity component of every disk [length/time]", None)
     temperature: NotNegative | None = key("kT: velocity components have variance kT/m [energy]", None)
-    zero_momentum: Flag = key("subtract the velocity of the centre of mass", False)
+    zero_momentum: Flag | None = key(
+        "subtract the velocity of the centre of mass (default: in a periodic box with several disks)", None
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "Velocities":
@@ -317,6 +321,9 @@ class Scene(Record):
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
         default: Literal["pinned", "free"] = "pinned" if has_tracer else "free"
         self._resolve(equilibrate=Equilibration(time=time, tracer=tracer if tracer and time > 0 else default))
+        if self.velocities.zero_momentum is None:
+            drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
+            self._resolve(velocities=self.velocities.model_copy(update={"zero_momentum": drifts}))
 
     def _check_radius(self, radius: float, *path: str | int) -> None:
         """Refuse a disk that does not fit into the box, or so small that round-off of its position is not below it."""
@@ -383,8 +390,8 @@ class Scene(Record):
 
     @property
     def placement(self) -> str:
-        """How species are placed: "random" or "lattice"."""
-        return self.disks.placement if isinstance(self.disks, Mixture) else "random"
+        """How species are placed: "auto", "random" or "lattice"; "" for a list of disks."""
+        return self.disks.placement if isinstance(self.disks, Mixture) else ""
 
     @cached_property
     def radius(self) -> np.ndarray:

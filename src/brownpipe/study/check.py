@@ -6,10 +6,23 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 import pandas as pd
 
 from brownpipe.engines import DEFINITIONS, configured, forecast
-from brownpipe.engines.saturation import placement_caution
+from brownpipe.engines.friction import (
+    DECAY_TIMES,
+    DENSEST,
+    bath_of,
+    bath_share,
+    default_windows,
+    diffusive_from,
+    drift_square_speed,
+    followed,
+    window_caution,
+)
+from brownpipe.engines.placement import lattice_gaps
+from brownpipe.engines.saturation import is_grown, placement_caution
 from brownpipe.engines.settling import settling_caution, settling_in_words
 from brownpipe.errors import RequestError
 from brownpipe.formatting import in_bytes, in_time
+from brownpipe.observables.quarters import claims_equilibrium
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.scene import is_study
@@ -33,18 +46,22 @@ def describe_scene_or_study(path: str, particles: int | None = None) -> str:
 
 def _scene(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
-    cost = forecast.of_run(scene)
+    cost, start = forecast.of_run(scene), diffusive_from(scene)
+    theory = "Enskog" if scene.packing_fraction <= DENSEST else "free volume of a crystal"
     counts = f"{cost.pair_collisions:,.0f} between disks, {cost.wall_collisions:,.0f} with walls"
     lines = [
         f"box         {scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
         f"disks       {_disks(scene)}; packing fraction {scene.packing_fraction:.4g}",
         f"start       {_start(scene)}",
         *([f"settle      {settling}"] if (settling := settling_in_words(scene)) else []),
+        *([f"momentum    {momentum}"] if (momentum := _momentum(scene)) else []),
         f"run         from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
-        f"collisions  {counts} per run (Enskog, in equilibrium)",
+        *([f"diffusion   from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"] if start > 0 else []),
+        f"collisions  {counts} per run ({theory}, in equilibrium)",
         f"memory      {in_bytes(forecast.memory(cost, 1))} for one run; {in_bytes(cost.recorded)} of file per run",
     ]
-    cautions = [placement_caution(scene, RUNS), settling_caution(scene)]
+    window = default_windows([scene])[0]
+    cautions = [placement_caution(scene, RUNS), settling_caution(scene), window_caution(window, {scene.name: start})]
     for name, definition in DEFINITIONS.items():
         engine = configured(name, **definition.candidates(scene)[0])
         try:
@@ -70,16 +87,33 @@ def _start(scene: Scene) -> str:
     velocities = scene.velocities
     if velocities is None:
         return "as listed"
-    placed = {"random": "placed at random", "lattice": "on a lattice"}[scene.placement]
+    placed = "on a lattice" if scene.placement == "lattice" else "placed at random"
+    if is_grown(scene):
+        placed = "placed at random as smaller disks that grow"
+    if scene.placement == "lattice" and scene.species[0].position is None:
+        placed += f" with gaps of {min(lattice_gaps(scene)):.2g} or more"
     width = (
         f"with kT = {velocities.temperature:g}"
         if velocities.standard_deviation is None
         else f"with standard deviation {velocities.standard_deviation:g}"
     )
-    zero_momentum = ", total momentum zero" if velocities.zero_momentum else ""
-    tracer = scene.equilibrate.tracer
-    equilibrated = f"; equilibrated for {scene.equilibrate.time:g}, tracer {tracer}" if scene.equilibrate.time else ""
-    return f"{placed}; velocity components normal {width}{zero_momentum}{equilibrated}"
+    start = f"{placed}; velocity components normal {width}"
+    if not scene.equilibrate.time:
+        return start
+    unsettled = "" if claims_equilibrium(scene) else ", which is not equilibrium"
+    return f"{start}; equilibrated for {scene.equilibrate.time:g}, tracer {scene.equilibrate.tracer}{unsettled}"
+
+
+def _momentum(scene: Scene) -> str | None:
+    """Return what the total momentum of disks in a periodic box does to the tracer's D; None where there is nothing."""
+    if not scene.box.periodic or scene.listed or scene.particles < 2:
+        return None
+    if scene.velocities.zero_momentum:
+        factor = bath_share(scene) ** 2
+        return f"zero in total: D is {factor:.3g} = (1 - m/M)^2 times that without recoil of the bath"
+    growth = drift_square_speed(scene) * scene.duration / 2
+    expected = bath_of(scene).temperature / followed(scene).mass * diffusive_from(scene) / DECAY_TIMES
+    return f"not zero: the centre of mass drifts, which adds {growth:.2g} to a D of {expected:.2g} by the end of a run"
 
 
 def _study(study: Study) -> list[str]:
@@ -106,6 +140,8 @@ def _study(study: Study) -> list[str]:
         lines.append(f"engine    {engine.label}: {engine.model(cases)}")
         cautions += [engine.definition.caution(case) for case in cases]
     cautions += [settling_caution(case) for case in study.cases]
+    starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
+    cautions += [window_caution(window, starts) for window in study.fit_windows or ()]
     for runs in sets:
         placed = runs.engine.definition.scene_with_disks(runs.case, dict(runs.engine.settings))
         cautions += [placed and placement_caution(placed, len(runs.seeds)), _too_large(runs)]

@@ -24,12 +24,12 @@ from pydantic import (
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, settings_of
 from brownpipe.engines.exact import EXACT
+from brownpipe.engines.friction import default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.reading import As, Count, NotNegative, Positive, Record, key, refuse
-from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.yaml_file import read_yaml
 
@@ -242,8 +242,7 @@ class Study(Record):
                 if not t0 < t1 <= case.duration or inside < 3:
                     allowed = f"t0 < t1 <= {case.duration!r} and three samples or more of {case.name}"
                     refuse(f"must be [t0, t1] with {allowed}, not {[t0, t1]}", "fit_windows", k)
-        shortest = min(case.duration for case in self.cases)
-        self._resolve(fit_windows=self.fit_windows or default_fit_windows(shortest))
+        self._resolve(fit_windows=self.fit_windows or default_windows(self.cases))
         for k, time in enumerate(self.displacement_times):
             if not any(np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in self.cases):
                 refuse(f"must be a sample time of some scene, not {time!r}", "displacement_times", k)

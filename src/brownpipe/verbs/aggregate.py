@@ -22,7 +22,7 @@ def add_arguments(add: Callable) -> None:
     add("--config", nargs="+", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
     add("--list-runs", metavar="FILE", help="with --study: also write the folders and seeds of its runs")
     add("--plan", metavar="PLAN.yaml", help="with --study: the file that says how many runs its tolerance needs")
-    windows = "where lines are fitted to the MSD (default: the last 90 %% and the last half of the shortest run)"
+    windows = "where lines are fitted to the MSD (default: two that begin when motion is diffusive)"
     add("--fit-windows", type=several(window), metavar="T0:T1", help=windows)
     width = "of the displacement distribution, with --rings (default: from the data)"
     add("--ring-width", type=positive, metavar="DR", help=width)

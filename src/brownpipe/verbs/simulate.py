@@ -67,6 +67,7 @@ def simulate(arguments: Namespace) -> int:
     """
     from brownpipe.engines import forecast, read_record
     from brownpipe.engines.failures import failures
+    from brownpipe.engines.saturation import growth_caution
     from brownpipe.scene import read_scene
     from brownpipe.scene.seeds import read_seeds
     from brownpipe.storage.store import runs_digest
@@ -91,7 +92,7 @@ def simulate(arguments: Namespace) -> int:
     from brownpipe import progress
     from brownpipe.storage import remove_checkpoint, write_trajectories
 
-    if remark := engine.definition.caution(scene):
+    for remark in filter(None, (engine.definition.caution(scene), growth_caution(scene, len(seeds)))):
         say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)

@@ -174,7 +174,8 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
     chi = theory.contact_value_henderson(min(scene.packing_fraction, 0.9))
     rate = theory.collision_rate(n / (grid.width * grid.height), sigma, chi, 0.5, 0.5 * speed**2)
     crossing = speed * (1 / grid.cell_width + 1 / grid.cell_height) if half == 0.0 else 0.5 * speed / half
-    block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, PATH_PER_BLOCK * sigma / speed))
+    path = max(PATH_PER_BLOCK * sigma, min(grid.cell_width, grid.cell_height))
+    block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, path / speed))
     events = PREFETCHED_PER_BUCKET if _prefetches_candidates(n, half) else EVENTS_PER_BUCKET
     width = power_of_two(min(events / (n * (rate + crossing)), block))
     ring = max(16, 2 ** math.ceil(math.log2((1.25 if n < CANDIDATES_FIT_CACHE else 0.5) * n)))

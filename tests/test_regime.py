@@ -1,0 +1,93 @@
+"""Whether a D is one of diffusion: the centre of mass at rest, fit windows after the tracer's velocity has decayed."""
+
+import numpy as np
+import pytest
+
+import brownpipe as bp
+from brownpipe.engines import friction, initial_state
+from brownpipe.figures.summary import summary
+from brownpipe.scene import scene_yaml
+from brownpipe.study.check import describe_scene_or_study
+
+TRACER = {"radius": 0.5, "mass": 8.0}
+BATH = {"name": "bath", "count": 24, "radius": 0.2, "mass": 1.0}
+THIN = {"radius": 0.02, "mass": 50.0}
+
+
+def scene(boundary="periodic", velocities=None, **keys):
+    given = {
+        "box": {"x": [0, 8], "y": [0, 8], "boundary": boundary},
+        "disks": {"tracer": TRACER, "species": [BATH]},
+        "velocities": velocities or {"temperature": 1.5},
+        "equilibrate": {"time": 1.0, "tracer": "free"},
+        "duration": 4.0,
+        "sample_interval": 0.2,
+        "name": "regime",
+    }
+    return bp.Scene(**(given | keys))
+
+
+@pytest.mark.parametrize(
+    ("boundary", "disks", "asked", "found"),
+    [
+        ("periodic", {"species": [BATH]}, None, True),
+        ("periodic", {"species": [BATH]}, False, False),
+        ("periodic", {"species": [BATH | {"count": 1}]}, None, False),  # it would stand still
+        ("reflecting", {"species": [BATH]}, None, False),
+        ("reflecting", {"species": [BATH]}, True, True),
+    ],
+)
+def test_the_centre_of_mass_rests_in_a_periodic_box_unless_asked_otherwise(boundary, disks, asked, found):
+    velocities = {"temperature": 1.0} | ({} if asked is None else {"zero_momentum": asked})
+    assert scene(boundary, velocities, disks=disks).velocities.zero_momentum is found
+
+
+@pytest.mark.parametrize("width", [{"temperature": 1.5}, {"standard_deviation": 0.7}])
+def test_the_drift_of_the_centre_of_mass_is_that_of_drawn_velocities(width):
+    free = scene(velocities=width | {"zero_momentum": False}, equilibrate=0.0)
+    drawn = [initial_state.draw(free, seed).velocity for seed in range(2000)]
+    square = [((free.mass @ velocity / free.mass.sum()) ** 2).sum() for velocity in drawn]
+    error = np.std(square) / np.sqrt(len(square))
+    assert abs(np.mean(square) - friction.drift_square_speed(free)) < 4 * error
+
+
+def test_check_says_what_the_centre_of_mass_does_to_d(tmp_path):
+    def line(momentum):
+        velocities = {"temperature": 1.5, "zero_momentum": momentum}
+        (tmp_path / "one.yaml").write_text(scene_yaml(scene(velocities=velocities)))
+        text = describe_scene_or_study(str(tmp_path / "one.yaml"))
+        return next(line for line in text.splitlines() if line.startswith("momentum"))
+
+    assert "D is 0.562 = (1 - m/M)^2 times" in line(True)  # 24^2/32^2
+    expected = 1.5 / 8 / friction.friction_rate(scene(), "enskog")
+    assert f"adds 0.19 to a D of {expected:.2g} " in line(False)  # kT t/M = 1.5 * 4/32
+
+
+def test_windows_begin_when_motion_is_diffusive():
+    starts = [friction.diffusive_from(one) for one in (scene(), scene(duration=40.0))]
+    assert starts[0] == starts[1] == pytest.approx(3 * 24 / 32 / friction.friction_rate(scene(), "enskog"))
+    (first, end), (second, _) = friction.default_windows([scene(duration=40.0)])
+    assert (first, end) == (pytest.approx(starts[0], rel=0.05), 40.0)
+    assert second == pytest.approx(2 * first)
+    assert friction.default_windows([scene(), scene(duration=40.0)]) == ((2.0, 4.0), (3.0, 4.0))
+
+
+@pytest.mark.parametrize(("window", "ring"), [((0.2, 4.0), True), (None, False)])
+def test_a_window_before_is_marked(window, ring):
+    long = scene(duration=4.0 if ring else 60.0)
+    text = summary(bp.analyse(bp.simulate(long, seeds=8), fit_windows=window and [window]))
+    assert (" °" in text) == ring
+    assert ("° the fit window [0.2, 4] begins before 3/gamma of the tracer" in text) == ring
+
+
+def test_check_cautions_of_runs_that_end_before(tmp_path):
+    (tmp_path / "one.yaml").write_text(scene_yaml(scene(disks={"tracer": THIN, "species": [BATH]})))
+    assert "caution   the fit window [2, 4] begins before 3/gamma" in describe_scene_or_study(
+        str(tmp_path / "one.yaml")
+    )
+
+
+def test_a_list_of_disks_and_a_lone_disk_have_no_such_time():
+    alone = scene(disks={"tracer": TRACER})
+    assert np.isnan(friction.diffusive_from(alone))
+    assert friction.default_windows([alone]) == ((0.4, 4.0), (2.0, 4.0))
