@@ -52,40 +52,31 @@ def accessible_half_width(scene: Scene) -> float:
     return half_width if half_width > 0 else np.nan
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    scene, (x, y) = case.scene, start(case.scene)
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    scene = case.scene
     return {
         "box_width": scene.box.width,
-        "box_height": scene.box.height,
         "periodic": scene.box.periodic,
         "duration": case.times[-1],
         "packing_fraction": scene.packing_fraction,
         "initial_square_speed": initial_square_speed(scene),
-        "tracer_radius": scene.radius[0] if scene.particles else np.nan,
-        "start_x": x,
-        "start_y": y,
         "accessible_half_width": accessible_half_width(scene),
     }
 
 
+BOUNDARY = {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_runs walls periodic"}
+
 ESTIMATOR = Estimator(
     lambda case, runs: Columns(),
-    _estimate,
     {
         "box_width": Variable(EACH, "length", "width of the box"),
-        "box_height": Variable(EACH, "length", "height of the box"),
-        "periodic": Variable(
-            EACH, "1", "boundary of the box", np.int8, -1,
-            {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_runs walls periodic"},
-        ),
+        "periodic": Variable(EACH, "1", "boundary of the box", (), np.int8, -1, BOUNDARY),
         "duration": Variable(EACH, "time", "duration of a run"),
         "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
         "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
-        "tracer_radius": Variable(EACH, "length", "radius of the tracer"),
-        "start_x": Variable(EACH, "length", "initial x of the tracer, if not random"),
-        "start_y": Variable(EACH, "length", "initial y of the tracer, if not random"),
         "accessible_half_width": Variable(
             EACH, "length", "half the side of the square accessible to the tracer's centre, if it starts in its centre"
         ),
     },
-)  # fmt: skip
+    _derived,
+)

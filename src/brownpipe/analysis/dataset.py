@@ -5,7 +5,6 @@ from itertools import accumulate, chain, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from brownpipe import stages
 from brownpipe.analysis import (
@@ -23,11 +22,22 @@ from brownpipe.analysis import (
 from brownpipe.analysis.displacement import labels
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs, with_estimates
-from brownpipe.analysis.outer_join import Axes, Part, joined
+from brownpipe.analysis.outer_join import Part, joined
 from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_of, select
-from brownpipe.analysis.variables import ATTRIBUTES, COORDINATES, EACH, FAILED, KEPT, SAME_TIME, VARIABLES
+from brownpipe.analysis.variables import (
+    ATTRIBUTES,
+    COORDINATES,
+    EACH,
+    FAILED,
+    KEPT,
+    SAME_TIME,
+    VARIABLES,
+    Variable,
+    with_uncertainties,
+)
 from brownpipe.engines.failures import HEALTH
 from brownpipe.errors import AnalysisError
+from brownpipe.observables import AXES
 from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.storage import Outline, made_by, origin_attributes
 
@@ -49,8 +59,18 @@ ESTIMATORS = tuple(
         drift,
     )
 )
-ALL_VARIABLES = VARIABLES | {name: one for estimator in ESTIMATORS for name, one in estimator.variables.items()}
-ALL_COORDINATES = COORDINATES | {name: text for estimator in ESTIMATORS for name, text in estimator.coordinates.items()}
+TABLES = [VARIABLES, *(estimator.variables for estimator in ESTIMATORS)]
+ALL_VARIABLES = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
+ALWAYS = {name for estimator in ESTIMATORS if estimator.always for name in with_uncertainties(estimator.variables)}
+ALL_COORDINATES = {
+    **COORDINATES,
+    **{name: one for estimator in ESTIMATORS for name, one in estimator.coordinates.items()},
+    **{
+        dim: Variable((dim,), axis.units, axis.long_name)
+        for dim, axis in AXES.items()
+        if dim not in ("time", "quarter")
+    },
+}
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 WIDEST_RING = 1000.0  # ring, in units of the longer side of the box
 
@@ -93,15 +113,15 @@ def aggregate(
     parts = [_results(*given, total) for given in zip(cases, groups, before, strict=True)]
     drift.adjust(parts)
     seeds = np.unique(np.concatenate([group.seeds for group in groups]))
-    for part, case, group in zip(parts, cases, groups, strict=True):
-        ends = [other.seeds[[0, -1]] for like, other in zip(cases, groups, strict=True) if like.engine == case.engine]
+    for part, group in zip(parts, groups, strict=True):
+        ends = [other.seeds[[0, -1]] for other in groups if other.outline.engine == group.outline.engine]
         asked = (seeds >= np.min(ends)) & (seeds <= np.max(ends))
-        part.values["missing_seeds"] = np.count_nonzero(asked) - len(group.seeds)
+        part["missing_seeds"] = np.count_nonzero(asked) - len(group.seeds)
     times = [*options.displacement_times]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
     attributes = ATTRIBUTES | {"msd_of": " or ".join(sorted({_followed(one) for one in outlines}))} | made
-    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, kept=EACH)
+    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS, kept=EACH)
 
 
 def _followed(outline: Outline) -> str:
@@ -158,22 +178,21 @@ def _results(case: Case, group: Group, before: int, total: int) -> Part:
         averages = add_runs(averages, runs.seeds, _columns(case, runs))
     averages = with_estimates(averages)
     failed = np.concatenate(masks)
-    values: dict[str, ArrayLike] = {
+    part: Part = {name: [label] for name, label in zip(EACH, group.files[0].key, strict=True)}
+    part |= {
+        "time": case.times,
+        "seed": group.seeds,
         "runs": np.count_nonzero(~failed),
         "failed_runs": np.count_nonzero(failed),
         "run_status": np.where(failed, FAILED, KEPT),
         **dict(zip(HEALTH, np.concatenate(health, axis=1), strict=True)),
     }
     if stopped:
-        values["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
-    axes: Axes = {name: (name, [label]) for name, label in zip(EACH, case.key, strict=True)}
-    axes |= {"time": ("time", case.times), "seed": ("seed", group.seeds)}
+        part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
     for estimator in ESTIMATORS:
-        estimates = estimator.estimate(case, averages)
-        if estimates or any(variable.always for variable in estimator.variables.values()):
-            values |= estimates
-            axes |= estimator.axes(case, averages)
-    return Part(values, axes)
+        part |= estimator.estimate(case, averages)
+    dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
+    return part | {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
 
 
 def _enough_for_rings(blocks: Iterator[RunBlock]) -> list[RunBlock]:

@@ -6,7 +6,6 @@ docs/theory.md, sections 2 and 5.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,9 +14,9 @@ from brownpipe import theory
 from brownpipe.analysis import goodness, resampling
 from brownpipe.analysis.conditions import accessible_half_width
 from brownpipe.analysis.displacement import labels, per_run_lines, squared_of, tracer_square_displacement
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Variable, estimate_of, kept_always
+from brownpipe.analysis.variables import EACH, INTERVAL, RATE, SAME_TIME, Variable, with_interval
 from brownpipe.elementary import exp, log
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
@@ -103,14 +102,18 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns({"r2": r2, "r4": r2**2}, {"r6": r2 * r2 * r2}, sums)
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "r2" not in averages:
-        return {}
+        return _axes(case)
     edges, counts = case.edges, averages.counts["rings"]
     low, high = resampling.wilson_interval(counts, averages.runs)
     of_shape = kurtosis(averages)
     p_values = [goodness.kurtosis_p_value(value, averages.runs) for value in of_shape.mean]
-    values: dict[str, Any] = {
+    tests = [_tests(case, averages, k, p_value) for k, p_value in enumerate(p_values)]
+    return {
+        **_axes(case),
+        **{name: [test[name] for test in tests] for name in tests[0]},
+        "expected_counts": _on_axis(edges, [test["expected_counts"] for test in tests]),
         "displacement_counts": _on_axis(edges, counts),
         "displacement_counts_low": _on_axis(edges, low),
         "displacement_counts_high": _on_axis(edges, high),
@@ -118,9 +121,6 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "kurtosis_p_value": p_values,
         **with_interval("kurtosis", of_shape),
     }
-    tests = [_tests(case, averages, k, p_value) for k, p_value in enumerate(p_values)]
-    values |= {name: [test[name] for test in tests] for name in tests[0]}
-    return values | {"expected_counts": _on_axis(edges, values["expected_counts"])}
 
 
 def _on_axis(edges: Sequence[np.ndarray], values: Sequence[ArrayLike] | np.ndarray) -> np.ndarray:
@@ -232,57 +232,60 @@ def _inverse_cube(
     return cube, 9 * cube**2 * np.maximum(of_logarithm, 0.0)
 
 
-def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
+def _axes(case: Case) -> dict[str, ArrayLike]:
     square = ["square"] if np.isfinite(accessible_half_width(case.scene)) else []
     r, inner, outer = _axis(case.edges or (ring_edges(1.0, 1) if case.options.edges is None else case.options.edges,))
     return {
-        "displacement_time": ("displacement_time", case.times[chosen_times(case)]),
-        "r": ("r", r),
-        "r_inner": ("r", inner),
-        "r_outer": ("r", outer),
-        "model": ("model", ["msd", *(f"slope {label}" for label in labels(case.options.windows)), *square]),
+        "displacement_time": case.times[chosen_times(case)],
+        "r": r,
+        "r_inner": inner,
+        "r_outer": outer,
+        "model": ["msd", *(f"slope {label}" for label in labels(case.options.windows)), *square],
     }
 
 
 AT = (*EACH, "displacement_time")
 RING, MODEL = (*AT, "r"), (*AT, "model")
+OF_COUNT = "(Wilson) interval of the count"
 
 ESTIMATOR = Estimator(
     _columns,
-    _estimate,
-    kept_always(
-        {
-            "displacement_counts": Variable(RING, "1", "number of runs in the ring"),
-            "displacement_counts_low": Variable(RING, "1", "lower end of the 95 % (Wilson) interval of the count"),
-            "displacement_counts_high": Variable(RING, "1", "upper end of the 95 % (Wilson) interval of the count"),
-            "displacement_overflow": Variable(AT, "1", "number of runs beyond the outermost ring"),
-            "model_diffusion_coefficient": Variable(MODEL, RATE, "diffusion coefficient of the model"),
-            "expected_counts": Variable(
-                (*MODEL, "r"), "1", "number of runs expected in the ring by the model, integrated over the ring"
-            ),
-            "expected_overflow": Variable(MODEL, "1", "number of runs expected beyond the outermost ring by the model"),
-            "chi_square": Variable(MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"),
-            "degrees_of_freedom": Variable(MODEL, "1", "number of pooled bins minus one for the total and one for D"),
-            "p_value": Variable(MODEL, "1", "p-value of the chi-square, D estimated from the same runs"),
-            "p_value_joint": Variable(
-                MODEL, "1", "p-value of rings and kurtosis together; for the reflecting square that of the rings"
-            ),
-            "power_5_percent": Variable(
-                MODEL, "1", "power: probability that the test of the rings rejects a D wrong by 5 %"
-            ),
-            "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
-        }
-    )
-    | estimate_of("kurtosis", AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution"),
-    _axes,
     {
-        "displacement_time": {"units": "time", "long_name": "time since the start, of the displacement distribution"},
-        "r": {"units": "length", "long_name": "middle of the ring"},
-        "r_inner": {"units": "length", "long_name": "inner radius of the ring"},
-        "r_outer": {"units": "length", "long_name": "outer radius of the ring"},
-        "model": {
-            "long_name": "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of "
-            "the 2020 note; square = diffusion in a reflecting square, D from MSD(t)"
-        },
+        "displacement_counts": Variable(RING, "1", "number of runs in the ring"),
+        "displacement_counts_low": Variable(RING, "1", f"lower end of the 95 % {OF_COUNT}"),
+        "displacement_counts_high": Variable(RING, "1", f"upper end of the 95 % {OF_COUNT}"),
+        "displacement_overflow": Variable(AT, "1", "number of runs beyond the outermost ring"),
+        "model_diffusion_coefficient": Variable(MODEL, RATE, "diffusion coefficient of the model"),
+        "expected_counts": Variable(
+            (*MODEL, "r"), "1", "number of runs expected in the ring by the model, integrated over the ring"
+        ),
+        "expected_overflow": Variable(MODEL, "1", "number of runs expected beyond the outermost ring by the model"),
+        "chi_square": Variable(MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"),
+        "degrees_of_freedom": Variable(MODEL, "1", "number of pooled bins minus one for the total and one for D"),
+        "p_value": Variable(MODEL, "1", "p-value of the chi-square, D estimated from the same runs"),
+        "p_value_joint": Variable(
+            MODEL, "1", "p-value of rings and kurtosis together; for the reflecting square that of the rings"
+        ),
+        "power_5_percent": Variable(MODEL, "1", "power: chance that the test of the rings rejects a D wrong by 5 %"),
+        "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
+        "kurtosis": Variable(
+            AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution", INTERVAL
+        ),
     },
+    _derived,
+    {
+        "displacement_time": Variable(
+            ("displacement_time",), "time", "time since the start, of the displacement distribution"
+        ),
+        "r": Variable(("r",), "length", "middle of the ring"),
+        "r_inner": Variable(("r",), "length", "inner radius of the ring"),
+        "r_outer": Variable(("r",), "length", "outer radius of the ring"),
+        "model": Variable(
+            ("model",),
+            None,
+            "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of the 2020 note; "
+            "square = diffusion in a reflecting square, D from MSD(t)",
+        ),
+    },
+    always=True,
 )

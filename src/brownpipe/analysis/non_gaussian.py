@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 
 from brownpipe.analysis.displacement import squared_of
 from brownpipe.analysis.distribution import kurtosis
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import TIME, error_of, estimate_of
+from brownpipe.analysis.variables import ERROR, INTERVAL, TIME, Variable, with_interval
 
 COLUMNS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 and their product; `displacement` has msd
 
@@ -25,7 +25,7 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns({"quartic_displacement": quartic}, {"square_times_quartic": squared * quartic})
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "quartic_displacement" not in averages:
         return {}
     mean, error, low, high = kurtosis(averages, COLUMNS)
@@ -61,15 +61,15 @@ MEANING = "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 f
 
 ESTIMATOR = Estimator(
     _columns,
-    _estimate,
     {
-        **estimate_of("non_gaussian_parameter", TIME, "1", MEANING),
-        **error_of(
-            "non_gaussian_parameter_controlled",
+        "non_gaussian_parameter": Variable(TIME, "1", MEANING, INTERVAL),
+        "non_gaussian_parameter_controlled": Variable(
             TIME,
             "1",
             f"{MEANING}, with that of the first sample after 0 as control variate: for normal initial velocities and a"
             " first sample well within the mean free time",
+            ERROR,
         ),
     },
+    _derived,
 )

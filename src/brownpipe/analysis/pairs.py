@@ -6,14 +6,14 @@ P pairs of species, R bins of distance, n runs. See docs/theory.md, section 3.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe import observables, theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, scaled, with_interval
+from brownpipe import theory
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import mean_root, temperature
-from brownpipe.analysis.variables import EACH, Variable, estimate_of
+from brownpipe.analysis.variables import EACH, INTERVAL, Variable, with_interval
 from brownpipe.engines.friction import DENSEST
-from brownpipe.observables.pairs import bins, pair_names, species_pairs
+from brownpipe.observables.pairs import bins, species_pairs
 from brownpipe.observables.species import species_table
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
@@ -223,39 +223,29 @@ def _at_contact(averages: Averages) -> Estimate:
     return widened(estimate, truncation(following))
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    values = intervals(averages, ["contact_value_rate"])
-    if "pair_distribution" in averages:
-        values |= with_interval("pair_distribution", _of_ideal(averages, "pair_distribution"))
-        values |= with_interval("contact_value", _at_contact(averages))
-    return values | {"contact_distance": contact_distances(case.scene)} if values else {}
-
-
-def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
-    if "pair_distribution" in averages:
-        return {dim: (dim, values) for dim, values in observables.axes(case.scene, "pair_counts").items()}
-    return {"species_pair": ("species_pair", pair_names(case.scene))}
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    if "pair_distribution" not in averages:
+        return {"contact_distance": contact_distances(case.scene)} if "contact_value_rate" in averages else {}
+    return {
+        **with_interval("pair_distribution", _of_ideal(averages, "pair_distribution")),
+        **with_interval("contact_value", _at_contact(averages)),
+        "contact_distance": contact_distances(case.scene),
+    }
 
 
 PAIR = (*EACH, "species_pair")
 
 ESTIMATOR = Estimator(
     _columns,
-    _estimate,
     {
-        **estimate_of(
-            "pair_distribution",
-            (*PAIR, "distance"),
-            "1",
-            "pair distribution function g(r); 1 for an ideal gas in this box",
+        "pair_distribution": Variable(
+            (*PAIR, "distance"), "1", "pair distribution function g(r); 1 for an ideal gas in this box", INTERVAL
         ),
         "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
-        **estimate_of("contact_value", PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"),
-        **estimate_of("contact_value_rate", PAIR, "1", "g(r) at contact, from the collision rate"),
+        "contact_value": Variable(
+            PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances", INTERVAL
+        ),
+        "contact_value_rate": Variable(PAIR, "1", "g(r) at contact, from the collision rate", INTERVAL),
     },
-    _axes,
-    {
-        "species_pair": {"long_name": "species of the two disks"},
-        "distance": {"units": "length", "long_name": "distance of the two disks, middle of the bin"},
-    },
+    _derived,
 )

@@ -5,12 +5,11 @@ n runs. See docs/theory.md, section 3.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, with_error
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
+from brownpipe.analysis.variables import EACH, ERROR, INTERVAL, RATE, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.species import species_table
@@ -142,45 +141,44 @@ def _of_temperature(
     return values
 
 
-MEASURED = {
-    "collision_rate": ("1/time", "collisions of a disk with others per time"),
-    "tracer_collision_rate": ("1/time", "collisions of the tracer with others per time"),
-    "collision_rate_at_temperature": (
-        "1/time", "collisions of a disk with others per time, scaled in every run to the temperature of the scene"
-    ),
-    "tracer_collision_rate_at_temperature": (
-        "1/time", "collisions of the tracer with others per time, scaled in every run to the temperature of the scene"
-    ),
-    "kinetic_temperature": ("energy", "temperature kT from the kinetic energy"),
-    "compressibility": (
-        "1", "compressibility factor 1 + W/(2 N kT t), W the virial of pair collisions in time t; P/(n kT) if periodic"
-    ),
-    "wall_compressibility": ("1", "compressibility factor P/(n kT) from the pressure P on the walls, n = N/A"),
-    "compressibility_rate": ("1", "compressibility factor of equal disks from their collision rate"),
-    "wall_pressure": ("energy/length^2", "pressure on the walls: momentum transferred per length and time"),
-}  # fmt: skip
+def _derived(case: Case, averages: Averages) -> dict[str, float]:
+    return enskog(case.scene, case.engine.definition.counts_collisions)
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    values: dict[str, ArrayLike] = {}
-    for name in (name for name in COLLISION_COUNTS if name in averages):
-        values |= with_error(name, averages.estimate(name))
-    has_bath = case.engine.definition.counts_collisions
-    return values | intervals(averages, MEASURED) | enskog(case.scene, has_bath)
-
+AT_TEMPERATURE = "per time, scaled in every run to the temperature of the scene"
 
 ESTIMATOR = Estimator(
     _columns,
-    _estimate,
     {
-        **error_of("pair_collisions", EACH, "1", "mean number of collisions between disks in a run"),
-        **error_of("wall_collisions", EACH, "1", "mean number of collisions with walls in a run"),
-        **error_of("tracer_collisions", EACH, "1", "mean number of collisions of the tracer with other disks in a run"),
-        **{
-            key: one
-            for name, (unit, text) in MEASURED.items()
-            for key, one in estimate_of(name, EACH, unit, text).items()
-        },
+        "pair_collisions": Variable(EACH, "1", "mean number of collisions between disks in a run", ERROR),
+        "wall_collisions": Variable(EACH, "1", "mean number of collisions with walls in a run", ERROR),
+        "tracer_collisions": Variable(
+            EACH, "1", "mean number of collisions of the tracer with other disks in a run", ERROR
+        ),
+        "collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time", INTERVAL),
+        "tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer with others per time", INTERVAL),
+        "collision_rate_at_temperature": Variable(
+            EACH, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}", INTERVAL
+        ),
+        "tracer_collision_rate_at_temperature": Variable(
+            EACH, "1/time", f"collisions of the tracer with others {AT_TEMPERATURE}", INTERVAL
+        ),
+        "kinetic_temperature": Variable(EACH, "energy", "temperature kT from the kinetic energy", INTERVAL),
+        "compressibility": Variable(
+            EACH,
+            "1",
+            "compressibility factor 1 + W/(2 N kT t), W the virial of pair collisions in time t; P/(n kT) if periodic",
+            INTERVAL,
+        ),
+        "wall_compressibility": Variable(
+            EACH, "1", "compressibility factor P/(n kT) from the pressure P on the walls, n = N/A", INTERVAL
+        ),
+        "compressibility_rate": Variable(
+            EACH, "1", "compressibility factor of equal disks from their collision rate", INTERVAL
+        ),
+        "wall_pressure": Variable(
+            EACH, "energy/length^2", "pressure on the walls: momentum transferred per length and time", INTERVAL
+        ),
         "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
         "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
         "enskog_contact_value": Variable(
@@ -193,4 +191,5 @@ ESTIMATOR = Estimator(
             EACH, RATE, "diffusion coefficient of the tracer, Enskog's theory, at the scene's total momentum"
         ),
     },
+    _derived,
 )

@@ -5,8 +5,8 @@ import json
 import numpy as np
 
 from brownpipe.analysis.displacement import per_run_lines
-from brownpipe.analysis.estimator import with_interval
 from brownpipe.analysis.resampling import Estimate
+from brownpipe.analysis.variables import with_interval
 from brownpipe.errors import AnalysisError
 from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Pairs

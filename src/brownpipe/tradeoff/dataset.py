@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe.analysis.outer_join import Axes, Part, joined
+from brownpipe.analysis.outer_join import joined
 from brownpipe.analysis.runs import Source, groups_of
 from brownpipe.analysis.variables import SAME_TIME
 from brownpipe.engines import Engine
@@ -56,12 +56,11 @@ def measure(
         fitted = window or (exact.times[-1] / 10, exact.times[-1])
         settings, of_scene = _settings(exact, compared, fitted, seconds_per_run), _scene(exact, fitted)
         for label, values in settings.items():
-            axes: Axes = {"scene": ("scene", [exact.scene.label]), "setting": ("setting", [label])}
-            parts.append(Part(of_scene | values, axes))
+            parts.append({"scene": [exact.scene.label], "setting": [label]} | of_scene | values)
     stand_ins = {scene: [*others] for scene, others in instead_of.items()}
     options = {"instead_of": stand_ins, "fit_window": window}
     made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in groups), options)
-    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, kept=COORDINATES)
+    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES, kept=COORDINATES)
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
