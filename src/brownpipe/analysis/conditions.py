@@ -66,17 +66,14 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
 
 BOUNDARY = {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_runs walls periodic"}
 
-ESTIMATOR = Estimator(
-    lambda case, runs: Columns(),
-    {
-        "box_width": Variable(EACH, "length", "width of the box"),
-        "periodic": Variable(EACH, "1", "boundary of the box", (), np.int8, -1, BOUNDARY),
-        "duration": Variable(EACH, "time", "duration of a run"),
-        "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
-        "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
-        "accessible_half_width": Variable(
-            EACH, "length", "half the side of the square accessible to the tracer's centre, if it starts in its centre"
-        ),
-    },
-    _derived,
-)
+VARIABLES = {
+    "box_width": Variable(EACH, "length", "width of the box"),
+    "periodic": Variable(EACH, "1", "boundary of the box", (), np.int8, -1, BOUNDARY),
+    "duration": Variable(EACH, "time", "duration of a run"),
+    "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
+    "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
+    "accessible_half_width": Variable(
+        EACH, "length", "half the side of the square for the centre of a tracer that starts in its middle"
+    ),
+}
+ESTIMATOR = Estimator(lambda case, runs: Columns(), VARIABLES, _derived)

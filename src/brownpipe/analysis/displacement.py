@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from brownpipe.analysis import resampling
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, INTERVAL, RATE, TIME, Variable, with_interval
+from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, TIME, Mean, Variable, with_interval
 from brownpipe.observables import displacement as of_a_run
 
 
@@ -128,26 +128,22 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
 
 WINDOW = (*EACH, "window")
 
-ESTIMATOR = Estimator(
-    _columns,
-    {
-        "msd": Variable(TIME, AREA, f"mean squared displacement {FOLLOWED}", INTERVAL),
-        "msd_over_4t": Variable(TIME, RATE, "mean squared displacement over 4 t", INTERVAL),
-        "slope": Variable(WINDOW, RATE, "least-squares slope of the mean squared displacement in the window", INTERVAL),
-        "intercept": Variable(WINDOW, AREA, "intercept of the least-squares line in the window", ERROR),
-        "naive_slope_error": Variable(
-            WINDOW,
-            RATE,
-            "standard error of the slope by least squares for independent points; not valid here, as all points of "
-            "the MSD come from the same runs",
-        ),
-        "diffusion_coefficient": Variable(WINDOW, RATE, "diffusion coefficient, slope/4, in the window", INTERVAL),
-    },
-    _derived,
-    {
-        "window": Variable(("window",), None, "time window of the straight-line fit"),
-        "window_start": Variable(("window",), "time", "start of the window"),
-        "window_end": Variable(("window",), "time", "end of the window"),
-    },
-    always=True,
-)
+VARIABLES = {
+    "msd": Mean(TIME, AREA, f"mean squared displacement {FOLLOWED}"),
+    "msd_over_4t": Mean(TIME, RATE, "mean squared displacement over 4 t"),
+    "slope": Mean(WINDOW, RATE, "least-squares slope of the mean squared displacement in the window"),
+    "intercept": Variable(WINDOW, AREA, "intercept of the least-squares line in the window", ERROR),
+    "naive_slope_error": Variable(
+        WINDOW,
+        RATE,
+        "standard error of the slope by least squares for independent points; not valid here, as all points of "
+        "the MSD come from the same runs",
+    ),
+    "diffusion_coefficient": Mean(WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
+}
+COORDINATES = {
+    "window": Variable(("window",), None, "time window of the straight-line fit"),
+    "window_start": Variable(("window",), "time", "start of the window"),
+    "window_end": Variable(("window",), "time", "end of the window"),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES, always=True)

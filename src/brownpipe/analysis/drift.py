@@ -159,15 +159,12 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
 
 
 QUANTITY = (*EACH, "quantity")
-ESTIMATOR = Estimator(
-    _columns,
-    {
-        "time_to_try": Variable(EACH, "time", "equilibrate.time to try if the runs drift"),
-        "drift": Variable(QUANTITY, "1", "relative change from the first to the last quarter of the runs", ERROR),
-        "drift_p_value": Variable(
-            QUANTITY, "1", "probability of such a change in equilibrium, adjusted for all of the dataset (Holm)"
-        ),
-    },
-    _derived,
-    {"quantity": Variable(("quantity",), None, "quantity that may drift")},
-)
+VARIABLES = {
+    "time_to_try": Variable(EACH, "time", "equilibrate.time to try if the runs drift"),
+    "drift": Variable(QUANTITY, "1", "relative change from the first to the last quarter of the runs", ERROR),
+    "drift_p_value": Variable(
+        QUANTITY, "1", "probability of such a change in equilibrium, adjusted for all of the dataset (Holm)"
+    ),
+}
+COORDINATES = {"quantity": Variable(("quantity",), None, "quantity that may drift")}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES)

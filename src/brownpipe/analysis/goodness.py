@@ -45,7 +45,6 @@ class Estimated(NamedTuple):
     change: np.ndarray  # (K,) dE_k/d ln D
     shared: np.ndarray  # (K,) sum over the runs of bin k of s_i/<s> - 1
     variance: float  # of s_i/<s> over runs
-    elasticity: float = 1.0  # d ln D/d ln <s>
 
 
 KNOWN = None  # source of a D that does not come from the runs
@@ -58,13 +57,12 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
     the pooled bins minus one for the total and one for a D that is `Estimated`; p follows from the distribution at the
     head of this module.
     """
-    pools = _pools(np.asarray(expected, float))
-    observed, expected = _pooled(observed, pools), _pooled(expected, pools)
+    pools, expected, _, weights = _linearised(expected, source)
     freedom = len(expected) - 1 - (source is not KNOWN)
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
-    statistic = ((observed - expected) ** 2 / expected).sum()
-    return ChiSquare(statistic, freedom, upper_tail(statistic, *_weights(expected, source, pools, observed.sum())))
+    statistic = ((_pooled(observed, pools) - expected) ** 2 / expected).sum()
+    return ChiSquare(statistic, freedom, upper_tail(statistic, *weights))
 
 
 def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = KNOWN, level: float = LEVEL) -> float:
@@ -73,21 +71,15 @@ def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = K
     X^2 is then |Z - delta B + h|^2 with h_k the difference over sqrt(E_k); its first three cumulants are matched by a
     gamma distribution (E. S. Pearson, Biometrika 46, 364 (1959)). NaN without degrees of freedom.
     """
-    pools = _pools(np.asarray(expected, float))
-    others, expected = _pooled(others, pools), _pooled(expected, pools)
+    pools, expected, (b, c, v), weights = _linearised(expected, source)
+    others = _pooled(others, pools)
     if len(expected) < 2 + (source is not KNOWN) or not np.all(np.isfinite(expected + others)):
         return np.nan
-    runs, shift = expected.sum(), (others - expected) / np.sqrt(expected)
-    ones, first, second = weights = _weights(expected, source, pools, runs)
-    b, c, v = _vectors(expected, source, pools, runs)
-
-    def covariance(h: np.ndarray) -> np.ndarray:
-        root = np.sqrt(expected / runs)
-        return h - root * (root * h).sum() - b * (c * h).sum() - c * (b * h).sum() + v * b * (b * h).sum()
-
-    projected = covariance(shift)
-    mean = ones + first + second + (shift**2).sum()
-    along = max((shift * projected).sum(), 0.0)  # negative only where the runs are far from the model
+    ones, first, second = weights
+    h, root = (others - expected) / np.sqrt(expected), np.sqrt(expected / expected.sum())
+    projected = h - root * (root * h).sum() - b * (c * h).sum() - c * (b * h).sum() + v * b * (b * h).sum()
+    mean = ones + first + second + (h**2).sum()
+    along = max((h * projected).sum(), 0.0)  # negative only where the runs are far from the model
     variance = 2 * (ones + first**2 + second**2) + 4 * along
     third = 8 * (ones + first * first * first + second * second * second) + 24 * (projected**2).sum()
     from scipy.special import gammaincc
@@ -112,24 +104,26 @@ def _pooled(values: np.ndarray, pools: list[int]) -> np.ndarray:
     return np.add.reduceat(np.asarray(values, float), pools)
 
 
-def _vectors(
-    expected: np.ndarray, source: Estimated | None, pools: list[int], runs: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """B (K,), C (K,) and v of the module's head, for an estimated D; zeros for a known one."""
-    if source is KNOWN:
-        return np.zeros(len(expected)), np.zeros(len(expected)), 0.0
-    change, root = _pooled(source.change, pools), np.sqrt(expected)
-    shared = source.elasticity * _pooled(source.shared, pools)
-    return change / root, shared / root / runs, source.elasticity**2 * source.variance / runs
+def _linearised(expected: np.ndarray, source: Estimated | None) -> tuple[list[int], np.ndarray, tuple, tuple]:
+    """Pools, counts E (K,) expected in them, (B, C, v) of the module's head, and weights of the sum that X^2 is.
 
-
-def _weights(expected: np.ndarray, source: Estimated | None, pools: list[int], runs: float) -> tuple[int, float, float]:
-    """Weights of the chi-squares that X^2 is a sum of: K - 3, the number of those with weight 1, and l_1, l_2."""
-    b, c, v = _vectors(expected, source, pools, runs)
+    B, C and v are 0 for a known D. The weights are K - 3, the number of chi-squares with weight 1, and l_1, l_2.
+    """
+    pools = _pools(np.asarray(expected, float))
+    expected = _pooled(expected, pools)
+    b, c, v = np.zeros(len(expected)), np.zeros(len(expected)), 0.0
+    if source is not KNOWN:
+        root, runs = np.sqrt(expected), expected.sum()
+        b, c, v = (
+            _pooled(source.change, pools) / root,
+            _pooled(source.shared, pools) / root / runs,
+            source.variance / runs,
+        )
     bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
     middle = (v * bb - 2 * bc) / 2
     apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
-    return len(expected) - 3, max(1 + middle + apart, 0.0), max(1 + middle - apart, 0.0)
+    weights = len(expected) - 3, max(1 + middle + apart, 0.0), max(1 + middle - apart, 0.0)
+    return pools, expected, (b, c, v), weights
 
 
 def upper_tail(x: float, ones: int, first: float, second: float) -> float:
@@ -142,8 +136,6 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
     """
     from scipy.special import gammaincc
 
-    if first == second == 1.0:
-        return float(gammaincc(ones / 2 + 1, x / 2))
     if ones < 0:
         return float(gammaincc(0.5, x / (2 * first))) if first > 0.0 else float(x <= 0.0)
     cos2, sin2 = _squares()
@@ -200,10 +192,8 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
 def _lognormal(runs: int) -> tuple[float, float, float]:
     """Shift, median minus shift, and width of the lognormal distribution with the kurtosis' first three moments."""
     mean, variance, skewness = _greenwood(runs)
-    low, high = 1.0, 1e3
-    for _ in range(200):  # of w = exp(width^2): skewness = (w + 2) sqrt(w - 1)
-        w = (low + high) / 2
-        low, high = (w, high) if (w + 2) * np.sqrt(w - 1) < skewness else (low, w)
+    third = log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
+    w = exp(third) + exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
     scale = np.sqrt(variance / (w * (w - 1)))
     return mean - scale * np.sqrt(w), scale, np.sqrt(log(w))
 
@@ -228,9 +218,8 @@ def in_words(p: float) -> str:
 
 
 def both(p: float, q: float) -> float:
-    """Return the p-value of two tests of one hypothesis together (Bonferroni); of one alone if the other is NaN."""
-    smaller = np.fmin(p, q)
-    return float(smaller if np.isnan(p) or np.isnan(q) else min(1.0, 2 * smaller))
+    """Return the p-value of two tests of one hypothesis together (Bonferroni); p if q is NaN."""
+    return float(p if np.isnan(q) else np.minimum(2 * np.minimum(p, q), 1.0))
 
 
 def holm(p: np.ndarray) -> np.ndarray:

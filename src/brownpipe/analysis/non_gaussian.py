@@ -11,7 +11,7 @@ from brownpipe.analysis.distribution import kurtosis
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import ERROR, INTERVAL, TIME, Variable, with_interval
+from brownpipe.analysis.variables import ERROR, TIME, Mean, Variable, with_interval
 
 COLUMNS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 and their product; `displacement` has msd
 
@@ -59,17 +59,14 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
 
 MEANING = "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 for a normal distribution"
 
-ESTIMATOR = Estimator(
-    _columns,
-    {
-        "non_gaussian_parameter": Variable(TIME, "1", MEANING, INTERVAL),
-        "non_gaussian_parameter_controlled": Variable(
-            TIME,
-            "1",
-            f"{MEANING}, with that of the first sample after 0 as control variate: for normal initial velocities and a"
-            " first sample well within the mean free time",
-            ERROR,
-        ),
-    },
-    _derived,
-)
+VARIABLES = {
+    "non_gaussian_parameter": Mean(TIME, "1", MEANING),
+    "non_gaussian_parameter_controlled": Variable(
+        TIME,
+        "1",
+        f"{MEANING}, with that of the first sample after 0 as control variate: for normal initial velocities and a"
+        " first sample well within the mean free time",
+        ERROR,
+    ),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

@@ -11,7 +11,7 @@ from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, sca
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import mean_root, temperature
-from brownpipe.analysis.variables import EACH, INTERVAL, Variable, with_interval
+from brownpipe.analysis.variables import EACH, Mean, Variable, with_interval
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.pairs import bins, species_pairs
 from brownpipe.observables.species import species_table
@@ -235,17 +235,10 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
 
 PAIR = (*EACH, "species_pair")
 
-ESTIMATOR = Estimator(
-    _columns,
-    {
-        "pair_distribution": Variable(
-            (*PAIR, "distance"), "1", "pair distribution function g(r); 1 for an ideal gas in this box", INTERVAL
-        ),
-        "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
-        "contact_value": Variable(
-            PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances", INTERVAL
-        ),
-        "contact_value_rate": Variable(PAIR, "1", "g(r) at contact, from the collision rate", INTERVAL),
-    },
-    _derived,
-)
+VARIABLES = {
+    "pair_distribution": Mean((*PAIR, "distance"), "1", "pair distribution g(r); 1 for an ideal gas in this box"),
+    "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
+    "contact_value": Mean(PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"),
+    "contact_value_rate": Mean(PAIR, "1", "g(r) at contact, from the collision rate"),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

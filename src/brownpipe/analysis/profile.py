@@ -9,7 +9,7 @@ from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.pairs import contact_weights, truncation, widened
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, INTERVAL, Variable, with_interval
+from brownpipe.analysis.variables import EACH, Mean, with_interval
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.profile import bins
 from brownpipe.observables.species import species_table
@@ -48,15 +48,8 @@ def _derived(case: Case, averages: Averages) -> dict[str, np.ndarray]:
 SPECIES = (*EACH, "species")
 DENSITY = "1/length^2"
 
-ESTIMATOR = Estimator(
-    _columns,
-    {
-        "density_profile": Variable(
-            (*SPECIES, "wall_distance"), DENSITY, "number density by distance from the walls", INTERVAL
-        ),
-        "contact_density": Variable(
-            SPECIES, DENSITY, "number density at the walls, extrapolated from up to 0.2 diameters", INTERVAL
-        ),
-    },
-    _derived,
-)
+VARIABLES = {
+    "density_profile": Mean((*SPECIES, "wall_distance"), DENSITY, "number density by distance from the walls"),
+    "contact_density": Mean(SPECIES, DENSITY, "number density at the walls, extrapolated from up to 0.2 diameters"),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

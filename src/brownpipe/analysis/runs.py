@@ -187,6 +187,11 @@ def select(runs: RunBlock, rows: np.ndarray) -> RunBlock:
     return RunBlock(seeds, tracer, {name: values[rows] for name, values in runs.observables.items()}, stopped)
 
 
+def reported(runs: RunBlock, name: str) -> np.ndarray:
+    """Return a number of every run (n,), NaN if the engine does not report it."""
+    return runs.observables.get(name, np.full(len(runs.seeds), np.nan))
+
+
 def _joined(parts: Sequence[RunBlock]) -> RunBlock:
     """Runs of several files as one block, seeds ascending."""
     seeds = np.concatenate([runs.seeds for runs in parts])

@@ -9,7 +9,7 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, ERROR, INTERVAL, RATE, Variable
+from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.species import species_table
@@ -145,51 +145,33 @@ def _derived(case: Case, averages: Averages) -> dict[str, float]:
     return enskog(case.scene, case.engine.definition.counts_collisions)
 
 
-AT_TEMPERATURE = "per time, scaled in every run to the temperature of the scene"
+AT_TEMPERATURE = "per time, at the temperature of the scene"
 
-ESTIMATOR = Estimator(
-    _columns,
-    {
-        "pair_collisions": Variable(EACH, "1", "mean number of collisions between disks in a run", ERROR),
-        "wall_collisions": Variable(EACH, "1", "mean number of collisions with walls in a run", ERROR),
-        "tracer_collisions": Variable(
-            EACH, "1", "mean number of collisions of the tracer with other disks in a run", ERROR
-        ),
-        "collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time", INTERVAL),
-        "tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer with others per time", INTERVAL),
-        "collision_rate_at_temperature": Variable(
-            EACH, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}", INTERVAL
-        ),
-        "tracer_collision_rate_at_temperature": Variable(
-            EACH, "1/time", f"collisions of the tracer with others {AT_TEMPERATURE}", INTERVAL
-        ),
-        "kinetic_temperature": Variable(EACH, "energy", "temperature kT from the kinetic energy", INTERVAL),
-        "compressibility": Variable(
-            EACH,
-            "1",
-            "compressibility factor 1 + W/(2 N kT t), W the virial of pair collisions in time t; P/(n kT) if periodic",
-            INTERVAL,
-        ),
-        "wall_compressibility": Variable(
-            EACH, "1", "compressibility factor P/(n kT) from the pressure P on the walls, n = N/A", INTERVAL
-        ),
-        "compressibility_rate": Variable(
-            EACH, "1", "compressibility factor of equal disks from their collision rate", INTERVAL
-        ),
-        "wall_pressure": Variable(
-            EACH, "energy/length^2", "pressure on the walls: momentum transferred per length and time", INTERVAL
-        ),
-        "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
-        "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
-        "enskog_contact_value": Variable(
-            EACH, "1", "theoretical contact value of the tracer and the most numerous species of its bath"
-        ),
-        "enskog_compressibility": Variable(
-            EACH, "1", "compressibility factor of infinitely many disks, from Enskog's contact values"
-        ),
-        "enskog_diffusion": Variable(
-            EACH, RATE, "diffusion coefficient of the tracer, Enskog's theory, at the scene's total momentum"
-        ),
-    },
-    _derived,
-)
+VARIABLES = {
+    "pair_collisions": Variable(EACH, "1", "mean number of collisions between disks in a run", ERROR),
+    "wall_collisions": Variable(EACH, "1", "mean number of collisions with walls in a run", ERROR),
+    "tracer_collisions": Variable(EACH, "1", "mean number of collisions of the tracer in a run", ERROR),
+    "collision_rate": Mean(EACH, "1/time", "collisions of a disk with others per time"),
+    "tracer_collision_rate": Mean(EACH, "1/time", "collisions of the tracer with others per time"),
+    "collision_rate_at_temperature": Mean(EACH, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}"),
+    "tracer_collision_rate_at_temperature": Mean(
+        EACH, "1/time", f"collisions of the tracer with others {AT_TEMPERATURE}"
+    ),
+    "kinetic_temperature": Mean(EACH, "energy", "temperature kT from the kinetic energy"),
+    "compressibility": Mean(
+        EACH,
+        "1",
+        "compressibility factor 1 + W/(2 N kT t), W the virial of pair collisions in time t; P/(n kT) if periodic",
+    ),
+    "wall_compressibility": Mean(EACH, "1", "compressibility factor P/(n kT), P the pressure on the walls, n = N/A"),
+    "compressibility_rate": Mean(EACH, "1", "compressibility factor of equal disks from their collision rate"),
+    "wall_pressure": Mean(EACH, "energy/length^2", "pressure on the walls: momentum transferred per length and time"),
+    "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
+    "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
+    "enskog_contact_value": Variable(
+        EACH, "1", "theoretical contact value of the tracer and the main species of its bath"
+    ),
+    "enskog_compressibility": Variable(EACH, "1", "compressibility factor from Enskog's contact values"),
+    "enskog_diffusion": Variable(EACH, RATE, "the tracer's diffusion coefficient, Enskog's theory, at this momentum"),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

@@ -4,6 +4,7 @@ Units are the reduced units of the scene: `length`, `time`, `mass`. "95 %" inter
 """
 
 from collections.abc import Mapping
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -52,6 +53,9 @@ class Variable(NamedTuple):
     @property
     def attributes(self) -> dict[str, object]:
         return ({} if self.units is None else {"units": self.units}) | {"long_name": self.long_name, **self.extra}
+
+
+Mean = partial(Variable, uncertainties=INTERVAL)  # of a quantity over runs, with its interval
 
 
 def with_uncertainties(variables: Mapping[str, Variable]) -> dict[str, Variable]:

@@ -12,17 +12,7 @@ from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
-from brownpipe.analysis.variables import (
-    EACH,
-    FOLLOWED,
-    INTERVAL,
-    RATE,
-    SAME_TIME,
-    SPEED2,
-    TIME,
-    Variable,
-    with_interval,
-)
+from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable, with_interval
 from brownpipe.engines.friction import partners_of
 from brownpipe.observables import displacement
 from brownpipe.scene import Scene
@@ -172,36 +162,23 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
 
 SPECIES = (*EACH, "species")
 
-ESTIMATOR = Estimator(
-    _columns,
-    {
-        "diffusion_running": Variable(TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4", INTERVAL),
-        "velocity_autocorrelation": Variable(TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}", INTERVAL),
-        "bath_velocity_autocorrelation": Variable(
-            TIME, SPEED2, "velocity autocorrelation v(0).v(t) in the bath", INTERVAL
-        ),
-        "green_kubo": Variable(
-            TIME,
-            RATE,
-            f"half of <v(0).(r(t) - r(0))> {FOLLOWED}, half of the integral of the autocorrelation from 0 to t",
-            INTERVAL,
-        ),
-        "vacf_initial_slope": Variable(
-            EACH,
-            "length^2/time^3",
-            "slope at 0 of the velocity autocorrelation; errors include that of the finite sample interval",
-            INTERVAL,
-        ),
-        "vacf_initial_slope_expected": Variable(
-            EACH, "length^2/time^3", "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer"
-        ),
-        "species_energy": Variable(
-            (*TIME, "species"), "energy", "kinetic energy per disk; kT in equilibrium", INTERVAL
-        ),
-        "velocity_density": Variable(
-            (*SPECIES, "velocity"), "1", "probability density of the velocity components", INTERVAL
-        ),
-        "speed_density": Variable((*SPECIES, "speed"), "1", "probability density of the speeds", INTERVAL),
-    },
-    _derived,
-)
+VARIABLES = {
+    "diffusion_running": Mean(TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4"),
+    "velocity_autocorrelation": Mean(TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
+    "bath_velocity_autocorrelation": Mean(TIME, SPEED2, "velocity autocorrelation v(0).v(t) in the bath"),
+    "green_kubo": Mean(
+        TIME, RATE, f"half of <v(0).(r(t) - r(0))> {FOLLOWED}, the integral of the autocorrelation over 2"
+    ),
+    "vacf_initial_slope": Mean(
+        EACH,
+        "length^2/time^3",
+        "initial slope of the autocorrelation; errors include that of sampling",
+    ),
+    "vacf_initial_slope_expected": Variable(
+        EACH, "length^2/time^3", "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer"
+    ),
+    "species_energy": Mean((*TIME, "species"), "energy", "kinetic energy per disk; kT in equilibrium"),
+    "velocity_density": Mean((*SPECIES, "velocity"), "1", "probability density of the velocity components"),
+    "speed_density": Mean((*SPECIES, "speed"), "1", "probability density of the speeds"),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis.runs import Group, RunBlock, block_of, blocks_of, select
+from brownpipe.analysis.runs import Group, RunBlock, block_of, blocks_of, reported, select
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import AnalysisError
@@ -62,13 +62,13 @@ def _joined(scene: Scene, engine: Engine, times: np.ndarray, blocks: Iterable[Ru
     size, failed = (scene.box.width, scene.box.height), 0
     seeds, tracks, outcomes, counts = [], [], [], []
     for runs in blocks:
-        good = np.flatnonzero(_outcome(runs, "failed") == 0)
+        good = np.flatnonzero(reported(runs, "failed") == 0)
         failed += len(runs.seeds) - len(good)
         runs = select(runs, good)
         seeds.append(runs.seeds)
         track = displacement(runs.tracer.position, runs.tracer.image, size)
         tracks.append(np.ascontiguousarray(track.transpose(1, 0, 2)))
-        outcomes.append([_outcome(runs, name) for name in OUTCOMES])
+        outcomes.append([reported(runs, name) for name in OUTCOMES])
         counts.append(runs.observables.get("pair_counts"))
     moved = np.concatenate(tracks)
     return EngineRuns(
@@ -82,7 +82,3 @@ def _joined(scene: Scene, engine: Engine, times: np.ndarray, blocks: Iterable[Ru
         None if counts[0] is None else np.concatenate(counts),
         failed,
     )
-
-
-def _outcome(runs: RunBlock, name: str) -> np.ndarray:
-    return runs.observables.get(name, np.full(len(runs.seeds), np.nan))
