@@ -62,7 +62,7 @@ def with_uncertainties(variables: Mapping[str, Variable]) -> dict[str, Variable]
     """Return the table of variables with their uncertainties: `x`, `x_standard_error`, `x_low`, `x_high`."""
     table = {}
     for name, one in variables.items():
-        ancillary = {"ancillary_variables": f"{name}_{ERROR[0]}"} if one.uncertainties else {}
+        ancillary = {"ancillary_variables": f"{name}_{one.uncertainties[0]}"} if one.uncertainties else {}
         table[name] = one._replace(extra={**one.extra, **ancillary})
         for part in one.uncertainties:
             table[f"{name}_{part}"] = Variable(one.dims, one.units, UNCERTAINTIES[part].format(one.long_name))

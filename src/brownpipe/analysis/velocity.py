@@ -7,14 +7,14 @@ See docs/theory.md, section 4.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe import elementary, observables, theory
+from brownpipe import elementary, theory
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
 from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable, with_interval
 from brownpipe.engines.friction import partners_of
-from brownpipe.observables import displacement
+from brownpipe.observables import ARRAYS, AXES, displacement
 from brownpipe.scene import Scene
 
 CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
@@ -144,13 +144,9 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
             means[name] = along / 2
     for name, counts in DENSITIES.items():
         if counts in runs.observables:
-            means[name] = density(runs.observables[counts], _width(case, counts))
+            middles = np.asarray(AXES[ARRAYS[counts].dims[-1]].coordinates(case.scene))
+            means[name] = density(runs.observables[counts], middles[1] - middles[0])
     return Columns(means)
-
-
-def _width(case: Case, counts: str) -> float:
-    values = np.asarray(observables.axes(case.scene, counts)[observables.ARRAYS[counts].dims[-1]])
-    return values[1] - values[0]
 
 
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:

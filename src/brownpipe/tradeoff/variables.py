@@ -5,7 +5,7 @@ Biases, spreads and distances are relative to the exact result: 0.01 is 1 %. "95
 
 import numpy as np
 
-from brownpipe.analysis.variables import INTERVAL, Variable, with_uncertainties
+from brownpipe.analysis.variables import INTERVAL, Mean, Variable, with_uncertainties
 
 ATTRIBUTES = {
     "Conventions": "CF-1.11",
@@ -17,21 +17,7 @@ ATTRIBUTES = {
     ),
 }
 SCENE, SETTING = ("scene",), ("scene", "setting")
-
-
-def _error_terms(name: str, meaning: str) -> dict[str, Variable]:
-    """The terms of the total error: square of the bias, spread of a run."""
-    return {
-        f"{name}_bias_square": Variable(SETTING, "1", f"square of the relative bias of {meaning}, less its variance"),
-        f"{name}_bias_careful": Variable(
-            SETTING, "1", f"the same, with an unresolved bias of {meaning} at its 95 % upper bound"
-        ),
-        f"{name}_spread": Variable(
-            SETTING, "1", f"relative standard deviation of {meaning} in one run; the error of n runs is 1/sqrt(n) of it"
-        ),
-    }
-
-
+ENDS = INTERVAL[1:]  # low and high, without a standard error
 BEST = "no setting has a smaller total error of the MSD"
 MSD, D = "MSD at the end", "D in the window"
 DISTRIBUTION = "total variation distance of the distribution of displacements at the end, in ten rings"
@@ -61,16 +47,16 @@ _TABLE = {
     "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"),
     "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"),
     "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"),
-    "msd_bias": Variable(SETTING, "1", f"relative bias of the {MSD}", INTERVAL),
-    **_error_terms("msd", f"the {MSD}"),
-    "d_bias": Variable(SETTING, "1", f"relative bias of {D}", INTERVAL),
-    **_error_terms("d", D),
-    "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted"),
-    "displacement_bias_low": Variable(SETTING, "1", f"lower end of the 95 % interval of the {DISTRIBUTION}"),
-    "displacement_bias_high": Variable(SETTING, "1", f"upper end of the 95 % interval of the {DISTRIBUTION}"),
+    "msd_bias": Mean(SETTING, "1", f"relative bias of the {MSD}"),
+    "msd_bias_square": Variable(SETTING, "1", f"square of the relative bias of the {MSD}, less its variance"),
+    "msd_bias_careful": Variable(SETTING, "1", f"that square, an unresolved bias of the {MSD} at its upper bound"),
+    "msd_spread": Variable(SETTING, "1", f"relative standard deviation of the {MSD} in one run"),
+    "d_bias": Mean(SETTING, "1", f"relative bias of {D}"),
+    "d_spread": Variable(SETTING, "1", f"relative standard deviation of {D} in one run"),
+    "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted", ENDS),
     "displacement_bias_noise": Variable(SETTING, "1", f"mean of the {DISTRIBUTION}, due to noise alone"),
-    **_error_terms("displacement", "the distribution of displacements at the end"),
-    "contact_bias": Variable(SETTING, "1", "most significant relative deviation of g(r) near contact", INTERVAL),
+    "displacement_spread": Variable(SETTING, "1", "mean distance due to noise in the distribution of one run"),
+    "contact_bias": Mean(SETTING, "1", "most significant relative deviation of g(r) near contact"),
     "worst_energy_drift": Variable(SETTING, "1", "largest relative change of the energy in a run"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
     "departure_time": Variable(
@@ -78,7 +64,3 @@ _TABLE = {
     ),
 }
 VARIABLES = with_uncertainties(_TABLE)
-MEASURED = (  # CPU times and what follows from them: others whenever they are measured
-    *("seconds", "study_seconds", "cost_ratio", "cost_ratio_low", "cost_ratio_high"),
-    *("pays_from", "pays_to", "may_pay_from", "may_pay_to"),
-)
