@@ -29,27 +29,18 @@ def initial_square_speed(scene: Scene) -> float:
     return 2.0 * scene.velocities.temperature / scene.mass[0] * still
 
 
-def start(scene: Scene) -> np.ndarray:
-    """Return the position (2,) [length] of the tracer at t = 0; NaN if it is random."""
-    moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
-    position = next((disk.position for disk in scene.listed or scene.species), None)
-    if position is None or moved:
-        return np.full(2, np.nan)
-    return np.array(position, float)
-
-
 def accessible_half_width(scene: Scene) -> float:
     """Return half the side [length] of the square accessible to the tracer's centre; NaN if it starts elsewhere.
 
-    Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for this start.
+    Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for a start in its centre.
     """
-    box = scene.box
-    centre = np.array([sum(box.x) / 2, sum(box.y) / 2])
-    centred = np.all(np.abs(start(scene) - centre) <= CENTRED * box.width)
-    if box.periodic or not centred or abs(box.width - box.height) > CENTRED * box.width:
+    box, start = scene.box, next((disk.position for disk in scene.listed or scene.species), None)
+    moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
+    if box.periodic or moved or start is None or abs(box.width - box.height) > CENTRED * box.width:
         return np.nan
+    off_centre = np.abs(np.array(start) - [sum(box.x) / 2, sum(box.y) / 2]).max()
     half_width = (box.width - 2 * scene.radius[0]) / 2
-    return half_width if half_width > 0 else np.nan
+    return half_width if off_centre <= CENTRED * box.width and half_width > 0 else np.nan
 
 
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
