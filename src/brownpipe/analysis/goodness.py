@@ -57,7 +57,7 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
     the pooled bins minus one for the total and one for a D that is `Estimated`; p follows from the distribution at the
     head of this module.
     """
-    pools, expected, _, weights = _linearised(expected, source)
+    pools, expected, weights = _linearised(expected, source)
     freedom = len(expected) - 1 - (source is not KNOWN)
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
@@ -68,24 +68,17 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
 def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = KNOWN, level: float = LEVEL) -> float:
     """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,) holds.
 
-    X^2 is then |Z - delta B + h|^2 with h_k the difference over sqrt(E_k); its first three cumulants are matched by a
-    gamma distribution (E. S. Pearson, Biometrika 46, 364 (1959)). NaN without degrees of freedom.
+    X^2 is then taken for a noncentral chi-square with the nominal number of degrees of freedom. For a D from the same
+    runs this is an approximation: for one that is 5 % wrong it gives 4 % where 5 or 6 % of 300 sets of 2,400 runs are
+    rejected, and 61 % where 66 to 69 % of 150 sets of 16,000 are. NaN without degrees of freedom.
     """
-    pools, expected, (b, c, v), weights = _linearised(expected, source)
-    others = _pooled(others, pools)
-    if len(expected) < 2 + (source is not KNOWN) or not np.all(np.isfinite(expected + others)):
-        return np.nan
-    ones, first, second = weights
-    h, root = (others - expected) / np.sqrt(expected), np.sqrt(expected / expected.sum())
-    projected = h - root * (root * h).sum() - b * (c * h).sum() - c * (b * h).sum() + v * b * (b * h).sum()
-    mean = ones + first + second + (h**2).sum()
-    along = max((h * projected).sum(), 0.0)  # negative only where the runs are far from the model
-    variance = 2 * (ones + first**2 + second**2) + 4 * along
-    third = 8 * (ones + first * first * first + second * second * second) + 24 * (projected**2).sum()
-    from scipy.special import gammaincc
+    from scipy.special import chdtri, chndtr
 
-    shape = 4 * variance * variance * variance / third**2
-    return float(gammaincc(shape, max(shape + (_quantile(level, weights) - mean) * np.sqrt(shape / variance), 0.0)))
+    pools, expected, _ = _linearised(expected, source)
+    others, freedom = _pooled(others, pools), len(expected) - 1 - (source is not KNOWN)
+    if freedom < 1 or not np.all(np.isfinite(expected + others)):
+        return np.nan
+    return float(1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum()))
 
 
 def _pools(expected: np.ndarray) -> list[int]:
@@ -104,26 +97,18 @@ def _pooled(values: np.ndarray, pools: list[int]) -> np.ndarray:
     return np.add.reduceat(np.asarray(values, float), pools)
 
 
-def _linearised(expected: np.ndarray, source: Estimated | None) -> tuple[list[int], np.ndarray, tuple, tuple]:
-    """Pools, counts E (K,) expected in them, (B, C, v) of the module's head, and weights of the sum that X^2 is.
-
-    B, C and v are 0 for a known D. The weights are K - 3, the number of chi-squares with weight 1, and l_1, l_2.
-    """
+def _linearised(expected: np.ndarray, source: Estimated | None) -> tuple[list[int], np.ndarray, tuple]:
+    """Pools, counts E (K,) expected in them, and K - 3, l_1, l_2 of the module's head; B, C, v are 0 for a known D."""
     pools = _pools(np.asarray(expected, float))
     expected = _pooled(expected, pools)
-    b, c, v = np.zeros(len(expected)), np.zeros(len(expected)), 0.0
+    bb = bc = cc = v = 0.0
     if source is not KNOWN:
-        root, runs = np.sqrt(expected), expected.sum()
-        b, c, v = (
-            _pooled(source.change, pools) / root,
-            _pooled(source.shared, pools) / root / runs,
-            source.variance / runs,
-        )
-    bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
+        runs, root = expected.sum(), np.sqrt(expected)
+        b, c = _pooled(source.change, pools) / root, _pooled(source.shared, pools) / root / runs
+        bb, bc, cc, v = (b * b).sum(), (b * c).sum(), (c * c).sum(), source.variance / runs
     middle = (v * bb - 2 * bc) / 2
     apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
-    weights = len(expected) - 3, max(1 + middle + apart, 0.0), max(1 + middle - apart, 0.0)
-    return pools, expected, (b, c, v), weights
+    return pools, expected, (len(expected) - 3, max(1 + middle + apart, 0.0), max(1 + middle - apart, 0.0))
 
 
 def upper_tail(x: float, ones: int, first: float, second: float) -> float:
@@ -156,14 +141,6 @@ def _squares() -> tuple[np.ndarray, np.ndarray]:
     """Return cos^2 and sin^2, (ANGLES,) each, at the middle of equal parts of a right angle."""
     angle = np.pi / 2 * (np.arange(ANGLES) + 0.5) / ANGLES
     return cos(angle) ** 2, sin(angle) ** 2
-
-
-@lru_cache(maxsize=64)
-def _quantile(level: float, weights: tuple[int, float, float]) -> float:
-    """The value that X^2 exceeds with probability `level`; the alternatives of one test share it."""
-    from scipy.optimize import brentq
-
-    return brentq(lambda x: upper_tail(x, *weights) - level, 0.0, 100.0 * sum(weights) + 1000.0, rtol=1e-5)
 
 
 # --- kurtosis
