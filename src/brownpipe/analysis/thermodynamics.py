@@ -7,7 +7,7 @@ n runs. See docs/theory.md, section 3.
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
+from brownpipe.analysis.estimator import Case, Columns, Estimator
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
@@ -109,40 +109,28 @@ def enskog(scene: Scene, with_bath: bool = True) -> dict[str, float]:
 
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
-    scene, duration = case.scene, case.times[-1]
-    observables = runs.observables
-    means = {name: observables[name] for name in COLLISION_COUNTS if name in observables}
-    if "pair_collisions" in observables and scene.particles:
-        means["collision_rate"] = 2 * observables["pair_collisions"] / (scene.particles * duration)
-    if "tracer_collisions" in observables and scene.particles:
-        means["tracer_collision_rate"] = observables["tracer_collisions"] / duration
-    if "wall_impulse" in observables:
-        means["wall_pressure"] = observables["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
-    if "kinetic_energy" in observables and scene.particles:
-        means |= _of_temperature(case, observables, temperature(scene, observables["kinetic_energy"]), means)
-    return Columns(means)
-
-
-def _of_temperature(
-    case: Case, observables: dict[str, np.ndarray], kt: np.ndarray, means: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Quantities that need the temperatures kT (n,) of the runs; NaN where nothing moves."""
-    scene, values = case.scene, {"kinetic_temperature": kt}
-    hot = np.where(kt > 0, kt, np.nan)
-    if "virial" in observables:
-        values["compressibility"] = compressibility(scene, observables["virial"], hot, case.times[-1])
+    scene, duration, seen = case.scene, case.times[-1], runs.observables
+    means = {name: seen[name] for name in COLLISION_COUNTS if name in seen}
+    if "wall_impulse" in seen:
+        means["wall_pressure"] = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
+    if "pair_collisions" in seen and scene.particles:
+        means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
+    if "tracer_collisions" in seen and scene.particles:
+        means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
+    if "kinetic_energy" not in seen or not scene.particles:
+        return Columns(means)
+    kt = means["kinetic_temperature"] = temperature(scene, seen["kinetic_energy"])
+    kt = np.where(kt > 0, kt, np.nan)  # nothing moves
+    if "virial" in seen:
+        means["compressibility"] = compressibility(scene, seen["virial"], kt, duration)
+    if "wall_pressure" in means:
+        means["wall_compressibility"] = wall_compressibility(scene, means["wall_pressure"], kt)
+    if "collision_rate" in means and has_equal_disks(scene):
+        means["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], kt)
     if scene.velocities and scene.velocities.temperature and scene.particles > 1:
         for name in (name for name in RATES if name in means):
-            values[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], hot)
-    if "wall_pressure" in means:
-        values["wall_compressibility"] = wall_compressibility(scene, means["wall_pressure"], hot)
-    if "collision_rate" in means and has_equal_disks(scene):
-        values["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], hot)
-    return values
-
-
-def _derived(case: Case, averages: Averages) -> dict[str, float]:
-    return enskog(case.scene, case.engine.definition.counts_collisions)
+            means[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], kt)
+    return Columns(means)
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"
@@ -172,6 +160,8 @@ VARIABLES = {
         EACH, "1", "theoretical contact value of the tracer and the main species of its bath"
     ),
     "enskog_compressibility": Variable(EACH, "1", "compressibility factor from Enskog's contact values"),
-    "enskog_diffusion": Variable(EACH, RATE, "the tracer's diffusion coefficient, Enskog's theory, at this momentum"),
+    "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient by Enskog's theory, at the scene's total momentum"),
 }
-ESTIMATOR = Estimator(_columns, VARIABLES, _derived)
+ESTIMATOR = Estimator(
+    _columns, VARIABLES, lambda case, averages: enskog(case.scene, case.engine.definition.counts_collisions)
+)
