@@ -194,7 +194,8 @@ def test_routes_to_d_from_a_recorded_track_with_velocities(boundary):
     track = Track(*(None if values is None else values[:, :1] for values in made.whole[0]))
     assert boundary == "reflecting" or track.image.any()
     case = case_of(scene)
-    for one, name in ((displacement.ESTIMATOR, "diffusion_running"), (velocity.ESTIMATOR, "green_kubo")):
+    one = velocity.ESTIMATOR
+    for name in ("diffusion_running", "green_kubo"):
         seen = one.columns(case, runs.RunBlock(np.arange(1), None, made.observables)).means
         from_track = one.columns(case, runs.RunBlock(np.arange(1), track, {})).means
         assert from_track[name].tobytes() == seen[name].tobytes()

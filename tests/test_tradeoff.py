@@ -262,9 +262,9 @@ def test_exact_runs_are_off_by_nothing(measured):
 
 def test_what_pays_is_the_front_of_the_settings(measured):
     for name, careful in (("pays", True), ("may_pay", False)):
-        settings = tradeoff.settings_of(measured, "full_N20", careful=careful)
+        settings = front.settings_of(measured, "full_N20", careful=careful)
         assert [one.label for one in settings] == ["exact", FAST, "exact in small_N10"]
-        intervals = {one.label: one for one in tradeoff.pareto_front(settings)}
+        intervals = {one.label: one for one in front.pareto_front(settings)}
         for one in settings:
             found = measured.sel(scene="full_N20", setting=one.label)
             interval = intervals.get(one.label, Interval("", np.nan, np.nan))

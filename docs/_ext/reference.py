@@ -145,7 +145,7 @@ def _groups(nodes: Nodes) -> list[tuple[str, ...]]:
     return [(code(path), ", ".join(map(code, node.attributes))) for path, node in groups.items() if node.attributes]
 
 
-def _variables(variables: Mapping[str, Variable], coordinates: Mapping[str, Mapping]) -> str:
+def _variables(variables: Mapping[str, Variable], coordinates: Mapping[str, Variable]) -> str:
     """Return the tables of variables, with their errors and intervals, and of coordinates."""
     rows = []
     for name, one in variables.items():
@@ -153,8 +153,6 @@ def _variables(variables: Mapping[str, Variable], coordinates: Mapping[str, Mapp
         if base not in variables:
             names = [name, *(ending for ending in ENDINGS if f"{name}{ending}" in variables)]
             rows.append((" + ".join(map(code, names)), *map(plain, (", ".join(one.dims), one.units, one.long_name))))
-    named = [
-        (code(name), plain(text.get("units", "1")), plain(text["long_name"])) for name, text in coordinates.items()
-    ]
+    named = [(code(name), plain(one.units or "1"), plain(one.long_name)) for name, one in coordinates.items()]
     head = ("variable", "dimensions", "unit", "meaning")
     return f"{table(head, rows)}\n{table(('coordinate', 'unit', 'meaning'), named)}"

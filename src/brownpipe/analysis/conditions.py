@@ -30,67 +30,46 @@ def initial_square_speed(scene: Scene) -> float:
     return 2.0 * scene.velocities.temperature / scene.mass[0] * still
 
 
-def start(scene: Scene) -> np.ndarray:
-    """Return the position (2,) [length] of the tracer at t = 0; NaN if it is random."""
-    moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
-    position = next((disk.position for disk in scene.listed or scene.species), None)
-    if position is None or moved:
-        return np.full(2, np.nan)
-    return np.array(position, float)
-
-
 def accessible_half_width(scene: Scene) -> float:
     """Return half the side [length] of the square accessible to the tracer's centre; NaN if it starts elsewhere.
 
-    Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for this start.
+    Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for a start in its centre.
     """
-    box = scene.box
-    centre = np.array([sum(box.x) / 2, sum(box.y) / 2])
-    centred = np.all(np.abs(start(scene) - centre) <= CENTRED * box.width)
-    if box.periodic or not centred or abs(box.width - box.height) > CENTRED * box.width:
+    box, start = scene.box, next((disk.position for disk in scene.listed or scene.species), None)
+    moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
+    if box.periodic or moved or start is None or abs(box.width - box.height) > CENTRED * box.width:
         return np.nan
+    off_centre = np.abs(np.array(start) - [sum(box.x) / 2, sum(box.y) / 2]).max()
     half_width = (box.width - 2 * scene.radius[0]) / 2
-    return half_width if half_width > 0 else np.nan
+    return half_width if off_centre <= CENTRED * box.width and half_width > 0 else np.nan
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    scene, (x, y) = case.scene, start(case.scene)
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    scene = case.scene
     return {
         "box_width": scene.box.width,
-        "box_height": scene.box.height,
         "periodic": scene.box.periodic,
         "duration": case.times[-1],
         "packing_fraction": scene.packing_fraction,
         "initial_square_speed": initial_square_speed(scene),
-        "tracer_radius": scene.radius[0] if scene.particles else np.nan,
         "diffusive_from": diffusive_from(scene),
-        "start_x": x,
-        "start_y": y,
         "accessible_half_width": accessible_half_width(scene),
     }
 
 
-ESTIMATOR = Estimator(
-    lambda case, runs: Columns(),
-    _estimate,
-    {
-        "box_width": Variable(EACH, "length", "width of the box"),
-        "box_height": Variable(EACH, "length", "height of the box"),
-        "periodic": Variable(
-            EACH, "1", "boundary of the box", np.int8, -1,
-            {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_runs walls periodic"},
-        ),
-        "duration": Variable(EACH, "time", "duration of a run"),
-        "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
-        "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
-        "tracer_radius": Variable(EACH, "length", "radius of the tracer"),
-        "diffusive_from": Variable(
-            EACH, "time", "3/gamma of the tracer (Enskog), after which straight lines may be fitted to the MSD"
-        ),
-        "start_x": Variable(EACH, "length", "initial x of the tracer, if not random"),
-        "start_y": Variable(EACH, "length", "initial y of the tracer, if not random"),
-        "accessible_half_width": Variable(
-            EACH, "length", "half the side of the square accessible to the tracer's centre, if it starts in its centre"
-        ),
-    },
-)  # fmt: skip
+BOUNDARY = {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_runs walls periodic"}
+
+VARIABLES = {
+    "box_width": Variable(EACH, "length", "width of the box"),
+    "periodic": Variable(EACH, "1", "boundary of the box", (), np.int8, -1, BOUNDARY),
+    "duration": Variable(EACH, "time", "duration of a run"),
+    "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
+    "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
+    "diffusive_from": Variable(
+        EACH, "time", "3/gamma of the tracer (Enskog), after which straight lines may be fitted to the MSD"
+    ),
+    "accessible_half_width": Variable(
+        EACH, "length", "half the side of the square for the centre of a tracer that starts in its middle"
+    ),
+}
+ESTIMATOR = Estimator(lambda case, runs: Columns(), VARIABLES, _derived)

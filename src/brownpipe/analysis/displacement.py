@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis import resampling
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled, with_error, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import AREA, EACH, FOLLOWED, RATE, TIME, Variable, error_of, estimate_of, kept_always
+from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, TIME, Mean, Variable, with_interval
 from brownpipe.observables import displacement as of_a_run
 
 
@@ -97,82 +97,53 @@ def tracer_square_displacement(case: Case, runs: RunBlock) -> np.ndarray | None:
     return squared_displacement(runs.tracer.position, runs.tracer.image, (case.scene.box.width, case.scene.box.height))
 
 
-def with_velocity(case: Case, runs: RunBlock, name: str) -> np.ndarray | None:
-    """Return `displacement_velocity`, v(t).(r(t) - r(0)), or `velocity_displacement`, v(0).(r(t) - r(0)), (n, T).
-
-    The observable of that name, else from the tracer's track; None if that has no velocities.
-    """
-    if name in runs.observables or runs.tracer is None or runs.tracer.velocity is None:
-        return runs.observables.get(name)
-    position, velocity, image = runs.tracer
-    moved = of_a_run.displacement(position, image, (case.scene.box.width, case.scene.box.height))
-    return of_a_run.dot(moved, velocity if name == "displacement_velocity" else velocity[:1]).T
-
-
 def _columns(case: Case, runs: RunBlock) -> Columns:
     squared = squared_of(case, runs)
     if squared is None:
         return Columns()
-    means = {"msd": squared, "lines": per_run_lines(squared, case.times, case.options.windows)}
-    growth = with_velocity(case, runs, "displacement_velocity")
-    if growth is not None:
-        means["diffusion_running"] = growth / 2
-    return Columns(means)
+    return Columns({"msd": squared, "lines": per_run_lines(squared, case.times, case.options.windows)})
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    if "msd" not in averages:
-        return {}
-    msd, lines, times = averages.estimate("msd"), averages.estimate("lines"), case.times
-    slope, intercept = (resampling.Estimate(*(values[k] for values in lines)) for k in range(2))
-    over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    windows, times = case.options.windows, case.times
     values: dict[str, ArrayLike] = {
-        **with_interval("msd", msd),
+        "window": labels(windows),
+        "window_start": [start for start, _ in windows],
+        "window_end": [end for _, end in windows],
+    }
+    if "msd" not in averages:
+        return values
+    msd, lines = averages.estimate("msd"), averages.estimate("lines")
+    slope, intercept = (resampling.Estimate(*(part[k] for part in lines)) for k in range(2))
+    over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
+    return {
+        **values,
         **with_interval("msd_over_4t", scaled(msd, over_4t)),
         **with_interval("slope", slope),
-        **with_error("intercept", intercept),
-        "naive_slope_error": [naive_slope_error(times, msd.mean, window) for window in case.options.windows],
+        **with_interval("intercept", intercept),
+        "naive_slope_error": [naive_slope_error(times, msd.mean, window) for window in windows],
         **with_interval("diffusion_coefficient", scaled(slope, 0.25)),
-    }
-    if "diffusion_running" in averages:
-        values |= with_interval("diffusion_running", averages.estimate("diffusion_running"))
-    return values
-
-
-def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
-    windows = case.options.windows
-    return {
-        "window": ("window", labels(windows)),
-        "window_start": ("window", [start for start, _ in windows]),
-        "window_end": ("window", [end for _, end in windows]),
     }
 
 
 WINDOW = (*EACH, "window")
 
-ESTIMATOR = Estimator(
-    _columns,
-    _estimate,
-    kept_always(
-        {
-            **estimate_of("msd", TIME, AREA, f"mean squared displacement {FOLLOWED}"),
-            **estimate_of("msd_over_4t", TIME, RATE, "mean squared displacement over 4 t"),
-            **estimate_of("slope", WINDOW, RATE, "least-squares slope of the mean squared displacement in the window"),
-            **error_of("intercept", WINDOW, AREA, "intercept of the least-squares line in the window"),
-            "naive_slope_error": Variable(
-                WINDOW,
-                RATE,
-                "standard error of the slope by least squares for independent points; not valid here, as all points of "
-                "the MSD come from the same runs",
-            ),
-            **estimate_of("diffusion_coefficient", WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
-        }
-    )
-    | estimate_of("diffusion_running", TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4"),
-    _axes,
-    {
-        "window": {"long_name": "time window of the straight-line fit"},
-        "window_start": {"units": "time", "long_name": "start of the window"},
-        "window_end": {"units": "time", "long_name": "end of the window"},
-    },
-)
+VARIABLES = {
+    "msd": Mean(TIME, AREA, f"mean squared displacement {FOLLOWED}"),
+    "msd_over_4t": Mean(TIME, RATE, "mean squared displacement over 4 t"),
+    "slope": Mean(WINDOW, RATE, "least-squares slope of the mean squared displacement in the window"),
+    "intercept": Variable(WINDOW, AREA, "intercept of the least-squares line in the window", ERROR),
+    "naive_slope_error": Variable(
+        WINDOW,
+        RATE,
+        "standard error of the slope by least squares for independent points; not valid here, as all points of "
+        "the MSD come from the same runs",
+    ),
+    "diffusion_coefficient": Mean(WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
+}
+COORDINATES = {
+    "window": Variable(("window",), None, "time window of the straight-line fit"),
+    "window_start": Variable(("window",), "time", "start of the window"),
+    "window_end": Variable(("window",), "time", "end of the window"),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES, always=True)

@@ -6,7 +6,6 @@ docs/theory.md, sections 2 and 5.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,9 +14,9 @@ from brownpipe import theory
 from brownpipe.analysis import goodness, resampling
 from brownpipe.analysis.conditions import accessible_half_width
 from brownpipe.analysis.displacement import labels, per_run_lines, squared_of, tracer_square_displacement
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Variable, estimate_of, kept_always
+from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Mean, Variable, with_interval
 from brownpipe.elementary import exp, log
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
@@ -103,14 +102,18 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns({"r2": r2, "r4": r2**2}, {"r6": r2 * r2 * r2}, sums)
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "r2" not in averages:
-        return {}
+        return _axes(case)
     edges, counts = case.edges, averages.counts["rings"]
     low, high = resampling.wilson_interval(counts, averages.runs)
     of_shape = kurtosis(averages)
     p_values = [goodness.kurtosis_p_value(value, averages.runs) for value in of_shape.mean]
-    values: dict[str, Any] = {
+    tests = [_tests(case, averages, k, p_value) for k, p_value in enumerate(p_values)]
+    return {
+        **_axes(case),
+        **{name: [test[name] for test in tests] for name in tests[0]},
+        "expected_counts": _on_axis(edges, [test["expected_counts"] for test in tests]),
         "displacement_counts": _on_axis(edges, counts),
         "displacement_counts_low": _on_axis(edges, low),
         "displacement_counts_high": _on_axis(edges, high),
@@ -118,9 +121,6 @@ def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "kurtosis_p_value": p_values,
         **with_interval("kurtosis", of_shape),
     }
-    tests = [_tests(case, averages, k, p_value) for k, p_value in enumerate(p_values)]
-    values |= {name: [test[name] for test in tests] for name in tests[0]}
-    return values | {"expected_counts": _on_axis(edges, values["expected_counts"])}
 
 
 def _on_axis(edges: Sequence[np.ndarray], values: Sequence[ArrayLike] | np.ndarray) -> np.ndarray:
@@ -139,60 +139,59 @@ def _axis(edges: Sequence[np.ndarray]) -> np.ndarray:
     return rings.T
 
 
-def _models(case: Case, averages: Averages, k: int) -> list[tuple[float, float | None, goodness.Estimated]]:
-    """D, half-width of the reflecting square or None, and source of D, of every model at the k-th time.
+def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, list]:
+    """Tests of every model (M,) against the counts (K + 1,) at the k-th time: variable -> M values.
 
-    D is NaN if it is not positive. The sources are `goodness.Estimated`, whose `change` is filled in by `_tests`.
+    D is the mean of r^2/4t or of a slope over 4, or that which gives the reflecting square this mean of r^2; NaN if the
+    mean is not positive.
     """
-    at = chosen_times(case)[k]
-    t, rings, half_width = case.times[at], len(case.edges[k]), accessible_half_width(case.scene)
+    at, edges, half_width = chosen_times(case)[k], case.edges[k], accessible_half_width(case.scene)
+    t, counts = case.times[at], averages.counts["rings"][k][: len(edges)]
     means = np.array([averages.mean("msd")[at], *averages.mean("lines")[0]])
-    variances = np.array([averages.variance("msd")[at], *averages.variance("lines")[0]])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = (averages.counts["shared"][k] / means[:, None] - averages.counts["rings"][k])[:, :rings]
-        sources = [goodness.Estimated(None, *pair) for pair in zip(shares, variances / means**2, strict=True)]
-        diffusion = means / np.array([4 * t, *np.full(len(means) - 1, 4.0)])
-    known = np.where((diffusion > 0.0) & (t > 0.0), diffusion, np.nan)
-    models: list[tuple[float, float | None, goodness.Estimated]]
-    models = [(d, None, source) for d, source in zip(known, sources, strict=True)]
+    means = np.where((means > 0.0) & (t > 0.0), means, np.nan)
+    variances = np.array([averages.variance("msd")[at], *averages.variance("lines")[0]]) / means**2
+    shared = averages.counts["shared"][k][:, : len(edges)] / means[:, None] - counts
+    over = np.array([4 * t or 1.0, *np.full(len(means) - 1, 4.0)])
+    models = [(d, None, *of_source) for d, *of_source in zip(means / over, shared, variances, strict=True)]
     if np.isfinite(half_width):
         d, raised = (
             theory.reflecting_square_diffusion(means[0] * scale, t, half_width) if t > 0.0 else np.nan
             for scale in (1.0, 1.0 + LOG_STEP)
         )
-        models.append((d, half_width, sources[0]._replace(elasticity=(raised / d - 1.0) / LOG_STEP)))
-    return models
-
-
-def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, list]:
-    """Tests of every model (M,) against the counts (K + 1,) at the k-th time: variable -> M values."""
-    edges, counts = case.edges[k], averages.counts["rings"][k][: len(case.edges[k])]
-    t, runs, tests = case.times[chosen_times(case)[k]], counts.sum(), []
-    for d, half_width, source in _models(case, averages, k):
-        expected, raised, lowered, *wrong = (
-            expected_ring_counts(runs, edges, t or 1.0, d * scale, half_width)
-            for scale in (1.0, float(exp(LOG_STEP)), float(exp(-LOG_STEP)), 1 + WRONG_BY, 1 - WRONG_BY)
-        )
-        source = source._replace(change=(raised - lowered) / (2 * LOG_STEP))
-        test = goodness.chi_square(counts, expected, source)
-        of_shape = np.nan if half_width is not None else kurtosis_p
-        alone = goodness.LEVEL / (1 if np.isnan(of_shape) else 2)
-        powers = (
-            [goodness.power(expected, other, source, alone) for other in wrong] if np.isfinite(test.p) else [np.nan]
-        )
-        tests.append(
-            {
-                "model_diffusion_coefficient": d,
-                "expected_counts": expected[:-1],
-                "expected_overflow": expected[-1],
-                "chi_square": test.statistic,
-                "degrees_of_freedom": test.degrees_of_freedom,
-                "p_value": test.p,
-                "p_value_joint": goodness.both(test.p, of_shape) if np.isfinite(test.p) else np.nan,
-                "power_5_percent": min(powers),
-            }
-        )
+        elasticity = (raised / d - 1.0) / LOG_STEP
+        models.append((d, half_width, elasticity * shared[0], elasticity**2 * variances[0]))
+    tests = [_test(counts, edges, t, kurtosis_p, *model) for model in models]
     return {name: [test[name] for test in tests] for name in tests[0]}
+
+
+def _test(
+    counts: np.ndarray,
+    edges: np.ndarray,
+    t: float,
+    kurtosis_p: float,
+    d: float,
+    half_width: float | None,
+    shared: np.ndarray,
+    variance: float,
+) -> dict[str, float | np.ndarray]:
+    """Test of one model, in a square or the plane (None); `shared` and `variance` are those of `goodness.Estimated`."""
+    expected, raised, lowered, *wrong = (
+        expected_ring_counts(counts.sum(), edges, t or 1.0, d * scale, half_width)
+        for scale in (1.0, float(exp(LOG_STEP)), float(exp(-LOG_STEP)), 1 + WRONG_BY, 1 - WRONG_BY)
+    )
+    source = goodness.Estimated((raised - lowered) / (2 * LOG_STEP), shared, variance)
+    test, of_shape = goodness.chi_square(counts, expected, source), kurtosis_p if half_width is None else np.nan
+    level = goodness.LEVEL / (1 + np.isfinite(of_shape))
+    return {
+        "model_diffusion_coefficient": d,
+        "expected_counts": expected[:-1],
+        "expected_overflow": expected[-1],
+        "chi_square": test.statistic,
+        "degrees_of_freedom": test.degrees_of_freedom,
+        "p_value": test.p,
+        "p_value_joint": goodness.both(test.p, of_shape),
+        "power_5_percent": min(goodness.power(expected, other, source, level) for other in wrong),
+    }
 
 
 def kurtosis(averages: Averages, names: tuple[str, str, str] = ("r2", "r4", "r6")) -> resampling.Estimate:
@@ -232,57 +231,50 @@ def _inverse_cube(
     return cube, 9 * cube**2 * np.maximum(of_logarithm, 0.0)
 
 
-def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
+def _axes(case: Case) -> dict[str, ArrayLike]:
     square = ["square"] if np.isfinite(accessible_half_width(case.scene)) else []
     r, inner, outer = _axis(case.edges or (ring_edges(1.0, 1) if case.options.edges is None else case.options.edges,))
     return {
-        "displacement_time": ("displacement_time", case.times[chosen_times(case)]),
-        "r": ("r", r),
-        "r_inner": ("r", inner),
-        "r_outer": ("r", outer),
-        "model": ("model", ["msd", *(f"slope {label}" for label in labels(case.options.windows)), *square]),
+        "displacement_time": case.times[chosen_times(case)],
+        "r": r,
+        "r_inner": inner,
+        "r_outer": outer,
+        "model": ["msd", *(f"slope {label}" for label in labels(case.options.windows)), *square],
     }
 
 
 AT = (*EACH, "displacement_time")
 RING, MODEL = (*AT, "r"), (*AT, "model")
+OF_COUNT = "(Wilson) interval of the count"
 
-ESTIMATOR = Estimator(
-    _columns,
-    _estimate,
-    kept_always(
-        {
-            "displacement_counts": Variable(RING, "1", "number of runs in the ring"),
-            "displacement_counts_low": Variable(RING, "1", "lower end of the 95 % (Wilson) interval of the count"),
-            "displacement_counts_high": Variable(RING, "1", "upper end of the 95 % (Wilson) interval of the count"),
-            "displacement_overflow": Variable(AT, "1", "number of runs beyond the outermost ring"),
-            "model_diffusion_coefficient": Variable(MODEL, RATE, "diffusion coefficient of the model"),
-            "expected_counts": Variable(
-                (*MODEL, "r"), "1", "number of runs expected in the ring by the model, integrated over the ring"
-            ),
-            "expected_overflow": Variable(MODEL, "1", "number of runs expected beyond the outermost ring by the model"),
-            "chi_square": Variable(MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"),
-            "degrees_of_freedom": Variable(MODEL, "1", "number of pooled bins minus one for the total and one for D"),
-            "p_value": Variable(MODEL, "1", "p-value of the chi-square, D estimated from the same runs"),
-            "p_value_joint": Variable(
-                MODEL, "1", "p-value of rings and kurtosis together; for the reflecting square that of the rings"
-            ),
-            "power_5_percent": Variable(
-                MODEL, "1", "power: probability that the test of the rings rejects a D wrong by 5 %"
-            ),
-            "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
-        }
-    )
-    | estimate_of("kurtosis", AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution"),
-    _axes,
-    {
-        "displacement_time": {"units": "time", "long_name": "time since the start, of the displacement distribution"},
-        "r": {"units": "length", "long_name": "middle of the ring"},
-        "r_inner": {"units": "length", "long_name": "inner radius of the ring"},
-        "r_outer": {"units": "length", "long_name": "outer radius of the ring"},
-        "model": {
-            "long_name": "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of "
-            "the 2020 note; square = diffusion in a reflecting square, D from MSD(t)"
-        },
-    },
-)
+VARIABLES = {
+    "displacement_counts": Variable(RING, "1", "number of runs in the ring"),
+    "displacement_counts_low": Variable(RING, "1", f"lower end of the 95 % {OF_COUNT}"),
+    "displacement_counts_high": Variable(RING, "1", f"upper end of the 95 % {OF_COUNT}"),
+    "displacement_overflow": Variable(AT, "1", "number of runs beyond the outermost ring"),
+    "model_diffusion_coefficient": Variable(MODEL, RATE, "diffusion coefficient of the model"),
+    "expected_counts": Variable((*MODEL, "r"), "1", "number of runs expected in the ring by the model"),
+    "expected_overflow": Variable(MODEL, "1", "number of runs expected beyond the outermost ring by the model"),
+    "chi_square": Variable(MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"),
+    "degrees_of_freedom": Variable(MODEL, "1", "number of pooled bins minus one for the total and one for D"),
+    "p_value": Variable(MODEL, "1", "p-value of the chi-square, D estimated from the same runs"),
+    "p_value_joint": Variable(
+        MODEL, "1", "p-value of rings and kurtosis together; for the reflecting square that of the rings"
+    ),
+    "power_5_percent": Variable(MODEL, "1", "power: chance that the test of the rings rejects a D wrong by 5 %"),
+    "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
+    "kurtosis": Mean(AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution"),
+}
+COORDINATES = {
+    "displacement_time": Variable(("displacement_time",), "time", "time of the displacement distribution"),
+    "r": Variable(("r",), "length", "middle of the ring"),
+    "r_inner": Variable(("r",), "length", "inner radius of the ring"),
+    "r_outer": Variable(("r",), "length", "outer radius of the ring"),
+    "model": Variable(
+        ("model",),
+        None,
+        "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of the 2020 note; "
+        "square = diffusion in a reflecting square, D from MSD(t)",
+    ),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES, always=True)

@@ -17,7 +17,7 @@ from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.outer_join import Part
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import compressibility, temperature
-from brownpipe.analysis.variables import EACH, Variable
+from brownpipe.analysis.variables import EACH, ERROR, Variable
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.settling import settling_time
@@ -107,12 +107,12 @@ def found_with_power(error: np.ndarray, runs: int, tests: int) -> float:
 
 def adjust(parts: Sequence[Part]) -> None:
     """Replace the p-values of all cases of a dataset by those adjusted for all their tests."""
-    tested = [part.values for part in parts if "drift_p_value" in part.values]
+    tested = [part for part in parts if "drift_p_value" in part]
     if tested:
-        sizes = np.cumsum([np.size(values["drift_p_value"]) for values in tested])
-        adjusted = np.split(holm(np.concatenate([values["drift_p_value"] for values in tested])), sizes[:-1])
-        for values, p in zip(tested, adjusted, strict=True):
-            values["drift_p_value"] = p
+        ends = np.cumsum([len(part["quantity"]) for part in tested])
+        adjusted = np.split(holm(np.concatenate([part["drift_p_value"] for part in tested])), ends[:-1])
+        for part, p in zip(tested, adjusted, strict=True):
+            part["drift_p_value"] = p
 
 
 def time_to_try(scene: Scene) -> float:
@@ -144,39 +144,27 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns(changes, {f"{MEAN}{name}": of.mean(axis=1) for name, of in found.items()})
 
 
-def _names(averages: Averages) -> list[str]:
-    return [name.removeprefix(COLUMN) for name in averages.places if name.startswith(COLUMN)]
-
-
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if not is_tested(case.scene, case.engine):
         return {}
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
-    if names := _names(averages):
+    names = [name.removeprefix(COLUMN) for name in averages.places if name.startswith(COLUMN)]
+    if names:
         changes = [averages.estimate(f"{COLUMN}{name}") for name in names]
         change, error = (np.array([getattr(one, part) for one in changes]) for part in ("mean", "standard_error"))
         means = np.array([averages.mean(f"{MEAN}{name}") for name in names])
         found = _tested(names, change, error, means, averages.runs)
-        values |= {"drift": found.change, "drift_standard_error": found.error, "drift_p_value": found.p}
+        values |= dict(zip(("quantity", "drift", "drift_standard_error", "drift_p_value"), found, strict=True))
     return values
 
 
-def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
-    return {"quantity": ("quantity", names)} if (names := _names(averages)) else {}
-
-
 QUANTITY = (*EACH, "quantity")
-ESTIMATOR = Estimator(
-    _columns,
-    _estimate,
-    {
-        "time_to_try": Variable(EACH, "time", "equilibrate.time to try if the runs drift"),
-        "drift": Variable(QUANTITY, "1", "relative change from the first to the last quarter of the runs"),
-        "drift_standard_error": Variable(QUANTITY, "1", "standard error of that change"),
-        "drift_p_value": Variable(
-            QUANTITY, "1", "probability of such a change in equilibrium, adjusted for all of the dataset (Holm)"
-        ),
-    },
-    _axes,
-    {"quantity": {"long_name": "quantity that may drift"}},
-)
+VARIABLES = {
+    "time_to_try": Variable(EACH, "time", "equilibrate.time to try if the runs drift"),
+    "drift": Variable(QUANTITY, "1", "relative change from the first to the last quarter of the runs", ERROR),
+    "drift_p_value": Variable(
+        QUANTITY, "1", "probability of such a change in equilibrium, adjusted for all of the dataset (Holm)"
+    ),
+}
+COORDINATES = {"quantity": Variable(("quantity",), None, "quantity that may drift")}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES)

@@ -1,10 +1,10 @@
-"""What an estimator is: columns of numbers, one row per run, and the function from their averages to results.
+"""What an estimator is: columns of numbers, one row per run, and their means over runs by the names of variables.
 
 To add one: a module with an `ESTIMATOR`, entered in `dataset.ESTIMATORS`. Its `columns` sees a block of runs at a time,
-its `estimate` the averages over all runs with their errors; nothing else of a run stays in memory.
+its `derived` the averages over all runs with their errors; nothing else of a run stays in memory.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple, Never
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from brownpipe.analysis import resampling
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.variables import Variable
+from brownpipe.analysis.variables import Variable, with_interval
 from brownpipe.engines import Engine
 from brownpipe.scene import Scene
 
@@ -40,10 +40,6 @@ class Case(NamedTuple):
     average: str = "runs"  # what displacements and autocorrelations are averaged over (observables.AVERAGES)
     edges: tuple[np.ndarray, ...] = ()  # (K + 1,) edges of the rings at each of the displacement times
 
-    @property
-    def key(self) -> tuple[str, int, str]:
-        return self.scene.name, self.scene.particles, self.engine.label
-
 
 class Columns(NamedTuple):
     """The columns of numbers that an estimator takes from n runs."""
@@ -53,22 +49,12 @@ class Columns(NamedTuple):
     counts: Arrays = NONE  # name -> (...): to be added up
 
 
-class Estimator(NamedTuple):
-    """From columns of numbers to variables of the dataset."""
-
-    columns: Callable  # (Case, runs.RunBlock) -> Columns; without entries for runs that lack what it needs
-    estimate: Callable  # (Case, Averages) -> values by name of variable; {} if the columns are not there
-    variables: dict[str, Variable]
-    axes: Callable = lambda case, averages: {}  # (Case, Averages) -> name of a coordinate: (its dimension, values)
-    coordinates: Mapping[str, dict] = NONE  # name of such a coordinate -> attributes
-
-
 class Averages(NamedTuple):
     """Averages over all runs of a group, by the name of the column."""
 
-    sums: resampling.Sums | None  # None: no runs
-    places: dict  # name -> (columns in the sums: slice, shape of one run's entry)
-    counts: dict  # name -> sum over runs
+    sums: resampling.Sums | None = None  # None: no runs
+    places: Mapping = NONE  # name -> (columns in the sums: slice, shape of one run's entry)
+    counts: Mapping = NONE  # name -> sum over runs
     estimates: Estimate | None = None  # of all columns
 
     def __contains__(self, name: object) -> bool:
@@ -80,8 +66,8 @@ class Averages(NamedTuple):
 
     def estimate(self, name: str) -> Estimate:
         """Return mean, error and interval of one of the `means`."""
-        columns, _ = self.places[name]
-        return Estimate(*(self._shaped(name, values[columns]) for values in self.estimates))
+        columns, shape = self.places[name]
+        return Estimate(*(values[columns].reshape(shape) for values in self.estimates))
 
     def mean(self, name: str) -> np.ndarray:
         """Return the mean over runs of one of the `means` or `products`."""
@@ -100,14 +86,29 @@ class Averages(NamedTuple):
         return self._of(name, resampling.drawn_variance)
 
     def _of(self, name: str, function: Callable) -> np.ndarray:
-        columns, _ = self.places[name]
-        return self._shaped(name, function(self.sums, columns))
-
-    def _shaped(self, name: str, values: np.ndarray) -> np.ndarray:
-        return values.reshape((*values.shape[:-1], *self.places[name][1]))
+        columns, shape = self.places[name]
+        values = function(self.sums, columns)
+        return values.reshape((*values.shape[:-1], *shape))
 
 
-NO_RUNS = Averages(None, {}, {})
+NO_RUNS = Averages()
+
+
+class Estimator(NamedTuple):
+    """From columns of numbers to variables of the dataset."""
+
+    columns: Callable[..., Columns]  # (Case, runs.RunBlock); without entries for runs that lack what it needs
+    variables: Mapping[str, Variable]  # one that is named like a column of `means` is its mean over runs
+    derived: Callable[..., dict] = lambda case, averages: {}  # (Case, Averages) -> values of others, and of coordinates
+    coordinates: Mapping[str, Variable] = NONE  # its own, beside those in observables.AXES
+    always: bool = False  # whether its variables are in every dataset
+
+    def estimate(self, case: Case, averages: Averages) -> dict[str, ArrayLike]:
+        """Return all values by name of variable or coordinate; without the columns that they need there are none."""
+        values: dict[str, ArrayLike] = {}
+        for name in (name for name in self.variables if name in averages):
+            values |= with_interval(name, averages.estimate(name))
+        return values | self.derived(case, averages)
 
 
 def add_runs(averages: Averages, seeds: np.ndarray, columns: Columns) -> Averages:
@@ -125,22 +126,6 @@ def add_runs(averages: Averages, seeds: np.ndarray, columns: Columns) -> Average
 def with_estimates(averages: Averages) -> Averages:
     """Return the averages with errors and intervals."""
     return averages._replace(estimates=resampling.estimate(averages.sums)) if averages.runs else averages
-
-
-def with_error(name: str, estimate: Estimate) -> dict[str, np.ndarray]:
-    """Return mean and standard error as values of the variables `name` and `name_standard_error`."""
-    return {name: estimate.mean, f"{name}_standard_error": estimate.standard_error}
-
-
-def with_interval(name: str, estimate: Estimate) -> dict[str, np.ndarray]:
-    """Return mean, standard error and the ends of the interval, `name_low` and `name_high`."""
-    return with_error(name, estimate) | {f"{name}_low": estimate.low, f"{name}_high": estimate.high}
-
-
-def intervals(averages: Averages, names: Iterable[str]) -> dict[str, ArrayLike]:
-    """Return the values of the variables of those of the `means` in `names` that are there, with their intervals."""
-    estimates = {name: averages.estimate(name) for name in names if name in averages}
-    return {key: values for name in estimates for key, values in with_interval(name, estimates[name]).items()}
 
 
 def scaled(estimate: Estimate, factor: np.ndarray | float) -> Estimate:

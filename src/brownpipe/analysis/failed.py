@@ -29,11 +29,8 @@ def failed_runs(path: str | Path) -> FailedRuns:
     the labels of its runs.
     """
     values = read_values(path, (*EACH, "seed", "run_status"))
-    if "run_status" not in values:
-        raise WrongFileError(f"{path}: has no runs; must be a dataset of brownpipe aggregate")
-    for name in (*EACH, "seed"):
-        if np.ndim(values.get(name, 0)) != 1:
-            raise WrongFileError(f"{path}: {name}: is missing in the dataset; make it again")
+    if np.ndim(values.get("run_status", 0)) != len(EACH) + 1:
+        raise WrongFileError(f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate")
     status = values["run_status"]
     failed = int(np.count_nonzero(status == FAILED))
     return FailedRuns(failed, int(np.count_nonzero(status != MISSING)), "; ".join(_cases(values)))

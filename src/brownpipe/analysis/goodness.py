@@ -45,7 +45,6 @@ class Estimated(NamedTuple):
     change: np.ndarray  # (K,) dE_k/d ln D
     shared: np.ndarray  # (K,) sum over the runs of bin k of s_i/<s> - 1
     variance: float  # of s_i/<s> over runs
-    elasticity: float = 1.0  # d ln D/d ln <s>
 
 
 KNOWN = None  # source of a D that does not come from the runs
@@ -58,42 +57,28 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
     the pooled bins minus one for the total and one for a D that is `Estimated`; p follows from the distribution at the
     head of this module.
     """
-    pools = _pools(np.asarray(expected, float))
-    observed, expected = _pooled(observed, pools), _pooled(expected, pools)
+    pools, expected, weights = _linearised(expected, source)
     freedom = len(expected) - 1 - (source is not KNOWN)
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
-    statistic = ((observed - expected) ** 2 / expected).sum()
-    return ChiSquare(statistic, freedom, upper_tail(statistic, *_weights(expected, source, pools, observed.sum())))
+    statistic = ((_pooled(observed, pools) - expected) ** 2 / expected).sum()
+    return ChiSquare(statistic, freedom, upper_tail(statistic, *weights))
 
 
 def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = KNOWN, level: float = LEVEL) -> float:
     """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,) holds.
 
-    X^2 is then |Z - delta B + h|^2 with h_k the difference over sqrt(E_k); its first three cumulants are matched by a
-    gamma distribution (E. S. Pearson, Biometrika 46, 364 (1959)). NaN without degrees of freedom.
+    X^2 is then taken for a noncentral chi-square with the nominal number of degrees of freedom. For a D from the same
+    runs this is an approximation: for one that is 5 % wrong it gives 4 % where 5 or 6 % of 300 sets of 2,400 runs are
+    rejected, and 61 % where 66 to 69 % of 150 sets of 16,000 are. NaN without degrees of freedom.
     """
-    pools = _pools(np.asarray(expected, float))
-    others, expected = _pooled(others, pools), _pooled(expected, pools)
-    if len(expected) < 2 + (source is not KNOWN) or not np.all(np.isfinite(expected + others)):
+    from scipy.special import chdtri, chndtr
+
+    pools, expected, _ = _linearised(expected, source)
+    others, freedom = _pooled(others, pools), len(expected) - 1 - (source is not KNOWN)
+    if freedom < 1 or not np.all(np.isfinite(expected + others)):
         return np.nan
-    runs, shift = expected.sum(), (others - expected) / np.sqrt(expected)
-    ones, first, second = weights = _weights(expected, source, pools, runs)
-    b, c, v = _vectors(expected, source, pools, runs)
-
-    def covariance(h: np.ndarray) -> np.ndarray:
-        root = np.sqrt(expected / runs)
-        return h - root * (root * h).sum() - b * (c * h).sum() - c * (b * h).sum() + v * b * (b * h).sum()
-
-    projected = covariance(shift)
-    mean = ones + first + second + (shift**2).sum()
-    along = max((shift * projected).sum(), 0.0)  # negative only where the runs are far from the model
-    variance = 2 * (ones + first**2 + second**2) + 4 * along
-    third = 8 * (ones + first * first * first + second * second * second) + 24 * (projected**2).sum()
-    from scipy.special import gammaincc
-
-    shape = 4 * variance * variance * variance / third**2
-    return float(gammaincc(shape, max(shape + (_quantile(level, weights) - mean) * np.sqrt(shape / variance), 0.0)))
+    return float(1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum()))
 
 
 def _pools(expected: np.ndarray) -> list[int]:
@@ -112,24 +97,18 @@ def _pooled(values: np.ndarray, pools: list[int]) -> np.ndarray:
     return np.add.reduceat(np.asarray(values, float), pools)
 
 
-def _vectors(
-    expected: np.ndarray, source: Estimated | None, pools: list[int], runs: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """B (K,), C (K,) and v of the module's head, for an estimated D; zeros for a known one."""
-    if source is KNOWN:
-        return np.zeros(len(expected)), np.zeros(len(expected)), 0.0
-    change, root = _pooled(source.change, pools), np.sqrt(expected)
-    shared = source.elasticity * _pooled(source.shared, pools)
-    return change / root, shared / root / runs, source.elasticity**2 * source.variance / runs
-
-
-def _weights(expected: np.ndarray, source: Estimated | None, pools: list[int], runs: float) -> tuple[int, float, float]:
-    """Weights of the chi-squares that X^2 is a sum of: K - 3, the number of those with weight 1, and l_1, l_2."""
-    b, c, v = _vectors(expected, source, pools, runs)
-    bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
+def _linearised(expected: np.ndarray, source: Estimated | None) -> tuple[list[int], np.ndarray, tuple]:
+    """Pools, counts E (K,) expected in them, and K - 3, l_1, l_2 of the module's head; B, C, v are 0 for a known D."""
+    pools = _pools(np.asarray(expected, float))
+    expected = _pooled(expected, pools)
+    bb = bc = cc = v = 0.0
+    if source is not KNOWN:
+        runs, root = expected.sum(), np.sqrt(expected)
+        b, c = _pooled(source.change, pools) / root, _pooled(source.shared, pools) / root / runs
+        bb, bc, cc, v = (b * b).sum(), (b * c).sum(), (c * c).sum(), source.variance / runs
     middle = (v * bb - 2 * bc) / 2
     apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
-    return len(expected) - 3, max(1 + middle + apart, 0.0), max(1 + middle - apart, 0.0)
+    return pools, expected, (len(expected) - 3, max(1 + middle + apart, 0.0), max(1 + middle - apart, 0.0))
 
 
 def upper_tail(x: float, ones: int, first: float, second: float) -> float:
@@ -142,8 +121,6 @@ def upper_tail(x: float, ones: int, first: float, second: float) -> float:
     """
     from scipy.special import gammaincc
 
-    if first == second == 1.0:
-        return float(gammaincc(ones / 2 + 1, x / 2))
     if ones < 0:
         return float(gammaincc(0.5, x / (2 * first))) if first > 0.0 else float(x <= 0.0)
     cos2, sin2 = _squares()
@@ -164,14 +141,6 @@ def _squares() -> tuple[np.ndarray, np.ndarray]:
     """Return cos^2 and sin^2, (ANGLES,) each, at the middle of equal parts of a right angle."""
     angle = np.pi / 2 * (np.arange(ANGLES) + 0.5) / ANGLES
     return cos(angle) ** 2, sin(angle) ** 2
-
-
-@lru_cache(maxsize=64)
-def _quantile(level: float, weights: tuple[int, float, float]) -> float:
-    """The value that X^2 exceeds with probability `level`; the alternatives of one test share it."""
-    from scipy.optimize import brentq
-
-    return brentq(lambda x: upper_tail(x, *weights) - level, 0.0, 100.0 * sum(weights) + 1000.0, rtol=1e-5)
 
 
 # --- kurtosis
@@ -200,10 +169,8 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
 def _lognormal(runs: int) -> tuple[float, float, float]:
     """Shift, median minus shift, and width of the lognormal distribution with the kurtosis' first three moments."""
     mean, variance, skewness = _greenwood(runs)
-    low, high = 1.0, 1e3
-    for _ in range(200):  # of w = exp(width^2): skewness = (w + 2) sqrt(w - 1)
-        w = (low + high) / 2
-        low, high = (w, high) if (w + 2) * np.sqrt(w - 1) < skewness else (low, w)
+    third = log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
+    w = exp(third) + exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
     scale = np.sqrt(variance / (w * (w - 1)))
     return mean - scale * np.sqrt(w), scale, np.sqrt(log(w))
 
@@ -228,9 +195,8 @@ def in_words(p: float) -> str:
 
 
 def both(p: float, q: float) -> float:
-    """Return the p-value of two tests of one hypothesis together (Bonferroni); of one alone if the other is NaN."""
-    smaller = np.fmin(p, q)
-    return float(smaller if np.isnan(p) or np.isnan(q) else min(1.0, 2 * smaller))
+    """Return the p-value of two tests of one hypothesis together (Bonferroni); p if q is NaN."""
+    return float(p if np.isnan(q) else np.minimum(2 * np.minimum(p, q), 1.0))
 
 
 def holm(p: np.ndarray) -> np.ndarray:

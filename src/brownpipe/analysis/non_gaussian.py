@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 
 from brownpipe.analysis.displacement import squared_of
 from brownpipe.analysis.distribution import kurtosis
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import TIME, error_of, estimate_of
+from brownpipe.analysis.variables import ERROR, TIME, Mean, Variable, with_interval
 
 COLUMNS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 and their product; `displacement` has msd
 
@@ -25,7 +25,7 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns({"quartic_displacement": quartic}, {"square_times_quartic": squared * quartic})
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "quartic_displacement" not in averages:
         return {}
     mean, error, low, high = kurtosis(averages, COLUMNS)
@@ -59,17 +59,14 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
 
 MEANING = "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 for a normal distribution"
 
-ESTIMATOR = Estimator(
-    _columns,
-    _estimate,
-    {
-        **estimate_of("non_gaussian_parameter", TIME, "1", MEANING),
-        **error_of(
-            "non_gaussian_parameter_controlled",
-            TIME,
-            "1",
-            f"{MEANING}, with that of the first sample after 0 as control variate: for normal initial velocities and a"
-            " first sample well within the mean free time",
-        ),
-    },
-)
+VARIABLES = {
+    "non_gaussian_parameter": Mean(TIME, "1", MEANING),
+    "non_gaussian_parameter_controlled": Variable(
+        TIME,
+        "1",
+        f"{MEANING}, with that of the first sample after 0 as control variate: for normal initial velocities and a"
+        " first sample well within the mean free time",
+        ERROR,
+    ),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

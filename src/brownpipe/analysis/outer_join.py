@@ -1,84 +1,58 @@
 """Results of single cases, joined into one labelled dataset over the union of their axes."""
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from brownpipe.analysis.variables import SAME_TIME, Variable
 
 if TYPE_CHECKING:
     import xarray
 
-Axes = dict[str, tuple[str, Sequence | np.ndarray]]  # coordinate -> (dimension, values)
-
-
-class Part(NamedTuple):
-    """The results of one case."""
-
-    values: dict[str, ArrayLike]  # variable -> array whose size is that of its dimensions
-    axes: Axes  # every dimension is a coordinate
+Part = dict[str, Any]  # results of one case: variable or coordinate -> array whose size is that of its dimensions
 
 
 def joined(
     parts: Sequence[Part],
     variables: Mapping[str, Variable],
-    coordinates: Mapping[str, dict],
+    coordinates: Mapping[str, Variable],
     attributes: dict,
-    kept: Collection[str],
+    always: Collection[str] = (),
+    kept: Collection[str] = (),
 ) -> "xarray.Dataset":
     """Return the outer join of `parts`; where a part has no value, a variable has its value `absent`.
 
-    `coordinates` has the attributes of every coordinate; a dimension that is not in it gets none. Labels, and numbers
-    along the dimensions `kept`, come in order of appearance; other numbers ascend. Numbers that differ by less than
-    SAME_TIME count as equal. `xarray.concat` and `unstack` give the same values, but sort all labels and hold every
-    array twice.
+    A variable is there if a part has it, or if it is one of `always`. Labels, and numbers along the dimensions `kept`,
+    come in order of appearance; other numbers ascend. Numbers that differ by less than SAME_TIME count as equal.
+    `xarray.concat` and `unstack` give the same values, but sort all labels and hold every array twice.
     """
     import xarray
 
-    axes = _joined_axes([part.axes for part in parts], kept)
-    size = {name: len(values) for name, (dim, values) in axes.items() if name == dim}
+    held = {name: one for name, one in variables.items() if name in always or any(name in part for part in parts)}
+    dims = {dim for one in held.values() for dim in one.dims}
+    held |= {name: one for name, one in coordinates.items() if dims.issuperset(one.dims)}
+    axes = {dim: _union([part[dim] for part in parts if dim in part], dim in kept) for dim in dims}
     data = {}
-    for name, variable in variables.items():
-        holders = [part for part in parts if name in part.values]
-        if holders or variable.always:
-            full: np.ndarray = np.full([size[dim] for dim in variable.dims], variable.absent, variable.dtype)
-            for part in holders:
-                places = [_positions(part.axes[dim][1], axes[dim][1]) for dim in variable.dims]
-                full[np.ix_(*places)] = np.reshape(part.values[name], [len(rows) for rows in places])
-            data[name] = (variable.dims, full, variable.attributes)
-    used = {dim for dims, _, _ in data.values() for dim in dims} & coordinates.keys()
-    along = {name: (dim, values, coordinates[name]) for name, (dim, values) in axes.items() if dim in used}
-    return xarray.Dataset(data, along, attributes)
+    for name, variable in held.items():
+        full: np.ndarray = np.full([len(axes[dim]) for dim in variable.dims], variable.absent, variable.dtype)
+        for part in (part for part in parts if name in part and name not in axes):
+            places = [_positions(part[dim], axes[dim]) for dim in variable.dims]
+            full[np.ix_(*places)] = np.reshape(part[name], [len(rows) for rows in places])
+        data[name] = (variable.dims, axes.get(name, full), variable.attributes)
+    return xarray.Dataset(data, attrs=attributes).set_coords([name for name in coordinates if name in data])
 
 
-def _joined_axes(axes: Sequence[Axes], kept: Collection[str]) -> Axes:
-    """Every coordinate over the union of the parts' axes: name -> (dimension, values)."""
-    dimensions = {name: dim for own in axes for name, (dim, _) in own.items()}
-    along: Axes = {
-        name: (dim, _union([own[name][1] for own in axes if name in own], name in kept))
-        for name, dim in dimensions.items()
-        if name == dim
-    }
-    for name, dim in dimensions.items():
-        if name != dim:
-            values = np.full(len(along[dim][1]), np.nan)
-            for own in (own for own in axes if name in own):
-                values[_positions(own[dim][1], along[dim][1])] = own[name][1]
-            along[name] = (dim, values)
-    return along
-
-
-def _union(parts: Sequence[Sequence | np.ndarray], in_order: bool) -> Sequence | np.ndarray:
+def _union(parts: Sequence[Any], in_order: bool) -> list | np.ndarray:
     """All labels in order of appearance, or all numbers ascending unless `in_order`, each once."""
-    if in_order or isinstance(parts[0][0], str):
-        return list(dict.fromkeys(label for part in parts for label in part))
-    axis = np.unique(np.concatenate(parts))
+    axis = np.concatenate(parts)
+    if in_order or axis.dtype.kind == "U":
+        return list(dict.fromkeys(axis.tolist()))
+    axis = np.unique(axis)
     return axis if axis.dtype.kind in "iu" else axis[np.append(True, np.diff(axis) > SAME_TIME * np.abs(axis[1:]))]
 
 
-def _positions(values: Sequence | np.ndarray, axis: Sequence | np.ndarray) -> np.ndarray:
+def _positions(values: Any, axis: list | np.ndarray) -> np.ndarray:
     """Indices of a part's values in the union."""
     if isinstance(axis, list):
         return np.array([axis.index(label) for label in values])

@@ -6,14 +6,14 @@ P pairs of species, R bins of distance, n runs. See docs/theory.md, section 3.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe import observables, theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, scaled, with_interval
+from brownpipe import theory
+from brownpipe.analysis.estimator import NONE, Averages, Case, Columns, Estimator, scaled
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import mean_root, temperature
-from brownpipe.analysis.variables import EACH, Variable, estimate_of
+from brownpipe.analysis.variables import EACH, Mean, Variable, with_interval
 from brownpipe.engines.friction import DENSEST
-from brownpipe.observables.pairs import bins, pair_names, species_pairs
+from brownpipe.observables.pairs import bins, species_pairs
 from brownpipe.observables.species import species_table
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
@@ -21,6 +21,7 @@ from brownpipe.scene import Scene
 NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrapolated to contact
 ORDER = 2  # of the polynomial that multiplies the decay there
 DECAY = 1.6  # -d ln g/dr over phi chi up to NEAR, in contact distances; from simulations at phi = 0.5 and 0.65
+COUNTED = ("pair_collisions", "tracer_collisions", "kinetic_energy")  # numbers of a run
 NORMAL = 1.96  # standard errors in half a 95 % interval
 
 
@@ -115,22 +116,6 @@ def widened(estimate: Estimate, error: np.ndarray) -> Estimate:
     return Estimate(estimate.mean, total, estimate.mean - reach[0], estimate.mean + reach[1])
 
 
-def collisions_by_pair(scene: Scene, seen: dict[str, np.ndarray]) -> np.ndarray | None:
-    """Return the collisions (n, P) of every pair of species, from the observables of n runs.
-
-    Known for one species, and for one beside a single tracer; None for other mixtures.
-    """
-    number = species_table(scene).number
-    if not {"pair_collisions", "tracer_collisions", "kinetic_energy"} <= seen.keys():
-        return None
-    every, tracers = np.asarray(seen["pair_collisions"], float), np.asarray(seen["tracer_collisions"], float)
-    if len(number) == 1 and number[0] > 1:
-        return every[:, None]
-    if len(number) == 2 and number[0] == 1:
-        return np.stack([np.full_like(every, np.nan), tracers, every - tracers], axis=1)
-    return None
-
-
 def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, duration: float) -> np.ndarray:
     """Return contact values (n, P) from `collisions` (n, P) of runs of temperature `kt` (n,), in equilibrium.
 
@@ -153,14 +138,22 @@ def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, dura
 
 
 def _by_rate(case: Case, runs: RunBlock) -> dict[str, np.ndarray]:
-    """Columns of contact values from collisions; none if the runs are not in equilibrium from t = 0."""
+    """Columns of contact values from collisions; none if the runs are not in equilibrium from t = 0.
+
+    The collisions of each pair of species are known for one species, and for one beside a single tracer.
+    """
     scene, seen = case.scene, runs.observables
-    if not is_stationary(scene) or not scene.particles:
+    if not is_stationary(scene) or not seen.keys() >= {*COUNTED}:
         return {}
-    collisions = collisions_by_pair(scene, seen)
-    if collisions is None:
+    every, tracers, energy = (np.asarray(seen[name], float) for name in COUNTED)
+    number = species_table(scene).number
+    if len(number) == 1 and number[0] > 1:
+        collisions = every[:, None]
+    elif len(number) == 2 and number[0] == 1:
+        collisions = np.stack([np.full_like(every, np.nan), tracers, every - tracers], axis=1)
+    else:
         return {}
-    kt = temperature(scene, np.asarray(seen["kinetic_energy"], float))
+    kt = temperature(scene, energy)
     return {"contact_value_rate": contact_from_rate(scene, collisions, kt, case.times[-1])}
 
 
@@ -176,19 +169,17 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
         return Columns(by_rate)
     edges, contacts = bin_edges(case.scene), contact_distances(case.scene)
     weights = [contact_weights(edges, *pair) for pair in zip(contacts, decays(case.scene), strict=True)]
-
-    def at_contact(g: np.ndarray, suffix: str = "") -> dict[str, np.ndarray]:
-        names = (f"contact_value{suffix}", f"contact_value_following{suffix}")
-        value, following = ((g * of_order).sum(axis=-1) for of_order in np.swapaxes(weights, 0, 1))
-        return dict(zip(names, (value, following), strict=True))
-
     uniform = ideal(case.scene, edges) * np.asarray(seen["pair_snapshots"], float)[:, None, None]
-    g = _over(np.asarray(seen["pair_counts"], float), uniform)
-    means = {"pair_distribution": g} | at_contact(g) | by_rate
-    if "pair_expected" not in seen:
-        return Columns(means)
-    around = _over(np.asarray(seen["pair_expected"], float), uniform)
-    return Columns(means, {"pair_distribution_ideal": around} | at_contact(around, "_ideal"))
+
+    def relative(counts: np.ndarray, suffix: str = "") -> dict[str, np.ndarray]:
+        """Counts over those of uniform points, and extrapolated to contact."""
+        g = _over(np.asarray(counts, float), uniform)
+        value, following = ((g * of_order).sum(axis=-1) for of_order in np.swapaxes(weights, 0, 1))
+        names = ("pair_distribution", "contact_value", "contact_value_following")
+        return dict(zip((f"{name}{suffix}" for name in names), (g, value, following), strict=True))
+
+    ideals = relative(seen["pair_expected"], "_ideal") if "pair_expected" in seen else NONE
+    return Columns(relative(seen["pair_counts"]) | by_rate, ideals)
 
 
 def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -223,39 +214,22 @@ def _at_contact(averages: Averages) -> Estimate:
     return widened(estimate, truncation(following))
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    values = intervals(averages, ["contact_value_rate"])
-    if "pair_distribution" in averages:
-        values |= with_interval("pair_distribution", _of_ideal(averages, "pair_distribution"))
-        values |= with_interval("contact_value", _at_contact(averages))
-    return values | {"contact_distance": contact_distances(case.scene)} if values else {}
-
-
-def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
-    if "pair_distribution" in averages:
-        return {dim: (dim, values) for dim, values in observables.axes(case.scene, "pair_counts").items()}
-    return {"species_pair": ("species_pair", pair_names(case.scene))}
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    if "pair_distribution" not in averages:
+        return {"contact_distance": contact_distances(case.scene)} if "contact_value_rate" in averages else {}
+    return {
+        **with_interval("pair_distribution", _of_ideal(averages, "pair_distribution")),
+        **with_interval("contact_value", _at_contact(averages)),
+        "contact_distance": contact_distances(case.scene),
+    }
 
 
 PAIR = (*EACH, "species_pair")
 
-ESTIMATOR = Estimator(
-    _columns,
-    _estimate,
-    {
-        **estimate_of(
-            "pair_distribution",
-            (*PAIR, "distance"),
-            "1",
-            "pair distribution function g(r); 1 for an ideal gas in this box",
-        ),
-        "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
-        **estimate_of("contact_value", PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"),
-        **estimate_of("contact_value_rate", PAIR, "1", "g(r) at contact, from the collision rate"),
-    },
-    _axes,
-    {
-        "species_pair": {"long_name": "species of the two disks"},
-        "distance": {"units": "length", "long_name": "distance of the two disks, middle of the bin"},
-    },
-)
+VARIABLES = {
+    "pair_distribution": Mean((*PAIR, "distance"), "1", "pair distribution g(r); 1 for an ideal gas in this box"),
+    "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
+    "contact_value": Mean(PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"),
+    "contact_value_rate": Mean(PAIR, "1", "g(r) at contact, from the collision rate"),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

@@ -4,13 +4,12 @@ K species, B bins of distance, n runs. See docs/theory.md, section 3.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from brownpipe import observables, theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, with_interval
+from brownpipe import theory
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.pairs import contact_weights, truncation, widened
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, estimate_of
+from brownpipe.analysis.variables import EACH, Mean, with_interval
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.profile import bins
 from brownpipe.observables.species import species_table
@@ -39,39 +38,18 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns({"density_profile": profile, "contact_density": contact, "contact_density_following": following})
 
 
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    if "density_profile" not in averages:
+def _derived(case: Case, averages: Averages) -> dict[str, np.ndarray]:
+    if "contact_density" not in averages:
         return {}
     error = truncation(averages.estimate("contact_density_following"))
-    return {
-        **with_interval("density_profile", averages.estimate("density_profile")),
-        **with_interval("contact_density", widened(averages.estimate("contact_density"), error)),
-    }
-
-
-def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
-    if "density_profile" not in averages:
-        return {}
-    return {dim: (dim, values) for dim, values in observables.axes(case.scene, "density_profile").items()}
+    return with_interval("contact_density", widened(averages.estimate("contact_density"), error))
 
 
 SPECIES = (*EACH, "species")
 DENSITY = "1/length^2"
 
-ESTIMATOR = Estimator(
-    _columns,
-    _estimate,
-    {
-        **estimate_of(
-            "density_profile", (*SPECIES, "wall_distance"), DENSITY, "number density by distance from the walls"
-        ),
-        **estimate_of(
-            "contact_density", SPECIES, DENSITY, "number density at the walls, extrapolated from up to 0.2 diameters"
-        ),
-    },
-    _axes,
-    {
-        "species": {"long_name": "species of disks"},
-        "wall_distance": {"units": "length", "long_name": "distance of the disk's edge from a wall, middle of the bin"},
-    },
-)
+VARIABLES = {
+    "density_profile": Mean((*SPECIES, "wall_distance"), DENSITY, "number density by distance from the walls"),
+    "contact_density": Mean(SPECIES, DENSITY, "number density at the walls, extrapolated from up to 0.2 diameters"),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

@@ -148,7 +148,7 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
             runs = _with_every_name(load(file), pattern)
             _refuse_unlike(file, runs, first, pattern.keys())
             parts.append(select(runs, runs.seeds // SEEDS_PER_BLOCK == block))
-        yield _joined(parts)
+        yield joined(parts)
 
 
 def block_of(ensemble: Ensemble) -> RunBlock:
@@ -187,8 +187,13 @@ def select(runs: RunBlock, rows: np.ndarray) -> RunBlock:
     return RunBlock(seeds, tracer, {name: values[rows] for name, values in runs.observables.items()}, stopped)
 
 
-def _joined(parts: Sequence[RunBlock]) -> RunBlock:
-    """Runs of several files as one block, seeds ascending."""
+def reported(runs: RunBlock, name: str) -> np.ndarray:
+    """Return a number of every run (n,), NaN if the engine does not report it."""
+    return runs.observables.get(name, np.full(len(runs.seeds), np.nan))
+
+
+def joined(parts: Sequence[RunBlock]) -> RunBlock:
+    """Return several blocks of runs as one, seeds ascending."""
     seeds = np.concatenate([runs.seeds for runs in parts])
     tracer = parts[0].tracer and Track(*map(_beside, zip(*(runs.tracer for runs in parts), strict=True)))
     observables = {name: np.concatenate([runs.observables[name] for runs in parts]) for name in parts[0].observables}

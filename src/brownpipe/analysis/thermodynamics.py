@@ -5,12 +5,11 @@ n runs. See docs/theory.md, section 3.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, with_error
+from brownpipe.analysis.estimator import Case, Columns, Estimator
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, RATE, Variable, error_of, estimate_of
+from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.species import species_table
@@ -110,87 +109,59 @@ def enskog(scene: Scene, with_bath: bool = True) -> dict[str, float]:
 
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
-    scene, duration = case.scene, case.times[-1]
-    observables = runs.observables
-    means = {name: observables[name] for name in COLLISION_COUNTS if name in observables}
-    if "pair_collisions" in observables and scene.particles:
-        means["collision_rate"] = 2 * observables["pair_collisions"] / (scene.particles * duration)
-    if "tracer_collisions" in observables and scene.particles:
-        means["tracer_collision_rate"] = observables["tracer_collisions"] / duration
-    if "wall_impulse" in observables:
-        means["wall_pressure"] = observables["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
-    if "kinetic_energy" in observables and scene.particles:
-        means |= _of_temperature(case, observables, temperature(scene, observables["kinetic_energy"]), means)
+    scene, duration, seen = case.scene, case.times[-1], runs.observables
+    means = {name: seen[name] for name in COLLISION_COUNTS if name in seen}
+    if "wall_impulse" in seen:
+        means["wall_pressure"] = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
+    if "pair_collisions" in seen and scene.particles:
+        means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
+    if "tracer_collisions" in seen and scene.particles:
+        means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
+    if "kinetic_energy" not in seen or not scene.particles:
+        return Columns(means)
+    kt = means["kinetic_temperature"] = temperature(scene, seen["kinetic_energy"])
+    kt = np.where(kt > 0, kt, np.nan)  # nothing moves
+    if "virial" in seen:
+        means["compressibility"] = compressibility(scene, seen["virial"], kt, duration)
+    if "wall_pressure" in means:
+        means["wall_compressibility"] = wall_compressibility(scene, means["wall_pressure"], kt)
+    if "collision_rate" in means and has_equal_disks(scene):
+        means["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], kt)
+    if scene.velocities and scene.velocities.temperature and scene.particles > 1:
+        for name in (name for name in RATES if name in means):
+            means[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], kt)
     return Columns(means)
 
 
-def _of_temperature(
-    case: Case, observables: dict[str, np.ndarray], kt: np.ndarray, means: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Quantities that need the temperatures kT (n,) of the runs; NaN where nothing moves."""
-    scene, values = case.scene, {"kinetic_temperature": kt}
-    hot = np.where(kt > 0, kt, np.nan)
-    if "virial" in observables:
-        values["compressibility"] = compressibility(scene, observables["virial"], hot, case.times[-1])
-    if scene.velocities and scene.velocities.temperature and scene.particles > 1:
-        for name in (name for name in RATES if name in means):
-            values[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], hot)
-    if "wall_pressure" in means:
-        values["wall_compressibility"] = wall_compressibility(scene, means["wall_pressure"], hot)
-    if "collision_rate" in means and has_equal_disks(scene):
-        values["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], hot)
-    return values
+AT_TEMPERATURE = "per time, at the temperature of the scene"
 
-
-MEASURED = {
-    "collision_rate": ("1/time", "collisions of a disk with others per time"),
-    "tracer_collision_rate": ("1/time", "collisions of the tracer with others per time"),
-    "collision_rate_at_temperature": (
-        "1/time", "collisions of a disk with others per time, scaled in every run to the temperature of the scene"
+VARIABLES = {
+    "pair_collisions": Variable(EACH, "1", "mean number of collisions between disks in a run", ERROR),
+    "wall_collisions": Variable(EACH, "1", "mean number of collisions with walls in a run", ERROR),
+    "tracer_collisions": Variable(EACH, "1", "mean number of collisions of the tracer in a run", ERROR),
+    "collision_rate": Mean(EACH, "1/time", "collisions of a disk with others per time"),
+    "tracer_collision_rate": Mean(EACH, "1/time", "collisions of the tracer with others per time"),
+    "collision_rate_at_temperature": Mean(EACH, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}"),
+    "tracer_collision_rate_at_temperature": Mean(
+        EACH, "1/time", f"collisions of the tracer with others {AT_TEMPERATURE}"
     ),
-    "tracer_collision_rate_at_temperature": (
-        "1/time", "collisions of the tracer with others per time, scaled in every run to the temperature of the scene"
+    "kinetic_temperature": Mean(EACH, "energy", "temperature kT from the kinetic energy"),
+    "compressibility": Mean(
+        EACH,
+        "1",
+        "compressibility factor 1 + W/(2 N kT t), W the virial of pair collisions in time t; P/(n kT) if periodic",
     ),
-    "kinetic_temperature": ("energy", "temperature kT from the kinetic energy"),
-    "compressibility": (
-        "1", "compressibility factor 1 + W/(2 N kT t), W the virial of pair collisions in time t; P/(n kT) if periodic"
+    "wall_compressibility": Mean(EACH, "1", "compressibility factor P/(n kT), P the pressure on the walls, n = N/A"),
+    "compressibility_rate": Mean(EACH, "1", "compressibility factor of equal disks from their collision rate"),
+    "wall_pressure": Mean(EACH, "energy/length^2", "pressure on the walls: momentum transferred per length and time"),
+    "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
+    "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
+    "enskog_contact_value": Variable(
+        EACH, "1", "theoretical contact value of the tracer and the main species of its bath"
     ),
-    "wall_compressibility": ("1", "compressibility factor P/(n kT) from the pressure P on the walls, n = N/A"),
-    "compressibility_rate": ("1", "compressibility factor of equal disks from their collision rate"),
-    "wall_pressure": ("energy/length^2", "pressure on the walls: momentum transferred per length and time"),
-}  # fmt: skip
-
-
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    values: dict[str, ArrayLike] = {}
-    for name in (name for name in COLLISION_COUNTS if name in averages):
-        values |= with_error(name, averages.estimate(name))
-    has_bath = case.engine.definition.counts_collisions
-    return values | intervals(averages, MEASURED) | enskog(case.scene, has_bath)
-
-
+    "enskog_compressibility": Variable(EACH, "1", "compressibility factor from Enskog's contact values"),
+    "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient by Enskog's theory, at the scene's total momentum"),
+}
 ESTIMATOR = Estimator(
-    _columns,
-    _estimate,
-    {
-        **error_of("pair_collisions", EACH, "1", "mean number of collisions between disks in a run"),
-        **error_of("wall_collisions", EACH, "1", "mean number of collisions with walls in a run"),
-        **error_of("tracer_collisions", EACH, "1", "mean number of collisions of the tracer with other disks in a run"),
-        **{
-            key: one
-            for name, (unit, text) in MEASURED.items()
-            for key, one in estimate_of(name, EACH, unit, text).items()
-        },
-        "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
-        "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
-        "enskog_contact_value": Variable(
-            EACH, "1", "theoretical contact value of the tracer and the most numerous species of its bath"
-        ),
-        "enskog_compressibility": Variable(
-            EACH, "1", "compressibility factor of infinitely many disks, from Enskog's contact values"
-        ),
-        "enskog_diffusion": Variable(
-            EACH, RATE, "diffusion coefficient of the tracer, Enskog's theory, at the scene's total momentum"
-        ),
-    },
+    _columns, VARIABLES, lambda case, averages: enskog(case.scene, case.engine.definition.counts_collisions)
 )

@@ -4,9 +4,13 @@ Units are the reduced units of the scene: `length`, `time`, `mass`. "95 %" inter
 """
 
 from collections.abc import Mapping
+from functools import partial
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+
+from brownpipe.analysis.resampling import Estimate
 
 SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt depends on dt by round-off
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
@@ -26,74 +30,78 @@ ATTRIBUTES = {
 }
 
 
+# Ends of the names of the uncertainties of a mean over runs, and their meaning.
+UNCERTAINTIES = {
+    "standard_error": "standard error of the {}",
+    "low": "lower end of the 95 % interval of the {}",
+    "high": "upper end of the 95 % interval of the {}",
+}
+ERROR, INTERVAL = ("standard_error",), tuple(UNCERTAINTIES)
+
+
 class Variable(NamedTuple):
-    """One variable of the dataset; `absent` is its value where a scene, time or seed has none."""
+    """One variable or coordinate of the dataset; `absent` is its value where a scene, time or seed has none."""
 
     dims: tuple[str, ...]
-    units: str
+    units: str | None  # None: text
     long_name: str
+    uncertainties: tuple[str, ...] = ()  # variables beside it: of a mean over runs ERROR or INTERVAL
     dtype: type = float  # object for text
     absent: float | str = np.nan
-    extra: dict | None = None  # further attributes
-    always: bool = False  # in every dataset, even if no case has a value
+    extra: Mapping[str, object] = MappingProxyType({})  # further attributes
 
     @property
     def attributes(self) -> dict[str, object]:
-        return {"units": self.units, "long_name": self.long_name, **(self.extra or {})}
+        return ({} if self.units is None else {"units": self.units}) | {"long_name": self.long_name, **self.extra}
 
 
-def error_of(name: str, dims: tuple[str, ...], units: str, meaning: str) -> dict[str, Variable]:
-    """Return the variables of a mean over runs and its standard error."""
-    return {
-        name: Variable(dims, units, meaning, extra={"ancillary_variables": f"{name}_standard_error"}),
-        f"{name}_standard_error": Variable(dims, units, f"standard error of the {meaning}"),
-    }
+Mean = partial(Variable, uncertainties=INTERVAL)  # of a quantity over runs, with its interval
 
 
-def estimate_of(name: str, dims: tuple[str, ...], units: str, meaning: str) -> dict[str, Variable]:
-    """Return the variables of a mean over runs, its standard error and the ends of its 95 % interval."""
-    return error_of(name, dims, units, meaning) | {
-        f"{name}_low": Variable(dims, units, f"lower end of the 95 % interval of the {meaning}"),
-        f"{name}_high": Variable(dims, units, f"upper end of the 95 % interval of the {meaning}"),
-    }
+def with_uncertainties(variables: Mapping[str, Variable]) -> dict[str, Variable]:
+    """Return the table of variables with their uncertainties: `x`, `x_standard_error`, `x_low`, `x_high`."""
+    table = {}
+    for name, one in variables.items():
+        ancillary = {"ancillary_variables": f"{name}_{one.uncertainties[0]}"} if one.uncertainties else {}
+        table[name] = one._replace(extra={**one.extra, **ancillary})
+        for part in one.uncertainties:
+            table[f"{name}_{part}"] = Variable(one.dims, one.units, UNCERTAINTIES[part].format(one.long_name))
+    return table
 
 
-def kept_always(variables: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Return the same variables, to be in every dataset."""
-    return {name: variable._replace(always=True) for name, variable in variables.items()}
+def with_interval(name: str, estimate: Estimate) -> dict[str, np.ndarray]:
+    """Return mean, standard error and the ends of the interval by the names of their variables."""
+    return dict(zip((name, *(f"{name}_{part}" for part in UNCERTAINTIES)), estimate, strict=True))
 
 
 SEED = (*EACH, "seed")
 STATUS = {"flag_values": np.array([KEPT, FAILED, MISSING], np.int8), "flag_meanings": "kept failed missing"}
 
 VARIABLES = {  # numbers and health of the runs; every estimator has a table of its own
-    "runs": Variable(EACH, "1", "number of runs averaged", np.int64, 0),
+    "runs": Variable(EACH, "1", "number of runs averaged", (), np.int64, 0),
     "failed_runs": Variable(
         EACH,
         "1",
         "number of runs left out: energy drift beyond its bound (exact engine: also overlap or momentum residual; time "
         "steps: also a disk that has left the box), a number not finite, or a run that could not go on",
+        (),
         np.int64,
         0,
     ),
     "missing_seeds": Variable(
-        EACH,
-        "1",
-        "number of seeds, from the first to the last of this engine, without a run",
-        np.int64,
-        0,
+        EACH, "1", "number of seeds, from the first to the last of this engine, without a run", (), np.int64, 0
     ),
     "energy_drift": Variable(SEED, "1", "relative change of the energy over the run"),
     "worst_overlap": Variable(SEED, "1", "deepest overlap, in contact distances"),
     "momentum_residual": Variable(SEED, "1", "relative residual of the momentum balance, wall impulses included"),
-    "run_status": Variable(SEED, "1", "status of the run", np.int8, MISSING, STATUS),
-    "stopped": Variable(SEED, "1", "why the run could not go on; empty for the others", object, ""),
+    "run_status": Variable(SEED, "1", "status of the run", (), np.int8, MISSING, STATUS),
+    "stopped": Variable(SEED, "1", "why the run could not go on; empty for the others", (), object, ""),
 }
 
 COORDINATES = {
-    "scene": {"long_name": "scene"},
-    "particles": {"units": "1", "long_name": "number of disks, tracer included"},
-    "engine": {"long_name": "engine and its settings"},
-    "time": {"units": "time", "long_name": "time since the start"},
-    "seed": {"long_name": "seed of the run"},
+    "scene": Variable(("scene",), None, "scene"),
+    "particles": Variable(("particles",), "1", "number of disks, tracer included"),
+    "engine": Variable(("engine",), None, "engine and its settings"),
+    "time": Variable(("time",), "time", "time since the start"),
+    "seed": Variable(("seed",), None, "seed of the run"),
 }

@@ -7,20 +7,21 @@ See docs/theory.md, section 4.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe import elementary, observables, theory
-from brownpipe.analysis.displacement import with_velocity
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, intervals, with_interval
+from brownpipe import elementary, theory
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
-from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Variable, estimate_of
+from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable, with_interval
 from brownpipe.engines.friction import partners_of
+from brownpipe.observables import ARRAYS, AXES, displacement
 from brownpipe.scene import Scene
 
 CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
 EARLY = 0.25  # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
 COARSE = 0.2  # decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
 LATEST = 1.0  # latest of these samples, in units of the inverse of `fastest_rate`
+PRODUCTS = {"diffusion_running": "displacement_velocity", "green_kubo": "velocity_displacement"}
 DENSITIES = {"velocity_density": "velocity_counts", "speed_density": "speed_counts"}
 
 
@@ -117,6 +118,18 @@ def expected_slope(case: Case, averages: Averages) -> float:
     return -share * rate * square_speed
 
 
+def _with_velocity(case: Case, runs: RunBlock, name: str) -> np.ndarray | None:
+    """Return `displacement_velocity`, v(t).(r(t) - r(0)), or `velocity_displacement`, v(0).(r(t) - r(0)), (n, T).
+
+    The observable of that name, else from the tracer's track; None if that has no velocities.
+    """
+    if name in runs.observables or runs.tracer is None or runs.tracer.velocity is None:
+        return runs.observables.get(name)
+    position, velocity, image = runs.tracer
+    moved = displacement.displacement(position, image, (case.scene.box.width, case.scene.box.height))
+    return displacement.dot(moved, velocity if name == "displacement_velocity" else velocity[:1]).T
+
+
 def _columns(case: Case, runs: RunBlock) -> Columns:
     means = {name: runs.observables[name] for name in (*CORRELATIONS, "species_energy") if name in runs.observables}
     if "velocity_autocorrelation" in means and len(case.times) > 2:
@@ -125,68 +138,43 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
         times, first = case.times[samples], means["velocity_autocorrelation"][:, samples]
         if fastest * times[2] <= LATEST:
             means["vacf_initial_slope"] = (first * slope_weights(times, rate)).sum(axis=1)
-    integral = with_velocity(case, runs, "velocity_displacement")
-    if integral is not None:
-        means["green_kubo"] = integral / 2
+    for name, product in PRODUCTS.items():
+        along = _with_velocity(case, runs, product)
+        if along is not None:
+            means[name] = along / 2
     for name, counts in DENSITIES.items():
         if counts in runs.observables:
-            means[name] = density(runs.observables[counts], _width(case, counts))
+            middles = np.asarray(AXES[ARRAYS[counts].dims[-1]].coordinates(case.scene))
+            means[name] = density(runs.observables[counts], middles[1] - middles[0])
     return Columns(means)
 
 
-def _width(case: Case, counts: str) -> float:
-    values = np.asarray(observables.axes(case.scene, counts)[observables.ARRAYS[counts].dims[-1]])
-    return values[1] - values[0]
-
-
-def _estimate(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    values = intervals(averages, (*CORRELATIONS, "green_kubo", "species_energy", *DENSITIES))
-    if "velocity_autocorrelation" in averages and len(case.times) > 2:
-        values |= with_interval("vacf_initial_slope", initial_slope(case, averages))
-        values["vacf_initial_slope_expected"] = expected_slope(case, averages)
-    return values
-
-
-def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
-    made = [counts for name, counts in DENSITIES.items() if name in averages]
-    made += ["species_energy"] if "species_energy" in averages else []
-    along = {dim: values for name in made for dim, values in observables.axes(case.scene, name).items()}
-    return {dim: (dim, values) for dim, values in along.items() if dim != "time"}
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    if "velocity_autocorrelation" not in averages or len(case.times) < 3:
+        return {}
+    slope = with_interval("vacf_initial_slope", initial_slope(case, averages))
+    return {**slope, "vacf_initial_slope_expected": expected_slope(case, averages)}
 
 
 SPECIES = (*EACH, "species")
 
-ESTIMATOR = Estimator(
-    _columns,
-    _estimate,
-    {
-        **estimate_of("velocity_autocorrelation", TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
-        **estimate_of("bath_velocity_autocorrelation", TIME, SPEED2, "velocity autocorrelation v(0).v(t) in the bath"),
-        **estimate_of(
-            "green_kubo",
-            TIME,
-            RATE,
-            f"half of <v(0).(r(t) - r(0))> {FOLLOWED}, half of the integral of the autocorrelation from 0 to t",
-        ),
-        **estimate_of(
-            "vacf_initial_slope",
-            EACH,
-            "length^2/time^3",
-            "slope at 0 of the velocity autocorrelation; errors include that of the finite sample interval",
-        ),
-        "vacf_initial_slope_expected": Variable(
-            EACH, "length^2/time^3", "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer"
-        ),
-        **estimate_of("species_energy", (*TIME, "species"), "energy", "kinetic energy per disk; kT in equilibrium"),
-        **estimate_of(
-            "velocity_density", (*SPECIES, "velocity"), "1", "probability density of the velocity components"
-        ),
-        **estimate_of("speed_density", (*SPECIES, "speed"), "1", "probability density of the speeds"),
-    },
-    _axes,
-    {
-        "species": {"long_name": "species of disks"},
-        "velocity": {"units": "1", "long_name": "velocity component in units of sqrt(kT/m), middle of the bin"},
-        "speed": {"units": "1", "long_name": "speed in units of sqrt(kT/m), middle of the bin"},
-    },
-)
+VARIABLES = {
+    "diffusion_running": Mean(TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4"),
+    "velocity_autocorrelation": Mean(TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
+    "bath_velocity_autocorrelation": Mean(TIME, SPEED2, "velocity autocorrelation v(0).v(t) in the bath"),
+    "green_kubo": Mean(
+        TIME, RATE, f"half of <v(0).(r(t) - r(0))> {FOLLOWED}, the integral of the autocorrelation over 2"
+    ),
+    "vacf_initial_slope": Mean(
+        EACH,
+        "length^2/time^3",
+        "initial slope of the autocorrelation; errors include that of sampling",
+    ),
+    "vacf_initial_slope_expected": Variable(
+        EACH, "length^2/time^3", "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer"
+    ),
+    "species_energy": Mean((*TIME, "species"), "energy", "kinetic energy per disk; kT in equilibrium"),
+    "velocity_density": Mean((*SPECIES, "velocity"), "1", "probability density of the velocity components"),
+    "speed_density": Mean((*SPECIES, "speed"), "1", "probability density of the speeds"),
+}
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

@@ -6,19 +6,7 @@ measures CPU times, `front` finds the Pareto front, and `dataset` joins all resu
 
 from brownpipe.tradeoff.compare import compare, spread_of
 from brownpipe.tradeoff.dataset import is_tradeoff, measure
-from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, runs_for, settings_of
-from brownpipe.tradeoff.runs import EngineRuns, read_runs, runs_of
+from brownpipe.tradeoff.front import runs_for
+from brownpipe.tradeoff.runs import EngineRuns, runs_of
 
-__all__ = [
-    "FEWEST_RUNS",
-    "EngineRuns",
-    "compare",
-    "is_tradeoff",
-    "measure",
-    "pareto_front",
-    "read_runs",
-    "runs_for",
-    "runs_of",
-    "settings_of",
-    "spread_of",
-]
+__all__ = ["EngineRuns", "compare", "is_tradeoff", "measure", "runs_for", "runs_of", "spread_of"]

@@ -5,8 +5,8 @@ import json
 import numpy as np
 
 from brownpipe.analysis.displacement import per_run_lines
-from brownpipe.analysis.estimator import with_interval
 from brownpipe.analysis.resampling import Estimate
+from brownpipe.analysis.variables import with_interval
 from brownpipe.errors import AnalysisError
 from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Pairs
@@ -24,9 +24,7 @@ def compare(
     `paired`: runs of equal seeds start from the same state. Raises AnalysisError for fewer than two runs, and if the
     tracer of the exact runs does not move.
     """
-    refuse_unfit(runs)
-    refuse_unfit(exact)
-    refuse_motionless(exact)
+    refuse_unfit(exact, runs)
     pairs = bias.same_seeds(runs.seeds, exact.seeds) if paired else None
     if pairs is not None and len(pairs[0]) < 2:
         pairs = None
@@ -46,14 +44,11 @@ def compare(
     }
 
 
-def refuse_unfit(runs: EngineRuns) -> None:
-    """Raise AnalysisError for fewer than two runs."""
-    if len(runs.seeds) < 2:
-        raise AnalysisError(f"{runs.scene.name}, {runs.engine.label}: fewer than two runs that did not fail")
-
-
-def refuse_motionless(exact: EngineRuns) -> None:
-    """Raise AnalysisError if the MSD at the end is 0: errors are relative to it."""
+def refuse_unfit(exact: EngineRuns, *others: EngineRuns) -> None:
+    """Raise AnalysisError for fewer than two runs, or an MSD of `exact` of 0 at the end: errors are relative to it."""
+    for runs in (*others, exact):
+        if len(runs.seeds) < 2:
+            raise AnalysisError(f"{runs.scene.name}, {runs.engine.label}: fewer than two runs that did not fail")
     if not exact.squared[:, -1].mean() > 0.0:
         why = "the tracer does not move, and errors are relative to its MSD"
         raise AnalysisError(f"{exact.scene.name}: {why}; leave this scene out of the study")
@@ -67,7 +62,6 @@ def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> flo
     move.
     """
     refuse_unfit(runs)
-    refuse_motionless(runs)
     if target not in TARGET_COLUMNS:
         return bias.spread_of_shares()
     values = _per_run(runs, window)[:, TARGET_COLUMNS[target]]
@@ -105,8 +99,6 @@ def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict
         "displacement_bias_low": distance.low,
         "displacement_bias_high": distance.high,
         "displacement_bias_noise": distance.noise,
-        "displacement_bias_square": distance.value**2,
-        "displacement_bias_careful": distance.value**2 if distance.low > 0.0 else distance.high**2,
         "displacement_spread": bias.spread_of_shares(),
     }
 

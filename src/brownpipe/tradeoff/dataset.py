@@ -4,9 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from brownpipe.analysis.outer_join import Axes, Part, joined
+from brownpipe.analysis.outer_join import joined
 from brownpipe.analysis.runs import Source, groups_of
 from brownpipe.analysis.variables import SAME_TIME
 from brownpipe.engines import Engine
@@ -54,30 +53,25 @@ def measure(
     parts = []
     for exact, compared in tracked(pairs, "cases"):
         fitted = window or (exact.times[-1] / 10, exact.times[-1])
-        settings, of_scene = _settings(exact, compared, fitted, seconds_per_run), _scene(exact, fitted)
-        for label, values in settings.items():
-            axes: Axes = {"scene": ("scene", [exact.scene.label]), "setting": ("setting", [label])}
-            parts.append(Part(of_scene | values, axes))
+        of_scene = {
+            "scene": [exact.scene.label],
+            "digest": exact.scene.digest,
+            "particles": exact.scene.particles,
+            "duration": exact.times[-1],
+            "window_start": fitted[0],
+            "window_end": fitted[1],
+        }
+        for label, values in _settings(exact, compared, fitted, seconds_per_run).items():
+            parts.append(of_scene | {"setting": [label]} | values)
     stand_ins = {scene: [*others] for scene, others in instead_of.items()}
     options = {"instead_of": stand_ins, "fit_window": window}
     made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in groups), options)
-    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, kept=COORDINATES)
+    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES, kept=COORDINATES)
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
     """Return whether a dataset is one of `measure`, of any version; otherwise it is one of `analysis.aggregate`."""
     return "setting" in dataset.dims
-
-
-def _scene(exact: EngineRuns, window: tuple[float, float]) -> dict[str, ArrayLike]:
-    """The variables of a scene."""
-    return {
-        "digest": exact.scene.digest,
-        "particles": exact.scene.particles,
-        "duration": exact.times[-1],
-        "window_start": window[0],
-        "window_end": window[1],
-    }
 
 
 def _compared(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequence[str]) -> dict[str, EngineRuns]:
@@ -86,18 +80,13 @@ def _compared(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequ
     for name in stand_ins:
         others = [runs for runs in all_runs if runs.scene.name == name and runs.is_reference]
         if not others:
-            raise AnalysisError(
-                f"{name}: no runs of the exact engine, and so it cannot stand in for {exact.scene.name}"
-            )
+            why = "no runs of the exact engine, and so it cannot stand in for"
+            raise AnalysisError(f"{name}: {why} {exact.scene.name}")
         for runs in others:
-            if not _same_samples(runs.times, exact.times):
+            if len(runs.times) != len(exact.times) or not np.allclose(runs.times, exact.times, rtol=SAME_TIME):
                 raise AnalysisError(f"{name}: has other sample times than {exact.scene.name}; must have the same")
             compared[f"{REFERENCE_NAME} in {runs.scene.label}"] = runs
     return compared
-
-
-def _same_samples(times: np.ndarray, others: np.ndarray) -> bool:
-    return len(times) == len(others) and np.allclose(times[[0, -1]], others[[0, -1]], rtol=SAME_TIME)
 
 
 def _settings(

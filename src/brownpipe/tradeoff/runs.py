@@ -1,11 +1,11 @@
 """The runs that the trade-off compares: all runs of one scene, number of disks and engine that did not fail."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis.runs import Group, RunBlock, block_of, blocks_of, select
+from brownpipe.analysis.runs import Group, RunBlock, block_of, blocks_of, joined, reported, select
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import AnalysisError
@@ -13,7 +13,7 @@ from brownpipe.observables.displacement import displacement
 from brownpipe.scene import Scene
 from brownpipe.tradeoff.front import REFERENCE_NAME
 
-OUTCOMES = ("energy_drift", "worst_overlap", "failed")
+OUTCOMES = ("energy_drift", "worst_overlap")
 
 
 class EngineRuns(NamedTuple):
@@ -44,45 +44,25 @@ def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
 
     Raises AnalysisError for files without a tracer and what `analysis.runs.blocks_of` raises.
     """
+    found = []
     for group in groups:
-        if not group.outline.tracer:
+        outline = group.outline
+        if not outline.tracer:
             raise AnalysisError(f"{group.files[0].path}: holds no tracer; make it again without --record none")
-    return [
-        _joined(group.outline.scene, group.outline.engine, group.outline.times, blocks_of(group)) for group in groups
-    ]
+        found.append(_of_blocks(outline.scene, outline.engine, outline.times, [*blocks_of(group)]))
+    return found
 
 
 def runs_of(scene: Scene, engine: Engine, ensemble: Ensemble) -> EngineRuns:
     """Return the runs of an ensemble with ascending seeds."""
-    return _joined(scene, engine, ensemble.times, [block_of(ensemble)])
+    return _of_blocks(scene, engine, ensemble.times, [block_of(ensemble)])
 
 
-def _joined(scene: Scene, engine: Engine, times: np.ndarray, blocks: Iterable[RunBlock]) -> EngineRuns:
-    """Blocks of ascending seeds as one record."""
-    size, failed = (scene.box.width, scene.box.height), 0
-    seeds, tracks, outcomes, counts = [], [], [], []
-    for runs in blocks:
-        good = np.flatnonzero(_outcome(runs, "failed") == 0)
-        failed += len(runs.seeds) - len(good)
-        runs = select(runs, good)
-        seeds.append(runs.seeds)
-        track = displacement(runs.tracer.position, runs.tracer.image, size)
-        tracks.append(np.ascontiguousarray(track.transpose(1, 0, 2)))
-        outcomes.append([_outcome(runs, name) for name in OUTCOMES])
-        counts.append(runs.observables.get("pair_counts"))
-    moved = np.concatenate(tracks)
-    return EngineRuns(
-        scene,
-        engine,
-        np.concatenate(seeds),
-        times,
-        moved,
-        (moved**2).sum(axis=-1),
-        {name: np.concatenate(parts) for name, parts in zip(OUTCOMES, zip(*outcomes, strict=True), strict=True)},
-        None if counts[0] is None else np.concatenate(counts),
-        failed,
-    )
-
-
-def _outcome(runs: RunBlock, name: str) -> np.ndarray:
-    return runs.observables.get(name, np.full(len(runs.seeds), np.nan))
+def _of_blocks(scene: Scene, engine: Engine, times: np.ndarray, blocks: Sequence[RunBlock]) -> EngineRuns:
+    every = joined(blocks)
+    runs = select(every, reported(every, "failed") == 0)
+    moved = displacement(runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height))
+    moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
+    squared, outcomes = (moved**2).sum(axis=-1), {name: reported(runs, name) for name in OUTCOMES}
+    counts, failed = runs.observables.get("pair_counts"), len(every.seeds) - len(runs.seeds)
+    return EngineRuns(scene, engine, runs.seeds, times, moved, squared, outcomes, counts, failed)

@@ -5,7 +5,7 @@ Biases, spreads and distances are relative to the exact result: 0.01 is 1 %. "95
 
 import numpy as np
 
-from brownpipe.analysis.variables import Variable, estimate_of, kept_always
+from brownpipe.analysis.variables import INTERVAL, Mean, Variable, with_uncertainties
 
 ATTRIBUTES = {
     "Conventions": "CF-1.11",
@@ -17,39 +17,27 @@ ATTRIBUTES = {
     ),
 }
 SCENE, SETTING = ("scene",), ("scene", "setting")
-
-
-def _error_terms(name: str, meaning: str) -> dict[str, Variable]:
-    """The terms of the total error: square of the bias, spread of a run."""
-    return {
-        f"{name}_bias_square": Variable(SETTING, "1", f"square of the relative bias of {meaning}, less its variance"),
-        f"{name}_bias_careful": Variable(
-            SETTING, "1", f"the same, with an unresolved bias of {meaning} at its 95 % upper bound"
-        ),
-        f"{name}_spread": Variable(
-            SETTING, "1", f"relative standard deviation of {meaning} in one run; the error of n runs is 1/sqrt(n) of it"
-        ),
-    }
-
-
+ENDS = INTERVAL[1:]  # low and high, without a standard error
 BEST = "no setting has a smaller total error of the MSD"
 MSD, D = "MSD at the end", "D in the window"
 DISTRIBUTION = "total variation distance of the distribution of displacements at the end, in ten rings"
 
 COORDINATES = {
-    "scene": {"long_name": "scene and number of disks, NAME_N150, whose exact runs are the reference"},
-    "setting": {"long_name": "engine and settings; `exact in X`: the exact engine in scene X, in place of this scene"},
+    "scene": Variable(SCENE, None, "scene and number of disks, NAME_N150, whose exact runs are the reference"),
+    "setting": Variable(
+        ("setting",), None, "engine and settings; `exact in X`: the exact engine in scene X, in place of this scene"
+    ),
 }
 _TABLE = {
-    "digest": Variable(SCENE, "1", "digest of the scene's physics", object, ""),
-    "particles": Variable(SCENE, "1", "number of disks", np.int64, 0),
+    "digest": Variable(SCENE, "1", "digest of the scene's physics", (), object, ""),
+    "particles": Variable(SCENE, "1", "number of disks", (), np.int64, 0),
     "duration": Variable(SCENE, "time", "duration of a run"),
     "window_start": Variable(SCENE, "time", "start of the window of time in which D is fitted"),
     "window_end": Variable(SCENE, "time", "end of the window of time in which D is fitted"),
-    "engine": Variable(SETTING, "1", "name and settings of the engine, as in a study (JSON)", object, ""),
-    "runs": Variable(SETTING, "1", "number of runs that did not fail", np.int64, 0),
-    "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", np.int64, 0),
-    "paired_runs": Variable(SETTING, "1", "number of runs with an exact run of the same initial state", np.int64, 0),
+    "engine": Variable(SETTING, "1", "name and settings of the engine, as in a study (JSON)", (), object, ""),
+    "runs": Variable(SETTING, "1", "number of runs that did not fail", (), np.int64, 0),
+    "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", (), np.int64, 0),
+    "paired_runs": Variable(SETTING, "1", "number of runs that start like an exact run", (), np.int64, 0),
     "seconds": Variable(SETTING, "s", "CPU time of a run on this machine, start-up and files not counted"),
     "cost_ratio": Variable(SETTING, "1", "CPU time of a run over that of an exact run, median of pairs taken in turn"),
     "cost_ratio_low": Variable(SETTING, "1", "smallest of these ratios"),
@@ -59,24 +47,20 @@ _TABLE = {
     "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"),
     "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"),
     "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"),
-    **estimate_of("msd_bias", SETTING, "1", f"relative bias of the {MSD}"),
-    **_error_terms("msd", f"the {MSD}"),
-    **estimate_of("d_bias", SETTING, "1", f"relative bias of {D}"),
-    **_error_terms("d", D),
-    "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted"),
-    "displacement_bias_low": Variable(SETTING, "1", f"lower end of the 95 % interval of the {DISTRIBUTION}"),
-    "displacement_bias_high": Variable(SETTING, "1", f"upper end of the 95 % interval of the {DISTRIBUTION}"),
+    "msd_bias": Mean(SETTING, "1", f"relative bias of the {MSD}"),
+    "msd_bias_square": Variable(SETTING, "1", f"square of the relative bias of the {MSD}, less its variance"),
+    "msd_bias_careful": Variable(SETTING, "1", f"that square, an unresolved bias of the {MSD} at its upper bound"),
+    "msd_spread": Variable(SETTING, "1", f"relative standard deviation of the {MSD} in one run"),
+    "d_bias": Mean(SETTING, "1", f"relative bias of {D}"),
+    "d_spread": Variable(SETTING, "1", f"relative standard deviation of {D} in one run"),
+    "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted", ENDS),
     "displacement_bias_noise": Variable(SETTING, "1", f"mean of the {DISTRIBUTION}, due to noise alone"),
-    **_error_terms("displacement", "the distribution of displacements at the end"),
-    **estimate_of("contact_bias", SETTING, "1", "most significant relative deviation of g(r) near contact"),
+    "displacement_spread": Variable(SETTING, "1", "mean distance due to noise in the distribution of one run"),
+    "contact_bias": Mean(SETTING, "1", "most significant relative deviation of g(r) near contact"),
     "worst_energy_drift": Variable(SETTING, "1", "largest relative change of the energy in a run"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
     "departure_time": Variable(
         SETTING, "time", "median time at which the tracer is 0.001 of its radius off the exact path; inf: never"
     ),
 }
-VARIABLES = kept_always(_TABLE)
-MEASURED = (  # CPU times and what follows from them: others whenever they are measured
-    *("seconds", "study_seconds", "cost_ratio", "cost_ratio_low", "cost_ratio_high"),
-    *("pays_from", "pays_to", "may_pay_from", "may_pay_to"),
-)
+VARIABLES = with_uncertainties(_TABLE)
