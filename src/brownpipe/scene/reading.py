@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
@@ -31,7 +32,6 @@ SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_
 WORDS = {  # of pydantic, and the same in messages here
     "Input should be": "must be",
     "a valid number": "a number",
-    "a finite number": "a finite number",
     "a valid integer": "an integer",
     "a valid boolean": "true or false",
     "a valid string": "a text",
@@ -45,7 +45,6 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False), NO_MINUS_ZERO
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0), NO_MINUS_ZERO]
 Pair = tuple[Number, Number]
-Flag = Annotated[bool, Field(strict=True)]
 Count = Annotated[int, Field(strict=True, ge=0, le=MOST_DISKS)]
 Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
 
@@ -93,6 +92,13 @@ def key(meaning: str, default: Any = ..., **more: Any) -> Any:
     return Field(default, description=meaning, **more)
 
 
+def alone(name: str, schema: Any) -> BeforeValidator:
+    """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
+    return BeforeValidator(
+        lambda value: value if isinstance(value, Mapping | Record) else {name: value}, json_schema_input_type=schema
+    )
+
+
 def refuse(problem: str, *path: str | int) -> NoReturn:
     """Refuse, within a validator, the value at a path of keys and indices below that which is validated."""
     raise PydanticCustomError("refused", "{problem}", {"problem": problem, "path": path})
@@ -122,8 +128,6 @@ def _place_and_problem(error: ValidationError) -> tuple[list[str | int], str]:
     kind, problem, value = first["type"], first["msg"], first["input"]
     if kind == "refused":
         return path, problem
-    if kind == "value_error":
-        return path, str(context["error"])
     if kind == "missing" and isinstance(path[-1], str):
         return path, "missing; must be given"
     if kind == "missing" or (kind == "too_long" and context["max_length"] == 2):

@@ -75,8 +75,7 @@ def read_yaml(path: str | Path) -> Any:
         cure = f"if it is an HDF5 file: brownpipe inspect {shell_path(path)}"
         raise RequestError(f"{path}: not text: byte {error.start} is not UTF-8; {cure}") from None
     except (ValueError, RecursionError) as error:
-        name = repr(str(path)) if "\0" in str(path) else path
-        raise RequestError(f"{name}: {'cannot be read: ' * (name != path)}{error}") from None
+        raise RequestError(f"{path}: {error}") from None
     except yaml.YAMLError as error:
         mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
         line = f"line {mark.line + 1}: " if mark else ""

@@ -28,7 +28,7 @@ from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.scene.reading import As, Count, NotNegative, Positive, Record, key, refuse
+from brownpipe.scene.reading import As, Count, NotNegative, Positive, Record, alone, key, refuse
 from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.yaml_file import read_yaml
@@ -71,11 +71,7 @@ def _engine_kind(name: str) -> Any:
     """Return the type of an engine of a study: its name, its settings, the scenes it is used in and its seeds."""
     keys: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
     record = create_model(name, __base__=settings_of(name), **keys)
-    named = BeforeValidator(
-        lambda value: {"name": value} if isinstance(value, str) else value,
-        json_schema_input_type=record | Literal[name],
-    )
-    return Annotated[record, named, Tag(f"{{{name}}}")]
+    return Annotated[record, alone("name", record | Literal[name]), Tag(f"{{{name}}}")]
 
 
 Text = Annotated[str, Field(min_length=1)]
