@@ -206,7 +206,7 @@ def test_no_other_layer_chooses_by_the_name_of_an_approximate_engine():
 
 def test_a_new_engine_needs_nothing_but_its_definition(monkeypatch):
     """Command line, study, label and options of an engine that was not there when they were written."""
-    settings = {"field": Setting(Positive, "E", "must be given", is_positive=True)}
+    settings = {"field": Setting(Positive, "E", "must be given")}
     drift = DEFINITIONS["timestep"]._replace(name="drift", summary="in a field", settings=settings)
     monkeypatch.setitem(DEFINITIONS, "drift", drift)
     words = ["simulate", "scene.yaml", "--engine", "drift", "--field", "2.5"]

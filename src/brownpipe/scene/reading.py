@@ -45,6 +45,7 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False), NO_MINUS_ZERO
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0), NO_MINUS_ZERO]
 Pair = tuple[Number, Number]
+AtLeastOne = Annotated[int, Field(strict=True, ge=1)]
 Count = Annotated[int, Field(strict=True, ge=0, le=MOST_DISKS)]
 Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
 

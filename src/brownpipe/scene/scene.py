@@ -20,6 +20,7 @@ from brownpipe.scene import sample_times
 from brownpipe.scene.packing import ROUND_OFF, most_disks, overlap
 from brownpipe.scene.reading import (
     NO_MINUS_ZERO,
+    AtLeastOne,
     Count,
     Name,
     NotNegative,
@@ -46,7 +47,7 @@ STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # 
 Mass = Annotated[Positive, Field(ge=1 / HEAVIEST, le=HEAVIEST)]
 Velocity = Annotated[float, Field(strict=True, ge=-FASTEST, le=FASTEST, allow_inf_nan=False), NO_MINUS_ZERO]
 Width = Annotated[float, Field(strict=True, ge=0, le=FASTEST, allow_inf_nan=False), NO_MINUS_ZERO]
-PerDecade = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+PerDecade = Annotated[AtLeastOne, Field(le=10_000)]
 FirstTime = Annotated[Positive, Field(gt=1e-290)]
 
 

@@ -53,9 +53,9 @@ def _must_be(allowed: str, value: object) -> Any:
 
 
 _Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]
-_Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
+Seed = Annotated[int, Field(strict=True, ge=0, le=LARGEST_SEED)]
 _Range = Annotated[str, Field(pattern=rf"^\s*{RANGE.pattern}\s*(,\s*{RANGE.pattern}\s*)*$")]
-Seeds = Annotated[Any, PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[_Seed | _Range])]
+Seeds = Annotated[Any, PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[Seed | _Range])]
 
 
 def seed_text(seeds: Sequence[int] | np.ndarray) -> str:

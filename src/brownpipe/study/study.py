@@ -28,7 +28,7 @@ from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.scene.reading import As, Count, NotNegative, Positive, Record, alone, key, refuse
+from brownpipe.scene.reading import As, AtLeastOne, Count, NotNegative, Positive, Record, alone, key, refuse
 from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.yaml_file import read_yaml
@@ -82,7 +82,7 @@ Tolerance = Annotated[
 ]
 Target = Annotated[str, As(Literal[TARGETS])]
 Batch = Annotated[
-    Annotated[int, Field(strict=True, ge=1, le=MOST_SEEDS)] | None,
+    Annotated[AtLeastOne, Field(le=MOST_SEEDS)] | None,
     BeforeValidator(lambda value: None if value == "auto" else value, json_schema_input_type=int | Literal["auto"]),
 ]
 EngineKey: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Discriminator(_engine_name)]  # noqa: UP007  # as many as there are
@@ -95,7 +95,6 @@ Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
 Windows = Annotated[tuple[tuple[NotNegative, NotNegative], ...], Field(min_length=1), AfterValidator(_distinct)]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
-Failures = Annotated[int, Field(strict=True, ge=0, le=MOST_SEEDS)]
 
 
 class EngineUse(NamedTuple):
@@ -110,7 +109,7 @@ class Rings(Record):
     """The rings of the displacement distribution; runs beyond the last one are counted too."""
 
     dr: Positive = key("their width [length]")
-    count: Annotated[int, Field(strict=True, ge=1, le=MOST_RINGS)] = key("their number")
+    count: Annotated[AtLeastOne, Field(le=MOST_RINGS)] = key("their number")
 
 
 class Study(Record):
@@ -132,7 +131,7 @@ class Study(Record):
     fit_windows: Windows | None = key("[t0, t1] in which lines are fitted to the MSD [time]", None)
     rings: Rings | None = key("of the displacement distribution (default: from the data)", None)
     instead_of: Substitutes = key("scenes that may be run in place of others, for brownpipe tradeoff", {})
-    allow_failed: Failures = key("runs of the study that may fail", 0)
+    allow_failed: Count = key("runs of the study that may fail", 0)
     _name: str = PrivateAttr("study")
     _cases: tuple[Scene, ...] = PrivateAttr(())
     _uses: tuple[EngineUse, ...] = PrivateAttr(())
