@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 from xarray import Dataset, DataTree
 
 from brownpipe import progress
@@ -31,7 +30,7 @@ from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene
 from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import NotNegative, Positive, plain, validated
-from brownpipe.scene.seeds import read_seeds, seed_text
+from brownpipe.scene.seeds import read_seeds
 from brownpipe.storage import Trajectories, from_tree, refuse_foreign, to_tree, write_dataset, write_trajectories
 from brownpipe.study import refuse_repetition
 from brownpipe.study.study import Rings
@@ -242,8 +241,6 @@ def _seeds(value: Any) -> Sequence[int]:
         value = f"{value[0]}-{value[-1]}"
     elif isinstance(value, range | set | frozenset):
         value = [*value]
-    if isinstance(value, np.ndarray) and value.dtype.kind in "iu" and value.ndim == 1 and value.size:
-        value = seed_text(np.unique(value)) if value.min() >= 0 else value
     return read_seeds(plain(value))
 
 

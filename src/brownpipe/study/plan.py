@@ -49,11 +49,9 @@ class Performance(NamedTuple):
 
     def runs_for(self, tolerance: float) -> int | None:
         """Return the runs, failing ones included, that a tolerance needs; None for a bias too large or not compared."""
-        return (
-            None
-            if np.isnan(self.bias)
-            else runs_for(tolerance, self.bias**2 + self.bias_error**2, self.spread, self.share_sound)
-        )
+        if np.isnan(self.bias):
+            return None
+        return runs_for(tolerance, self.bias**2 + self.bias_error**2, self.spread, self.share_sound)
 
 
 class Offer(NamedTuple):

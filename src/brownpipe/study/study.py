@@ -51,11 +51,9 @@ def one_or_more(kind: Any, least: int = 1) -> Any:
 
 
 def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    return (
-        values
-        if all(value not in values[:k] for k, value in enumerate(values))
-        else refuse("must be values that differ")
-    )
+    if any(value in values[:k] for k, value in enumerate(values)):
+        refuse("must be values that differ")
+    return values
 
 
 def _share(value: Any) -> Any:

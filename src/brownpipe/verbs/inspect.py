@@ -56,11 +56,10 @@ def inspect(arguments: Namespace) -> int:
 
 def _refuse_together(arguments: Namespace) -> None:
     """Raise RequestError for options that exclude each other."""
-    given = [name for name in ("scene", "variables", "reproduce") if getattr(arguments, name)]
-    given += ["allow-failed"] if arguments.allow_failed is not None else []
-    given += ["seed"] if arguments.seed is not None else []
+    options = ("scene", "variables", "reproduce", "allow_failed", "seed")
+    given = [name for name in options if getattr(arguments, name) not in (None, False)]
     if len(given) > 1 and given != ["reproduce", "seed"]:
-        raise RequestError(f"--{given[0]}: must not be given with --{given[1]}")
+        raise RequestError(f"--{given[0]}: must not be given with --{given[1]}".replace("_", "-"))
 
 
 def _failed(path: str, allowed: int) -> int:

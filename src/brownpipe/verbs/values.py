@@ -78,7 +78,8 @@ def add_config(add: Callable) -> None:
 def add_runs_of_study(add: Callable) -> None:
     """Add the options of `study_of` and `list_runs`, besides the study itself."""
     add_config(add)
-    add("--plan", metavar="PLAN.yaml", help="the file that says how many runs the tolerance of the study needs")
+    plan = "the file that says how many runs the tolerance of the study needs; nothing for a study with seeds"
+    add("--plan", nargs="?", metavar="PLAN.yaml", help=plan)
     add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
 
 
