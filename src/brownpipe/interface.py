@@ -17,14 +17,13 @@ from xarray import Dataset, DataTree
 
 from brownpipe import progress
 from brownpipe.analysis import aggregate
-from brownpipe.engines import forecast, read_record, requested
+from brownpipe.engines import read_record, requested
 from brownpipe.engines.failures import failures
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
 from brownpipe.figures.style import image_bytes
 from brownpipe.inspection import read_contents
-from brownpipe.observables import refuse_unfit
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene
@@ -32,7 +31,7 @@ from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import NotNegative, Positive, plain, validated
 from brownpipe.scene.seeds import read_seeds
 from brownpipe.storage import Trajectories, from_tree, refuse_foreign, to_tree, write_dataset, write_trajectories
-from brownpipe.study import refuse_repetition
+from brownpipe.study import forecast_of_runs
 from brownpipe.study.study import Rings
 
 if TYPE_CHECKING:
@@ -121,10 +120,7 @@ def simulate(
     recorded = read_record(_words("record", record), "record")
     names = tuple(filter(None, _words("observables", observables).split(",")))
     numbers = _seeds(seeds)
-    refuse_repetition(scene, numbers)
-    refuse_unfit(scene, names, average)
-    chosen.refuse_unfit(scene, recorded)
-    forecast.refuse_too_large(scene, len(numbers), chosen.forecast(scene, recorded, names, average))
+    forecast_of_runs(chosen, scene, numbers, recorded, names, average)
     if remark := chosen.definition.caution(scene):
         warnings.warn(remark, stacklevel=2)
     with progress.shown("simulate", silent=quiet):

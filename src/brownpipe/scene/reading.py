@@ -6,21 +6,11 @@ It names the file, its line, the key, the allowed values and the value found.
 import difflib
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, NamedTuple, NoReturn, Self
+from typing import Annotated, Any, NoReturn, Self
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    GetCoreSchemaHandler,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, TypeAdapter, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from brownpipe.errors import RequestError
 from brownpipe.scene.yaml_file import Document
@@ -50,19 +40,10 @@ Count = Annotated[int, Field(strict=True, ge=0, le=MOST_DISKS)]
 Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
 
 
-class As(NamedTuple):
-    """In an annotation: values are read as this type, which is made at run time."""
-
-    kind: Any
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return handler.generate_schema(self.kind)
-
-
 class Record(BaseModel):
     """The keys of a mapping. A key whose value is null is taken as not given."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = {"frozen": True, "extra": "forbid"}
 
     @model_validator(mode="before")
     @classmethod

@@ -117,14 +117,12 @@ def scalar(text: str) -> object:
     return int(text) if text.lstrip("+-").isdigit() else float(text)
 
 
-def yaml_text(mapping: dict, in_blocks: bool = False) -> str:
+def yaml_text(mapping: dict) -> str:
     """Return the text of a YAML file from which `read_yaml` returns an equal mapping; the keys keep their order.
 
-    Innermost lists and mappings are in brackets, and the text is ASCII. If `in_blocks`, each of their items has a line
-    of its own, and other characters are written as they are.
+    Innermost lists and mappings are in brackets.
     """
-    layout: dict[str, Any] = {"default_flow_style": False if in_blocks else None, "allow_unicode": in_blocks}
-    return yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, width=120, **layout)
+    return yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, width=120, default_flow_style=None, allow_unicode=True)
 
 
 class _Dumper(yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper):  # type: ignore[misc]  # one of the two

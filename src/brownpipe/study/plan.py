@@ -142,4 +142,4 @@ def write_study(study_file: str | Path, path: str | Path, offer: Offer, comment:
     mapping["scenes"] = [os.path.relpath(Path(study_file).resolve().parent / scene, folder) for scene in scenes]
     mapping |= {"engines": [{"name": offer.engine.name, **dict(offer.engine.settings)}], "seeds": offer.runs}
     folder.mkdir(parents=True, exist_ok=True)
-    write_file(path, f"# {comment}\n\n{yaml_text(mapping, in_blocks=True)}".encode())
+    write_file(path, f"# {comment}\n\n{yaml_text(mapping)}".encode())

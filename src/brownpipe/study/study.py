@@ -4,7 +4,7 @@ Its fields are the keys of study files, with their bounds.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Union
 
@@ -14,6 +14,7 @@ from pydantic import (
     BeforeValidator,
     Discriminator,
     Field,
+    GetPydanticSchema,
     PrivateAttr,
     Tag,
     ValidationInfo,
@@ -22,13 +23,13 @@ from pydantic import (
 )
 
 from brownpipe import observables as measures
-from brownpipe.engines import DEFINITIONS, Engine, settings_of
+from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.scene.reading import As, AtLeastOne, Count, NotNegative, Positive, Record, alone, key, refuse
+from brownpipe.scene.reading import AtLeastOne, Count, NotNegative, Positive, Record, alone, key, refuse
 from brownpipe.scene.sample_times import default_fit_windows
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.yaml_file import read_yaml
@@ -39,6 +40,11 @@ MOST_RINGS = 100_000
 MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
+
+
+def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
+    """Let values be read as this type, which is made at run time."""
+    return GetPydanticSchema(lambda _, handler: handler.generate_schema(kind))
 
 
 def one_or_more(kind: Any, least: int = 1) -> Any:
@@ -287,10 +293,21 @@ def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
     return f"{names[0]} leaves nothing to chance" if names else None
 
 
-def refuse_repetition(scene: Scene, seeds: Sequence[int]) -> None:
-    """Raise RequestError for several seeds of a scene that lists its disks: all runs would be identical."""
+def forecast_of_runs(
+    engine: Engine, scene: Scene, seeds: Sequence[int], record: Collection[str], names: tuple[str, ...], average: str
+) -> forecast.Cost:
+    """Return the forecast of one of these runs, before any is made.
+
+    Raises RequestError for runs that would be identical, an engine, record, observable or average that does not fit the
+    scene, and for more runs than this machine can hold.
+    """
     if scene.listed and len(seeds) > 1:
         raise RequestError(f"seeds: {_repetition(scene.name, len(seeds))}")
+    measures.refuse_unfit(scene, names, average)
+    engine.refuse_unfit(scene, record)
+    cost = engine.forecast(scene, record, names, average)
+    forecast.refuse_too_large(scene, len(seeds), cost)
+    return cost
 
 
 def _repetition(name: str, runs: int) -> str:

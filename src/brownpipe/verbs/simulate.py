@@ -61,28 +61,23 @@ def simulate(arguments: Namespace) -> int:
     block of simulated time (some 128 collisions of each disk) is complete. If the command is killed, the same command
     resumes there and writes the same file, byte for byte.
     """
-    from brownpipe.engines import forecast, read_record
+    from brownpipe.engines import read_record
     from brownpipe.engines.failures import failures
-    from brownpipe.observables import refuse_unfit
     from brownpipe.scene import read_scene
     from brownpipe.scene.seeds import read_seeds
     from brownpipe.storage.store import runs_digest
-    from brownpipe.study import refuse_repetition
+    from brownpipe.study import forecast_of_runs
 
     began = time.process_time()
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
     seeds = read_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
-    refuse_repetition(scene, seeds)
     measures: dict[str, Any] = {"observables": tuple(arguments.observables), "average": arguments.average}
-    refuse_unfit(scene, *measures.values())
-    engine.refuse_unfit(scene, record)
+    cost = forecast_of_runs(engine, scene, seeds, record, *measures.values())
     digest = runs_digest(scene, engine, record, **measures)
     if arguments.planned not in (None, digest):
         raise RequestError(f"{arguments.scene}: has changed since the study was planned; run the study again")
-    cost = engine.forecast(scene, record, **measures)
-    forecast.refuse_too_large(scene, len(seeds), cost)
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
     refuse_if_too_large(output, len(seeds) * cost.recorded)
 
