@@ -65,7 +65,7 @@ class Record(BaseModel):
         return validated(type(self), {key: getattr(self, key) for key in self.model_fields_set} | plain(keys))
 
     def _resolve(self, **values: object) -> None:
-        """Give fields the values that follow from others; they do not count as given."""
+        """Give fields the values that follow from others, and attributes that are no keys; none counts as given."""
         self.__dict__.update(values)
 
 

@@ -9,10 +9,10 @@ import json
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, PrivateAttr, StrictBool, Tag, model_validator
+from pydantic import Discriminator, Field, StrictBool, Tag, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.quoting import shell_path
@@ -205,7 +205,8 @@ class Scene(Record):
     sample_interval: Positive | None = key("sample times: its multiples and the duration [time]", None)
     samples: Samples | None = key("logarithmic sample times, in place of `sample_interval`", None)
     equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", Equilibration(time=0.0))
-    _name: str = PrivateAttr("scene")
+    if TYPE_CHECKING:
+        name: str  # in results, that of the file; no key
 
     @model_validator(mode="after")
     def _check(self) -> "Scene":
@@ -337,11 +338,6 @@ class Scene(Record):
         return hash((self.name, self.digest))
 
     @property
-    def name(self) -> str:
-        """The name in results: that of the file."""
-        return self._name
-
-    @property
     def label(self) -> str:
         """Name and number of disks, by which a trade-off names it."""
         return f"{self.name}_N{self.particles}"
@@ -400,7 +396,7 @@ class Scene(Record):
     def replace(self, **keys: object) -> "Scene":
         """Return a scene of the same name with other values of some keys."""
         scene = super().replace(**keys)
-        scene._name = self.name
+        scene._resolve(name=self.name)
         return scene
 
     def as_mapping(self) -> dict:
@@ -461,7 +457,7 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
         mapping = document.with_values({"particles": particles})
     scene = validated(Scene, mapping, where)
     stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
-    scene._name = validated(Name, stem, where, key)
+    scene._resolve(name=validated(Name, stem, where, key))
     return scene
 
 

@@ -6,7 +6,7 @@ Its fields are the keys of study files, with their bounds.
 import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Union
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
 from pydantic import (
@@ -15,7 +15,6 @@ from pydantic import (
     Discriminator,
     Field,
     GetPydanticSchema,
-    PrivateAttr,
     Tag,
     ValidationInfo,
     create_model,
@@ -136,14 +135,15 @@ class Study(Record):
     rings: Rings | None = key("of the displacement distribution (default: from the data)", None)
     instead_of: Substitutes = key("scenes that may be run in place of others, for brownpipe tradeoff", {})
     allow_failed: Count = key("runs of the study that may fail", 0)
-    _name: str = PrivateAttr("study")
-    _cases: tuple[Scene, ...] = PrivateAttr(())
-    _uses: tuple[EngineUse, ...] = PrivateAttr(())
+    if TYPE_CHECKING:  # no keys: what is read with them
+        name: str  # the stem of the study file
+        cases: tuple[Scene, ...]  # each scene with each particle count
+        uses: tuple[EngineUse, ...]  # the engines in their cases, in the order of the study file
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
         given = info.context or {}
-        self._name = given.get("name", "study")
+        self._resolve(name=given.get("name", "study"))
         self._read_scenes(given.get("folder", Path()))
         self._read_engines()
         self._check_seeds()
@@ -165,8 +165,7 @@ class Study(Record):
                 cases += [parse_scene(mapping, str(path), count) for count in self.particles or (None,)]
             except RequestError as error:
                 refuse(str(error), "scenes", k)
-        self._resolve(scenes=tuple(paths.values()))
-        self._cases = tuple(cases)
+        self._resolve(scenes=tuple(paths.values()), cases=tuple(cases))
 
     def _read_engines(self) -> None:
         """Read the engines, each fit for its scenes; none with the same settings runs a case twice."""
@@ -184,8 +183,7 @@ class Study(Record):
                 if any(use.engine == engine and use.case is case for use in uses):
                     refuse("must be engines or settings that differ", "engines")
                 uses.append(EngineUse(engine, case, seeds))
-        self._uses = tuple(uses)
-        self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)))
+        self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)), uses=tuple(uses))
 
     def _refuse_unknown(self, scenes: Sequence[str], *path: str | int) -> None:
         """Refuse names that are not of the study's scenes."""
@@ -255,21 +253,6 @@ class Study(Record):
             for name in names:
                 if name == scene or not np.array_equal(by_name[name].times, by_name[scene].times):
                     refuse(f"must be other scenes with the sample times of {scene}", "instead_of", scene)
-
-    @property
-    def name(self) -> str:
-        """The stem of the study file."""
-        return self._name
-
-    @property
-    def cases(self) -> tuple[Scene, ...]:
-        """Each scene with each particle count."""
-        return self._cases
-
-    @property
-    def uses(self) -> tuple[EngineUse, ...]:
-        """The engines in their cases, in the order of the study file."""
-        return self._uses
 
     @property
     def recording(self) -> tuple[set[str], tuple[str, ...], str]:
