@@ -76,7 +76,7 @@ def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
 
     Raises RequestError for anything wrong with the file or the scene.
     """
-    return scene_of_file(_path("path", path), plain(particles))
+    return scene_of_file(validated(Path, path, key="path"), plain(particles))
 
 
 def simulate(
@@ -191,7 +191,7 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
 
     Raises StorageError, which says how to make a damaged file again, and WrongFileError for any other file.
     """
-    contents = read_contents(_path("path", path))
+    contents = read_contents(validated(Path, path, key="path"))
     return to_tree(contents) if isinstance(contents, Trajectories) else contents
 
 
@@ -201,7 +201,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
     Raises RequestError for anything else and for variables that you have added to runs; StorageError and OSError if
     the file cannot be written.
     """
-    path = _path("path", path)
+    path = validated(Path, path, key="path")
     if isinstance(data, DataTree):
         _refuse_suffix(path, "runs", (".h5", ".hdf5"))
         with progress.shown("save"):
@@ -223,12 +223,6 @@ def _words(name: str, value: Any) -> str:
     if not isinstance(value, Iterable):
         raise RequestError(f"{name}: must be a name or a list of names, not {value!r}")
     return ",".join(str(word).strip() for word in (value.split(",") if isinstance(value, str) else value))
-
-
-def _path(name: str, value: Any) -> str | Path:
-    if not isinstance(value, str | Path):
-        raise RequestError(f"{name}: must be the path of a file, not {reprlib.repr(value)}")
-    return value
 
 
 def _seeds(value: Any) -> Sequence[int]:

@@ -21,6 +21,7 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
 WORDS = {  # of pydantic, and the same in messages here
     "Input should be": "must be",
+    "Input is not a valid path for <class 'pathlib.Path'>": "must be the path of a file",
     "a valid number": "a number",
     "a valid integer": "an integer",
     "a valid boolean": "true or false",
