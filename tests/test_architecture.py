@@ -5,10 +5,7 @@ It is read from every import statement at every depth.
 
 import ast
 import re
-import subprocess
-import sys
 from functools import cache
-from pathlib import Path
 
 import pytest
 
@@ -99,6 +96,17 @@ def own_imports(file, hidden=False):
             yield f"{module}.{name}" if f"{module}.{name}" in MODULES else module
 
 
+def needed_by(*modules):
+    """The files of modules and of all that they import; the list of engines imports all engines, and is left out."""
+    files, waiting = {}, list(modules)
+    while waiting:
+        module = waiting.pop()
+        if module not in files and module != "brownpipe.engines":
+            files[module] = MODULES[module]
+            waiting += own_imports(MODULES[module])
+    return {file.relative_to(provenance.PACKAGE).as_posix() for file in files.values()}
+
+
 def layer_of(module):
     return [*module.split("."), "__init__"][1]
 
@@ -136,7 +144,7 @@ def test_imports_inside_functions_are_of_heavy_packages_or_at_the_border():
 @pytest.mark.parametrize("module", ENTRY_POINTS)
 def test_kernels_know_arrays_alone(module):
     """No scene, no file, no table: what is compiled into an entry point is kernels and the records they work on."""
-    known = {file.relative_to(provenance.PACKAGE).as_posix() for file in provenance.sources(module)}
+    known = needed_by(f"brownpipe.{module}")
     assert all(name.startswith("engines/") or name in ("provenance.py", "elementary.py") for name in known), known
 
 
@@ -206,7 +214,7 @@ def test_no_other_layer_chooses_by_the_name_of_an_approximate_engine():
 
 def test_a_new_engine_needs_nothing_but_its_definition(monkeypatch):
     """Command line, study, label and options of an engine that was not there when they were written."""
-    settings = {"field": Setting(Positive, "E", "must be given", is_positive=True)}
+    settings = {"field": Setting(Positive, "E", "must be given")}
     drift = DEFINITIONS["timestep"]._replace(name="drift", summary="in a field", settings=settings)
     monkeypatch.setitem(DEFINITIONS, "drift", drift)
     words = ["simulate", "scene.yaml", "--engine", "drift", "--field", "2.5"]
@@ -224,62 +232,3 @@ def test_the_table_of_engines_has_its_settings(engine):
     text = (provenance.PACKAGE.parents[1] / "config" / "README.md").read_text()
     (row,) = re.findall(rf"^\| `{engine}` \| (.*?) \|", text, re.MULTILINE)
     assert re.findall(r"`(\w+)`:", row) == list(DEFINITIONS[engine].settings)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("engine", DEFINITIONS)
-def test_sources_of_an_engine_are_all_that_it_imports(engine):
-    """Against Python itself: every module of brownpipe that is there once the engine is imported, but the list of
-    engines and what only it needs."""
-    module = provenance.simulation_of(engine)
-    assert DEFINITIONS[engine].simulation == f"brownpipe.{module}"
-    code = f"import brownpipe.{module}, sys; print(*(m.__file__ for m in sys.modules.values() if hasattr(m, '__file__')"
-    code += " and m.__name__.startswith('brownpipe')), sep='\\n')"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    loaded = {Path(line) for line in shown.split()}
-    known = set(provenance.sources(module))
-    assert known <= loaded
-    by_list = {*provenance.sources(*(f"engines.{name}" for name in DEFINITIONS)), *_inits(loaded)}
-    assert loaded - known <= by_list
-
-
-def _inits(files):
-    return {file for file in files if file.name == "__init__.py"}
-
-
-def test_a_new_module_that_the_engine_imports_changes_its_digest(tmp_path):
-    for name, text in {
-        "__init__": "",
-        "engines/__init__": "",
-        "engines/one": "from brownpipe.engines import (\n    two,\n    three as drei,\n)\n",
-        "engines/two": "A = 1\n",
-        "engines/three": "def f():\n    from brownpipe.four import g\n",
-        "four": "import brownpipe.five\n",
-        "five": "",
-        "six": "",
-    }.items():
-        (tmp_path / f"{name}.py").parent.mkdir(exist_ok=True)
-        (tmp_path / f"{name}.py").write_bytes(text.encode())
-
-    def digest():
-        provenance.source_digest.cache_clear()
-        return provenance.source_digest("engines.one", folder=tmp_path)
-
-    before = digest()
-    (tmp_path / "engines/two.py").write_bytes(b"A = 1\r\n")
-    (tmp_path / "six.py").write_bytes(b"B = 1\n")
-    assert digest() == before, "line ends, or a module that nobody imports"
-    (tmp_path / "five.py").write_bytes(b"C = 1\n")
-    changed = digest()
-    assert changed != before
-    (tmp_path / "engines/two.py").write_bytes(b"A = 1\nimport brownpipe.six\n")
-    assert digest() not in (before, changed)
-    changed = digest()
-    (tmp_path / "engines/three.js").write_bytes(b"draw();\n")
-    (tmp_path / "engines/other.js").write_bytes(b"draw();\n")
-    drawn = digest()
-    (tmp_path / "engines/other.js").unlink()
-    assert digest() == drawn != changed, "the script of a module's web page, but no other"
-    with pytest.raises(FileNotFoundError, match="seven"):
-        provenance.source_digest("seven", folder=tmp_path)
-    provenance.source_digest.cache_clear()

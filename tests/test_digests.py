@@ -4,26 +4,21 @@ import pytest
 
 from brownpipe import provenance
 from brownpipe.engines import DEFINITIONS
+from test_architecture import needed_by
 
-CASES = [*(("simulate", engine) for engine in DEFINITIONS), ("aggregate", None), ("tradeoff", None)]
-SILENT = {  # what a verb imports and what decides no number and no byte of its output
-    "to read arguments, all of which are parameters of the job": {"verbs/", "study/"},
-    "to show progress and say what was made": {"progress.py", "formatting.py", "engines/failures.py"},
-    "to find runs and to recognise those asked for": {"storage/store.py"},
-    "to refuse and to forecast; settings of engines are arguments": {
-        *("engines/definition.py", "engines/forecast.py", "engines/friction.py", "engines/saturation.py"),
-        "engines/units.py",
-        *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),
-        "figures/catalogue.py",
-    },
-}
-OF_OTHERS = {  # what it imports for other kinds of files or for other engines
-    "simulate": {
-        *("storage/__init__.py", "storage/datasets.py", "storage/origin.py", "storage/tree.py"),
-        "engines/exact/checkpoint.py",
-    },
-    "aggregate": {"tradeoff/"},  # by the number of runs for a tolerance
-    "tradeoff": set(),
+CASES = [*(("simulate", engine) for engine in DEFINITIONS), ("aggregate", None), ("tradeoff", None), ("figures", None)]
+SILENT = (  # what a verb imports and what decides no number and no byte of its output
+    *("verbs/", "study/"),  # they read arguments, all of which are parameters of the job
+    *("progress.py", "stages.py", "parallel.py", "interrupts.py"),  # progress, processes and signals
+    *("errors.py", "quoting.py", "formatting.py", "provenance.py"),  # messages
+    *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),  # refusals; settings are arguments
+    "figures/catalogue.py",  # names that a study may have
+)
+OF_OTHERS = {  # what it imports, or options of other verbs, for the number of runs of a study
+    "simulate": ("tradeoff/", "analysis/"),
+    "aggregate": ("tradeoff/",),
+    "tradeoff": (),
+    "figures": (),
 }
 
 
@@ -33,30 +28,30 @@ def names(files):
 
 @pytest.mark.parametrize(("step", "engine"), CASES)
 def test_what_a_verb_imports_is_in_the_digest_or_decides_nothing(step, engine):
-    """A module that a verb begins to import must be entered in the step or, with its reason, above."""
-    modules = provenance.modules_of(step, engine)
-    left = names(provenance.sources(f"verbs.{step}")) - names(provenance.sources(*modules))
-    known = tuple(OF_OTHERS[step].union(*SILENT.values()))
-    assert [name for name in sorted(left) if not name.startswith(known)] == []
+    """A layer that a verb begins to import must be entered in the step or, with its reason, above."""
+    known = names(provenance.sources(*provenance.modules_of(step, engine)))
+    modules = [f"brownpipe.verbs.{step}", *([DEFINITIONS[engine].simulation] if engine else [])]
+    left = needed_by(*modules) - known
+    assert [name for name in sorted(left) if not name.startswith((*SILENT, *OF_OTHERS[step]))] == []
 
 
-def test_a_text_beside_a_module_is_in_its_digest(tmp_path):
-    (tmp_path / "one.py").write_text("from brownpipe import two\n")
-    digests = []
-    for name in ("two.py", "two.css", "two.js", "two.rst", "three.css"):
-        (tmp_path / name).write_text("")
+def test_an_edit_is_another_source_but_line_ends_are_not(tmp_path):
+    def digest():
         provenance.source_digest.cache_clear()
-        digests.append(provenance.source_digest("one", folder=tmp_path))
-    provenance.source_digest.cache_clear()
-    assert len({*digests}) == 4 and digests[3] == digests[4], "three.css belongs to no module"
+        return provenance.source_digest("one.py", "layer/*", folder=tmp_path)
+
+    (tmp_path / "layer" / "inner").mkdir(parents=True)
+    digests = [digest()]
+    for name in ("one.py", "layer/two.py", "layer/two.css"):
+        (tmp_path / name).write_bytes(b"A = 1\n")
+        digests.append(digest())
+    assert len({*digests}) == 4
+    for name, text in (("one.py", b"A = 1\r\n"), ("three.py", b""), ("layer/two.py~", b""), ("layer/inner/x.py", b"")):
+        (tmp_path / name).write_bytes(text)
+        assert digest() == digests[-1]
 
 
-def test_every_text_of_the_package_lies_beside_a_module():
-    texts = [file for file in provenance.PACKAGE.rglob("*") if file.suffix in provenance.BESIDE]
-    assert texts and [file for file in texts if not file.with_suffix(".py").is_file()] == []
-
-
-def test_the_list_of_engines_decides_but_not_the_engines_on_it():
+def test_another_engine_does_not_make_runs_stale():
     known = names(provenance.sources(*provenance.modules_of("simulate", "langevin")))
-    assert {"engines/__init__.py", "scene/seeds.py"} <= known
+    assert {"engines/__init__.py", "scene/seeds.py", "engines/langevin/simulation.py"} <= known
     assert "engines/timestep/simulation.py" not in known

@@ -160,8 +160,7 @@ def test_the_catalogue_lists_every_figure_there_is():
 
 
 def test_every_figure_decides_what_the_figures_are_made_with():
-    """The catalogue names its modules as text, which the digest of the sources cannot follow."""
-    known = {path.stem for path in provenance.sources("figures.*") if path.parent.name == "figures"}
+    known = {path.stem for path in provenance.sources(*provenance.STEPS["figures"]) if path.parent.name == "figures"}
     assert {*NAMES, "catalogue", "render", "summary", "style"} <= known
 
 

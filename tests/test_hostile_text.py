@@ -94,7 +94,6 @@ def test_what_a_scene_or_study_says_is_text(faults, capsys):
 # -- the source -----------------------------------------------------------------------------------------------------
 
 PRINTING = {  # functions that print: fixed text, or what `printable` or `in_lines` return
-    "cli.py": {"__call__"},
     "progress.py": {"_overwrite", "say"},
     "verbs/output.py": {"say", "show"},
 }

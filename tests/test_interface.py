@@ -243,7 +243,7 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, {10**30}), "seeds: must be"),
         (lambda: bp.simulate(SCENE, range(10**9)), "seeds: must be at most 10000000 seeds, not '0-999999999'"),
         (lambda: bp.simulate(SCENE, range(0)), "seeds: must be"),
-        (lambda: bp.read_scene(None), "path: must be the path of a file, not None"),
+        (lambda: bp.read_scene(None), "path: must be the path of a file, not null"),
         (lambda: bp.open(3), "path: must be the path of a file, not 3"),
         (
             lambda: bp.simulate(SCENE, engine="exakt"),

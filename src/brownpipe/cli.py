@@ -16,6 +16,7 @@ from typing import NoReturn
 
 from brownpipe import interrupts
 from brownpipe.errors import FAILED, WRONG_REQUEST, BrownpipeError
+from brownpipe.provenance import versions
 from brownpipe.quoting import printable
 from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
@@ -77,7 +78,8 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
     Only the verb that `argv` begins with gets its arguments: those of `simulate` take time, as they import all engines.
     """
     parser = _Parser("brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones.")
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    version = f"brownpipe {versions()['brownpipe_version']}" if "--version" in argv else ""  # to look it up takes time
+    parser.add_argument("--version", action="version", version=version, help="show the version and exit")
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
     for name, module in VERBS.items():
         verb = getattr(module, name)
@@ -111,13 +113,3 @@ def _with_hint(message: str, options: Sequence[str]) -> str:
         near = difflib.get_close_matches(found[2].lower(), re.findall(r"\w+", found[3]), n=1)
         return message.replace(found[1], f"{found[1]}; did you mean {near[0]}?") if near else message
     return message
-
-
-class _Version(argparse.Action):
-    """Look up the version only if it is to be shown."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from importlib.metadata import version
-
-        print("brownpipe", version("brownpipe"))
-        parser.exit()

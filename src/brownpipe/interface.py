@@ -13,12 +13,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 from xarray import Dataset, DataTree
 
 from brownpipe import progress
 from brownpipe.analysis import aggregate
-from brownpipe.engines import forecast, read_record, requested
+from brownpipe.engines import read_record, requested
 from brownpipe.engines.failures import failures
 from brownpipe.engines.saturation import growth_caution
 from brownpipe.errors import FigureError, RequestError
@@ -26,15 +25,14 @@ from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
 from brownpipe.figures.style import image_bytes
 from brownpipe.inspection import read_contents
-from brownpipe.observables import refuse_unfit
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene
 from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import NotNegative, Positive, plain, validated
-from brownpipe.scene.seeds import read_seeds, seed_text
+from brownpipe.scene.seeds import read_seeds
 from brownpipe.storage import Trajectories, from_tree, refuse_foreign, to_tree, write_dataset, write_trajectories
-from brownpipe.study import refuse_repetition
+from brownpipe.study import forecast_of_runs
 from brownpipe.study.study import Rings
 
 if TYPE_CHECKING:
@@ -79,7 +77,7 @@ def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
 
     Raises RequestError for anything wrong with the file or the scene.
     """
-    return scene_of_file(_path("path", path), plain(particles))
+    return scene_of_file(validated(Path, path, key="path"), plain(particles))
 
 
 def simulate(
@@ -123,10 +121,7 @@ def simulate(
     recorded = read_record(_words("record", record), "record")
     names = tuple(filter(None, _words("observables", observables).split(",")))
     numbers = _seeds(seeds)
-    refuse_repetition(scene, numbers)
-    refuse_unfit(scene, names, average)
-    chosen.refuse_unfit(scene, recorded)
-    forecast.refuse_too_large(scene, len(numbers), chosen.forecast(scene, recorded, names, average))
+    forecast_of_runs(chosen, scene, numbers, recorded, names, average)
     for remark in filter(None, (chosen.definition.caution(scene), growth_caution(scene, len(numbers)))):
         warnings.warn(remark, stacklevel=2)
     with progress.shown("simulate", silent=quiet):
@@ -197,7 +192,7 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
 
     Raises StorageError, which says how to make a damaged file again, and WrongFileError for any other file.
     """
-    contents = read_contents(_path("path", path))
+    contents = read_contents(validated(Path, path, key="path"))
     return to_tree(contents) if isinstance(contents, Trajectories) else contents
 
 
@@ -207,7 +202,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
     Raises RequestError for anything else and for variables that you have added to runs; StorageError and OSError if
     the file cannot be written.
     """
-    path = _path("path", path)
+    path = validated(Path, path, key="path")
     if isinstance(data, DataTree):
         _refuse_suffix(path, "runs", (".h5", ".hdf5"))
         with progress.shown("save"):
@@ -231,20 +226,12 @@ def _words(name: str, value: Any) -> str:
     return ",".join(str(word).strip() for word in (value.split(",") if isinstance(value, str) else value))
 
 
-def _path(name: str, value: Any) -> str | Path:
-    if not isinstance(value, str | Path):
-        raise RequestError(f"{name}: must be the path of a file, not {reprlib.repr(value)}")
-    return value
-
-
 def _seeds(value: Any) -> Sequence[int]:
     """Return the seeds of a count, a text, a range, a list, a set or an array."""
     if isinstance(value, range) and value and value.step == 1 and value[0] >= 0:
         value = f"{value[0]}-{value[-1]}"
     elif isinstance(value, range | set | frozenset):
         value = [*value]
-    if isinstance(value, np.ndarray) and value.dtype.kind in "iu" and value.ndim == 1 and value.size:
-        value = seed_text(np.unique(value)) if value.min() >= 0 else value
     return read_seeds(plain(value))
 
 

@@ -11,8 +11,7 @@ rule aggregate:
         **request["aggregate"],
     params:
         study=study_words,
-        plan=plan_option,
     shell:
         'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
-        " && brownpipe aggregate --study {params.study} {params.plan:q} --output {output.dataset:q}"
+        " && brownpipe aggregate --study {params.study} --plan {input.plan:q} --output {output.dataset:q}"
         " --list-runs {output.made_from:q} > {log:q} 2>&1"

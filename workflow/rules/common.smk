@@ -47,11 +47,6 @@ def plan_file(wildcards):
     return [] if study.tolerance is None else [checkpoints.plan.get().output[0]]
 
 
-def plan_option(wildcards, input):
-    """Return the option that names this file."""
-    return ["--plan", *input.plan] if input.plan else []
-
-
 def trajectories(wildcards):
     """Return the files with the runs of the study: those that are there, and those to be made."""
     known = settled(study, *plan_file(wildcards)) if study.tolerance else study

@@ -13,10 +13,9 @@ rule tradeoff:
         **request["tradeoff"],
     params:
         study=study_words,
-        plan=plan_option,
     shell:
         'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
-        " && brownpipe tradeoff {params.study} {params.plan:q} --output {output.dataset:q}"
+        " && brownpipe tradeoff {params.study} --plan {input.plan:q} --output {output.dataset:q}"
         " --list-runs {output.made_from:q} > {log:q} 2>&1"
 
 

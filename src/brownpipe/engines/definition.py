@@ -14,7 +14,6 @@ class Setting(NamedTuple):
     metavar: str  # of the command line's option
     help: str  # of the option: the values, in a few words
     default: object = None  # None: it must be given
-    is_positive: bool = False  # the option takes a positive number; otherwise a word
     words: tuple[str, ...] = ()  # those allowed, if it takes a word
 
 

@@ -45,8 +45,7 @@ def read(path: str | Path, names: Sequence[str] | None = None, particles: int | 
     dataset = read_dataset(path)
     if is_tradeoff(dataset) and (names or particles is not None):
         raise FigureError(f"{path}: a trade-off; it is shown as a whole")
-    step = "tradeoff_figures" if is_tradeoff(dataset) else "figures"
-    return dataset, record_of(dataset, step, seal_of(path), names, particles)
+    return dataset, record_of(dataset, "figures", seal_of(path), names, particles)
 
 
 def write(

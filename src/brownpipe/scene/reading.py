@@ -6,20 +6,11 @@ It names the file, its line, the key, the allowed values and the value found.
 import difflib
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, NamedTuple, NoReturn, Self
+from typing import Annotated, Any, NoReturn, Self
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    GetCoreSchemaHandler,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, TypeAdapter, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from brownpipe.errors import RequestError
 from brownpipe.scene.yaml_file import Document
@@ -30,8 +21,8 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
 WORDS = {  # of pydantic, and the same in messages here
     "Input should be": "must be",
+    "Input is not a valid path for <class 'pathlib.Path'>": "must be the path of a file",
     "a valid number": "a number",
-    "a finite number": "a finite number",
     "a valid integer": "an integer",
     "a valid boolean": "true or false",
     "a valid string": "a text",
@@ -45,24 +36,15 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False), NO_MINUS_ZERO
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0), NO_MINUS_ZERO]
 Pair = tuple[Number, Number]
-Flag = Annotated[bool, Field(strict=True)]
+AtLeastOne = Annotated[int, Field(strict=True, ge=1)]
 Count = Annotated[int, Field(strict=True, ge=0, le=MOST_DISKS)]
 Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
-
-
-class As(NamedTuple):
-    """In an annotation: values are read as this type, which is made at run time."""
-
-    kind: Any
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return handler.generate_schema(self.kind)
 
 
 class Record(BaseModel):
     """The keys of a mapping. A key whose value is null is taken as not given."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = {"frozen": True, "extra": "forbid"}
 
     @model_validator(mode="before")
     @classmethod
@@ -84,13 +66,20 @@ class Record(BaseModel):
         return validated(type(self), {key: getattr(self, key) for key in self.model_fields_set} | plain(keys))
 
     def _resolve(self, **values: object) -> None:
-        """Give fields the values that follow from others; they do not count as given."""
+        """Give fields the values that follow from others, and attributes that are no keys; none counts as given."""
         self.__dict__.update(values)
 
 
 def key(meaning: str, default: Any = ..., **more: Any) -> Any:
     """Return the field of a record: what it means, and its default unless it must be given."""
     return Field(default, description=meaning, **more)
+
+
+def alone(name: str, schema: Any) -> BeforeValidator:
+    """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
+    return BeforeValidator(
+        lambda value: value if isinstance(value, Mapping | Record) else {name: value}, json_schema_input_type=schema
+    )
 
 
 def refuse(problem: str, *path: str | int) -> NoReturn:
@@ -122,8 +111,6 @@ def _place_and_problem(error: ValidationError) -> tuple[list[str | int], str]:
     kind, problem, value = first["type"], first["msg"], first["input"]
     if kind == "refused":
         return path, problem
-    if kind == "value_error":
-        return path, str(context["error"])
     if kind == "missing" and isinstance(path[-1], str):
         return path, "missing; must be given"
     if kind == "missing" or (kind == "too_long" and context["max_length"] == 2):

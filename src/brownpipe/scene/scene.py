@@ -9,25 +9,25 @@ import json
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
+from pydantic import Discriminator, Field, StrictBool, Tag, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.quoting import shell_path
 from brownpipe.scene import sample_times
 from brownpipe.scene.packing import ROUND_OFF, most_disks, overlap
 from brownpipe.scene.reading import (
-    MOST_DISKS,
     NO_MINUS_ZERO,
+    AtLeastOne,
     Count,
-    Flag,
     Name,
     NotNegative,
     Pair,
     Positive,
     Record,
+    alone,
     key,
     refuse,
     validated,
@@ -46,8 +46,8 @@ STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # 
 
 Mass = Annotated[Positive, Field(ge=1 / HEAVIEST, le=HEAVIEST)]
 Velocity = Annotated[float, Field(strict=True, ge=-FASTEST, le=FASTEST, allow_inf_nan=False), NO_MINUS_ZERO]
-Width = Annotated[NotNegative, Field(le=FASTEST)]
-PerDecade = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+Width = Annotated[float, Field(strict=True, ge=0, le=FASTEST, allow_inf_nan=False), NO_MINUS_ZERO]
+PerDecade = Annotated[AtLeastOne, Field(le=10_000)]
 FirstTime = Annotated[Positive, Field(gt=1e-290)]
 
 
@@ -56,9 +56,7 @@ class Box(Record):
 
     x: Pair = key("its sides, [low, high] [length]")
     y: Pair = key("its sides, [low, high] [length]")
-    boundary: Literal["reflecting", "periodic"] = key(
-        "hard walls, hit by the edge of a disk, or periodic", "reflecting"
-    )
+    boundary: Literal["reflecting", "periodic"] = key("hard walls, hit by a disk's edge, or periodic", "reflecting")
 
     @model_validator(mode="after")
     def _check(self) -> "Box":
@@ -166,7 +164,7 @@ class Velocities(Record):
 
     standard_deviation: Width | None = key("of every velocity component of every disk [length/time]", None)
     temperature: NotNegative | None = key("kT: velocity components have variance kT/m [energy]", None)
-    zero_momentum: Flag | None = key(
+    zero_momentum: StrictBool | None = key(
         "subtract the velocity of the centre of mass (default: in a periodic box with several disks)", None
     )
 
@@ -192,18 +190,12 @@ class Equilibration(Record):
 
 
 Disks = Annotated[
-    Annotated[Mixture, Tag("{species}")] | Annotated[tuple[Disk, ...], Field(max_length=MOST_DISKS), Tag("{list}")],
+    Annotated[Mixture, Tag("{species}")] | Annotated[tuple[Disk, ...], Tag("{list}")],
     Discriminator(lambda value: "{list}" if isinstance(value, list | tuple) else "{species}"),
 ]
 
 
-Before = Annotated[
-    Equilibration,
-    BeforeValidator(
-        lambda value: {"time": value} if isinstance(value, int | float) else value,
-        json_schema_input_type=NotNegative | Equilibration,
-    ),
-]
+Before = Annotated[Equilibration, alone("time", NotNegative | Equilibration)]
 
 
 class Scene(Record):
@@ -217,13 +209,16 @@ class Scene(Record):
     sample_interval: Positive | None = key("sample times: its multiples and the duration [time]", None)
     samples: Samples | None = key("logarithmic sample times, in place of `sample_interval`", None)
     equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", Equilibration(time=0.0))
-    _name: str = PrivateAttr("scene")
+    if TYPE_CHECKING:
+        name: str  # in results, that of the file; no key
 
     @model_validator(mode="after")
     def _check(self) -> "Scene":
         self._resolve_times()
         if isinstance(self.disks, Mixture):
-            self._check_species(self.disks)
+            self._count(self.disks)
+            self._check_mixture(self.disks)
+            self._check_motion(self.disks.tracer is not None)
         else:
             self._check_list(self.disks)
         self._check_sizes([disk for disk in self.listed or self.species if disk.count])
@@ -231,9 +226,9 @@ class Scene(Record):
 
     def _check_sizes(self, disks: list[Any]) -> None:
         """Refuse masses too far apart, and a periodic box in which a disk could touch two images of one neighbour."""
-        lightest, heaviest = (end((disk.mass for disk in disks), default=1.0) for end in (min, max))
-        if heaviest / LARGEST_MASS_RATIO > lightest:
-            pair = f"masses {lightest!r} and {heaviest!r} are too far apart"
+        masses = [disk.mass for disk in disks] or [1.0]
+        if max(masses) / LARGEST_MASS_RATIO > min(masses):
+            pair = f"masses {min(masses)!r} and {max(masses)!r} are too far apart"
             refuse(f"{pair}; must be within a factor of {LARGEST_MASS_RATIO:g}", "disks")
         least = 4 * max((disk.radius for disk in disks), default=0.0)
         if self.box.periodic and min(self.box.width, self.box.height) < least:
@@ -267,32 +262,26 @@ class Scene(Record):
             refuse(f"must be {len(disks)}, the number of disks listed, not {self.particles}", "particles")
         self._resolve(particles=len(disks), equilibrate=Equilibration(time=0.0, tracer="free"))
         for k, disk in enumerate(disks):
-            self._check_radius(disk.radius, "disks", k)
-            self._check_position(disk, "disks", k)
-        pair = overlap(np.array([d.position for d in disks]), self.radius, self._sides if self.box.periodic else None)
-        if pair is not None:
+            self._check_disk(disk, "disks", k)
+        box = (self.box.x, self.box.y) if self.box.periodic else None
+        if pair := overlap(np.array([disk.position for disk in disks]), self.radius, box):
             a, b, gap = pair
             at = f"disk {a} at {list(disks[a].position)} and disk {b} at {list(disks[b].position)}"
             refuse(f"{at} overlap: the gap between their edges is {gap:.6g}; must be >= 0", "disks")
 
-    def _check_species(self, disks: Mixture) -> None:
-        """Refuse numbers that do not add up, and disks that cannot fit; those accepted may still be hard to place."""
-        self._count(disks)
-        for k, s in enumerate(disks.species):
-            self._check_radius(s.radius, "disks", "species", k)
+    def _check_mixture(self, disks: Mixture) -> None:
+        """Refuse disks that cannot fit; those accepted may still be hard to place."""
         if disks.tracer is not None:
-            self._check_radius(disks.tracer.radius, "disks", "tracer")
-            self._check_position(disks.tracer, "disks", "tracer")
-        box, phi = self.box, 0.0
+            self._check_disk(disks.tracer, "disks", "tracer")
+        for k, species in enumerate(disks.species):
+            self._check_disk(species, "disks", "species", k)
         for s in self.species:
-            most = most_disks(box.width, box.height, 2 * s.radius, box.periodic)
+            most = most_disks(self.box.width, self.box.height, 2 * s.radius, self.box.periodic)
             if s.count > most:
                 crowd = f"{s.count} disks of radius {s.radius!r} ({s.name})"
                 refuse(f"{crowd} cannot fit; must be at most {most}", "disks")
-            phi += math.pi * s.count * (s.radius / box.width) * (s.radius / box.height)
-        if phi > 1:
-            refuse(f"the disks cover {phi:.4g} times the area of the box; must be at most 1", "disks")
-        self._check_motion(disks.tracer is not None)
+        if self.packing_fraction > 1:
+            refuse(f"the disks cover {self.packing_fraction:.4g} times the area of the box; must be at most 1", "disks")
 
     def _count(self, disks: Mixture) -> None:
         """Resolve the total number of disks."""
@@ -325,26 +314,22 @@ class Scene(Record):
             drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
             self._resolve(velocities=self.velocities.model_copy(update={"zero_momentum": drifts}))
 
-    def _check_radius(self, radius: float, *path: str | int) -> None:
-        """Refuse a disk that does not fit into the box, or so small that round-off of its position is not below it."""
-        most, longer = min(self.box.width, self.box.height) / 2, max(self.box.width, self.box.height)
+    def _check_disk(self, disk: Disk | Tracer | Species, *path: str | int) -> None:
+        """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box or in a wall."""
+        box, radius, found = self.box, disk.radius, f"not {disk.radius!r}"
+        most, longer = min(box.width, box.height) / 2, max(box.width, box.height)
         if radius > most:
-            refuse(f"must be at most half the shorter side of the box, {most!r}, not {radius!r}", *path, "radius")
+            refuse(f"must be at most half the shorter side of the box, {most!r}, {found}", *path, "radius")
         if radius < SMALLEST_RADIUS * longer:
             least = f"{SMALLEST_RADIUS:g} of the longer side of the box, {SMALLEST_RADIUS * longer:.4g}"
-            refuse(f"must be at least {least}, not {radius!r}", *path, "radius")
-
-    def _check_position(self, disk: Disk | Tracer, *path: str | int) -> None:
-        """Refuse a centre outside a periodic box, or nearer to walls than its radius."""
-        for axis, value, (low, high) in zip("xy", disk.position or (), self._sides, strict=False):
-            slack = ROUND_OFF * disk.radius + 2 * math.ulp(max(-low, high))
-            place, found = (*path, "position"), f"not {list(disk.position or ())}"
-            if self.box.periodic and not low <= value < high:
-                refuse(f"must be inside the periodic box, {low!r} <= {axis} < {high!r}, {found}", *place)
-            first, last = value - disk.radius, value + disk.radius
-            if not self.box.periodic and not low - slack <= first <= last <= high + slack:
-                inside = f"inside the walls, {low!r} <= {axis} <= {high!r}, by the radius {disk.radius!r} or more"
-                refuse(f"must be {inside}, {found}", *place)
+            refuse(f"must be at least {least}, {found}", *path, "radius")
+        for axis, value, (low, high) in zip("xy", disk.position or (), (box.x, box.y), strict=False):
+            slack, found = ROUND_OFF * radius + 2 * math.ulp(max(-low, high)), f"not {list(disk.position or ())}"
+            if box.periodic and not low <= value < high:
+                refuse(f"must be inside the periodic box, {low!r} <= {axis} < {high!r}, {found}", *path, "position")
+            if not box.periodic and not low - slack <= value - radius <= value + radius <= high + slack:
+                inside = f"inside the walls, {low!r} <= {axis} <= {high!r}, by the radius {radius!r} or more"
+                refuse(f"must be {inside}, {found}", *path, "position")
 
     def __repr__(self) -> str:
         box = f"{self.box.boundary} box {self.box.width:g} x {self.box.height:g}"
@@ -360,18 +345,9 @@ class Scene(Record):
         return hash((self.name, self.digest))
 
     @property
-    def name(self) -> str:
-        """The name in results: that of the file."""
-        return self._name
-
-    @property
     def label(self) -> str:
         """Name and number of disks, by which a trade-off names it."""
         return f"{self.name}_N{self.particles}"
-
-    @property
-    def _sides(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        return self.box.x, self.box.y
 
     @property
     def listed(self) -> tuple[Disk, ...]:
@@ -427,7 +403,7 @@ class Scene(Record):
     def replace(self, **keys: object) -> "Scene":
         """Return a scene of the same name with other values of some keys."""
         scene = super().replace(**keys)
-        scene._name = self.name
+        scene._resolve(name=self.name)
         return scene
 
     def as_mapping(self) -> dict:
@@ -488,7 +464,7 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
         mapping = document.with_values({"particles": particles})
     scene = validated(Scene, mapping, where)
     stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
-    scene._name = validated(Name, stem, where, key)
+    scene._resolve(name=validated(Name, stem, where, key))
     return scene
 
 

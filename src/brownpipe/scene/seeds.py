@@ -40,11 +40,12 @@ def _seeds(value: Any) -> Sequence[int]:
         _must_be("ranges that ascend, like 0-2399", value)
     if any(last > LARGEST_SEED for _, last in ends):
         _must_be("seeds below 2**63", value)
-    merged = _merged(ends)
-    if sum(last - first + 1 for first, last in merged) > MOST_SEEDS:
+    if sum(last - first + 1 for first, last in ends) > MOST_SEEDS:
         _must_be(f"at most {MOST_SEEDS} seeds", value)
-    seeds = [range(first, last + 1) for first, last in merged]
-    return seeds[0] if len(seeds) == 1 else tuple(chain.from_iterable(seeds))
+    if len(ends) == 1:
+        return range(ends[0][0], ends[0][1] + 1)
+    seeds = sorted({*chain.from_iterable(range(first, last + 1) for first, last in ends)})
+    return range(seeds[0], seeds[-1] + 1) if seeds[-1] - seeds[0] < len(seeds) else tuple(seeds)
 
 
 def _must_be(allowed: str, value: object) -> Any:
@@ -52,19 +53,9 @@ def _must_be(allowed: str, value: object) -> Any:
 
 
 _Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]
-_Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
+Seed = Annotated[int, Field(strict=True, ge=0, le=LARGEST_SEED)]
 _Range = Annotated[str, Field(pattern=rf"^\s*{RANGE.pattern}\s*(,\s*{RANGE.pattern}\s*)*$")]
-Seeds = Annotated[Any, PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[_Seed | _Range])]
-
-
-def _merged(ends: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return ranges (first, last) in ascending order, joined where they touch or overlap."""
-    merged: list[tuple[int, int]] = []
-    for first, last in sorted(ends):
-        if merged and first <= merged[-1][1] + 1:
-            first, last = merged[-1][0], max(last, merged.pop()[1])
-        merged.append((first, last))
-    return merged
+Seeds = Annotated[Any, PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[Seed | _Range])]
 
 
 def seed_text(seeds: Sequence[int] | np.ndarray) -> str:

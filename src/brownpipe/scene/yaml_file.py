@@ -75,8 +75,7 @@ def read_yaml(path: str | Path) -> Any:
         cure = f"if it is an HDF5 file: brownpipe inspect {shell_path(path)}"
         raise RequestError(f"{path}: not text: byte {error.start} is not UTF-8; {cure}") from None
     except (ValueError, RecursionError) as error:
-        name = repr(str(path)) if "\0" in str(path) else path
-        raise RequestError(f"{name}: {'cannot be read: ' * (name != path)}{error}") from None
+        raise RequestError(f"{path}: {error}") from None
     except yaml.YAMLError as error:
         mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
         line = f"line {mark.line + 1}: " if mark else ""
@@ -118,14 +117,12 @@ def scalar(text: str) -> object:
     return int(text) if text.lstrip("+-").isdigit() else float(text)
 
 
-def yaml_text(mapping: dict, in_blocks: bool = False) -> str:
+def yaml_text(mapping: dict) -> str:
     """Return the text of a YAML file from which `read_yaml` returns an equal mapping; the keys keep their order.
 
-    Innermost lists and mappings are in brackets, and the text is ASCII. If `in_blocks`, each of their items has a line
-    of its own, and other characters are written as they are.
+    Innermost lists and mappings are in brackets.
     """
-    layout: dict[str, Any] = {"default_flow_style": False if in_blocks else None, "allow_unicode": in_blocks}
-    return yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, width=120, **layout)
+    return yaml.dump(mapping, Dumper=_Dumper, sort_keys=False, width=120, default_flow_style=None, allow_unicode=True)
 
 
 class _Dumper(yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper):  # type: ignore[misc]  # one of the two

@@ -4,7 +4,7 @@
 an engine.
 """
 
-from brownpipe.study.study import Study, refuse_repetition
+from brownpipe.study.study import Study, forecast_of_runs
 from brownpipe.study.study_file import from_command_line, read_study
 
-__all__ = ["Study", "from_command_line", "read_study", "refuse_repetition"]
+__all__ = ["Study", "forecast_of_runs", "from_command_line", "read_study"]

@@ -70,12 +70,8 @@ def requests(study: Study) -> dict[str, dict[str, object]]:
 
 def _asked(need: Callable[[Mapping[str, str]], Need]) -> dict[str, object]:
     """Return the resources of a rule whose jobs have this need: memory [MB] and wall time [min]."""
-    return {
-        "mem_mb": lambda wildcards, attempt: (
-            2 ** (attempt - 1) * math.ceil((MARGIN * need(wildcards)[0] + AROUND) / 1e6)
-        ),
-        "runtime": lambda wildcards, attempt: (
-            2 ** (attempt - 1) * math.ceil((MARGIN * need(wildcards)[1] + DELAY) / 60)
-        ),
-        "cpus_per_task": 1,
-    }
+
+    def request(part: int, more: float, unit: float) -> Callable[..., int]:
+        return lambda wildcards, attempt: 2 ** (attempt - 1) * math.ceil((MARGIN * need(wildcards)[part] + more) / unit)
+
+    return {"mem_mb": request(0, AROUND, 1e6), "runtime": request(1, DELAY, 60), "cpus_per_task": 1}

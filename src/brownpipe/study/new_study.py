@@ -18,8 +18,7 @@ def write_new_study(name: str, folder: str | Path = ".") -> tuple[Path, Path]:
     StorageError if one cannot be written.
     """
     name = name.removesuffix(".yaml")
-    for key, value in (("NAME", name), ("name of the scene", f"{name}_scene")):
-        validated(Name, value, key=key)
+    validated(Name, f"{name}_scene", key="name of the scene")
     paths = Path(folder) / f"{name}_scene.yaml", Path(folder) / f"{name}.yaml"
     for path in paths:
         if os.path.lexists(path):

@@ -49,11 +49,9 @@ class Performance(NamedTuple):
 
     def runs_for(self, tolerance: float) -> int | None:
         """Return the runs, failing ones included, that a tolerance needs; None for a bias too large or not compared."""
-        return (
-            None
-            if np.isnan(self.bias)
-            else runs_for(tolerance, self.bias**2 + self.bias_error**2, self.spread, self.share_sound)
-        )
+        if np.isnan(self.bias):
+            return None
+        return runs_for(tolerance, self.bias**2 + self.bias_error**2, self.spread, self.share_sound)
 
 
 class Offer(NamedTuple):
@@ -144,4 +142,4 @@ def write_study(study_file: str | Path, path: str | Path, offer: Offer, comment:
     mapping["scenes"] = [os.path.relpath(Path(study_file).resolve().parent / scene, folder) for scene in scenes]
     mapping |= {"engines": [{"name": offer.engine.name, **dict(offer.engine.settings)}], "seeds": offer.runs}
     folder.mkdir(parents=True, exist_ok=True)
-    write_file(path, f"# {comment}\n\n{yaml_text(mapping, in_blocks=True)}".encode())
+    write_file(path, f"# {comment}\n\n{yaml_text(mapping)}".encode())

@@ -130,5 +130,5 @@ def digests(study: Study) -> dict[str, str]:
         "aggregate": aggregate,
         "figures": digest_of(aggregate, study.figures, study.shown_particles, found["figures"]),
         "tradeoff": tradeoff,
-        "tradeoff_figures": digest_of(tradeoff, found["tradeoff_figures"]),
+        "tradeoff_figures": digest_of(tradeoff, found["figures"]),
     }

@@ -4,9 +4,9 @@ Its fields are the keys of study files, with their bounds.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Union
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
 from pydantic import (
@@ -14,7 +14,7 @@ from pydantic import (
     BeforeValidator,
     Discriminator,
     Field,
-    PrivateAttr,
+    GetPydanticSchema,
     Tag,
     ValidationInfo,
     create_model,
@@ -22,14 +22,14 @@ from pydantic import (
 )
 
 from brownpipe import observables as measures
-from brownpipe.engines import DEFINITIONS, Engine, settings_of
+from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.friction import default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.scene.reading import As, Count, NotNegative, Positive, Record, key, refuse
+from brownpipe.scene.reading import AtLeastOne, Count, NotNegative, Positive, Record, alone, key, refuse
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.yaml_file import read_yaml
 
@@ -39,6 +39,11 @@ MOST_RINGS = 100_000
 MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
+
+
+def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
+    """Let values be read as this type, which is made at run time."""
+    return GetPydanticSchema(lambda _, handler: handler.generate_schema(kind))
 
 
 def one_or_more(kind: Any, least: int = 1) -> Any:
@@ -51,11 +56,9 @@ def one_or_more(kind: Any, least: int = 1) -> Any:
 
 
 def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    return (
-        values
-        if all(value not in values[:k] for k, value in enumerate(values))
-        else refuse("must be values that differ")
-    )
+    if any(value in values[:k] for k, value in enumerate(values)):
+        refuse("must be values that differ")
+    return values
 
 
 def _share(value: Any) -> Any:
@@ -71,11 +74,7 @@ def _engine_kind(name: str) -> Any:
     """Return the type of an engine of a study: its name, its settings, the scenes it is used in and its seeds."""
     keys: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
     record = create_model(name, __base__=settings_of(name), **keys)
-    named = BeforeValidator(
-        lambda value: {"name": value} if isinstance(value, str) else value,
-        json_schema_input_type=record | Literal[name],
-    )
-    return Annotated[record, named, Tag(f"{{{name}}}")]
+    return Annotated[record, alone("name", record | Literal[name]), Tag(f"{{{name}}}")]
 
 
 Text = Annotated[str, Field(min_length=1)]
@@ -86,7 +85,7 @@ Tolerance = Annotated[
 ]
 Target = Annotated[str, As(Literal[TARGETS])]
 Batch = Annotated[
-    Annotated[int, Field(strict=True, ge=1, le=MOST_SEEDS)] | None,
+    Annotated[AtLeastOne, Field(le=MOST_SEEDS)] | None,
     BeforeValidator(lambda value: None if value == "auto" else value, json_schema_input_type=int | Literal["auto"]),
 ]
 EngineKey: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Discriminator(_engine_name)]  # noqa: UP007  # as many as there are
@@ -99,7 +98,6 @@ Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
 Windows = Annotated[tuple[tuple[NotNegative, NotNegative], ...], Field(min_length=1), AfterValidator(_distinct)]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
-Failures = Annotated[int, Field(strict=True, ge=0, le=MOST_SEEDS)]
 
 
 class EngineUse(NamedTuple):
@@ -114,7 +112,7 @@ class Rings(Record):
     """The rings of the displacement distribution; runs beyond the last one are counted too."""
 
     dr: Positive = key("their width [length]")
-    count: Annotated[int, Field(strict=True, ge=1, le=MOST_RINGS)] = key("their number")
+    count: Annotated[AtLeastOne, Field(le=MOST_RINGS)] = key("their number")
 
 
 class Study(Record):
@@ -136,15 +134,16 @@ class Study(Record):
     fit_windows: Windows | None = key("[t0, t1] in which lines are fitted to the MSD [time]", None)
     rings: Rings | None = key("of the displacement distribution (default: from the data)", None)
     instead_of: Substitutes = key("scenes that may be run in place of others, for brownpipe tradeoff", {})
-    allow_failed: Failures = key("runs of the study that may fail", 0)
-    _name: str = PrivateAttr("study")
-    _cases: tuple[Scene, ...] = PrivateAttr(())
-    _uses: tuple[EngineUse, ...] = PrivateAttr(())
+    allow_failed: Count = key("runs of the study that may fail", 0)
+    if TYPE_CHECKING:  # no keys: what is read with them
+        name: str  # the stem of the study file
+        cases: tuple[Scene, ...]  # each scene with each particle count
+        uses: tuple[EngineUse, ...]  # the engines in their cases, in the order of the study file
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
         given = info.context or {}
-        self._name = given.get("name", "study")
+        self._resolve(name=given.get("name", "study"))
         self._read_scenes(given.get("folder", Path()))
         self._read_engines()
         self._check_seeds()
@@ -166,8 +165,7 @@ class Study(Record):
                 cases += [parse_scene(mapping, str(path), count) for count in self.particles or (None,)]
             except RequestError as error:
                 refuse(str(error), "scenes", k)
-        self._resolve(scenes=tuple(paths.values()))
-        self._cases = tuple(cases)
+        self._resolve(scenes=tuple(paths.values()), cases=tuple(cases))
 
     def _read_engines(self) -> None:
         """Read the engines, each fit for its scenes; none with the same settings runs a case twice."""
@@ -185,8 +183,7 @@ class Study(Record):
                 if any(use.engine == engine and use.case is case for use in uses):
                     refuse("must be engines or settings that differ", "engines")
                 uses.append(EngineUse(engine, case, seeds))
-        self._uses = tuple(uses)
-        self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)))
+        self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)), uses=tuple(uses))
 
     def _refuse_unknown(self, scenes: Sequence[str], *path: str | int) -> None:
         """Refuse names that are not of the study's scenes."""
@@ -257,21 +254,6 @@ class Study(Record):
                     refuse(f"must be other scenes with the sample times of {scene}", "instead_of", scene)
 
     @property
-    def name(self) -> str:
-        """The stem of the study file."""
-        return self._name
-
-    @property
-    def cases(self) -> tuple[Scene, ...]:
-        """Each scene with each particle count."""
-        return self._cases
-
-    @property
-    def uses(self) -> tuple[EngineUse, ...]:
-        """The engines in their cases, in the order of the study file."""
-        return self._uses
-
-    @property
     def recording(self) -> tuple[set[str], tuple[str, ...], str]:
         """What each run records, what it measures, and the average: the last arguments of `Engine.forecast`."""
         return {self.record}, self.observables, self.average
@@ -293,10 +275,21 @@ def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
     return f"{names[0]} leaves nothing to chance" if names else None
 
 
-def refuse_repetition(scene: Scene, seeds: Sequence[int]) -> None:
-    """Raise RequestError for several seeds of a scene that lists its disks: all runs would be identical."""
+def forecast_of_runs(
+    engine: Engine, scene: Scene, seeds: Sequence[int], record: Collection[str], names: tuple[str, ...], average: str
+) -> forecast.Cost:
+    """Return the forecast of one of these runs, before any is made.
+
+    Raises RequestError for runs that would be identical, an engine, record, observable or average that does not fit the
+    scene, and for more runs than this machine can hold.
+    """
     if scene.listed and len(seeds) > 1:
         raise RequestError(f"seeds: {_repetition(scene.name, len(seeds))}")
+    measures.refuse_unfit(scene, names, average)
+    engine.refuse_unfit(scene, record)
+    cost = engine.forecast(scene, record, names, average)
+    forecast.refuse_too_large(scene, len(seeds), cost)
+    return cost
 
 
 def _repetition(name: str, runs: int) -> str:

@@ -2,34 +2,31 @@
 
 from argparse import Namespace
 from collections.abc import Callable
-from functools import partial
 
 from brownpipe.errors import DONE, RequestError
 from brownpipe.formatting import counted
 from brownpipe.verbs.output import NETCDF, show, writable
-from brownpipe.verbs.values import integer, key_value, positive, several, window
+from brownpipe.verbs.values import add_runs_of_study, list_runs, several, study_of, typed, window
 
 EXAMPLE = "results/runs/dilute/N200/exact-*/*.h5 --output dilute.nc"
 
 
 def add_arguments(add: Callable) -> None:
+    from brownpipe.scene.reading import AtLeastOne, Positive
+
     add("files", nargs="*", metavar="FILE.h5", help="trajectory files of one study, in any order")
     add("--output", required=True, metavar="DATASET.nc", help="dataset to write (netCDF4)")
-    add(
-        "--study", metavar="STUDY", help="study file (YAML): analyse its files as it says, instead of the options below"
-    )
-    replaced = "with --study: other values of its keys, as for `snakemake --config`"
-    add("--config", nargs="+", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
-    add("--list-runs", metavar="FILE", help="with --study: also write the folders and seeds of its runs")
-    add("--plan", metavar="PLAN.yaml", help="with --study: the file that says how many runs its tolerance needs")
+    instead = "study file (YAML), in place of FILE.h5 and the options below: analyse its runs as it says"
+    add("--study", metavar="STUDY", help=instead)
+    add_runs_of_study(add)
     windows = "where lines are fitted to the MSD (default: two that begin when motion is diffusive)"
     add("--fit-windows", type=several(window), metavar="T0:T1", help=windows)
     width = "of the displacement distribution, with --rings (default: from the data)"
-    add("--ring-width", type=positive, metavar="DR", help=width)
+    add("--ring-width", type=typed(Positive), metavar="DR", help=width)
     times = "of the displacement distribution (default: the end of each run)"
-    add("--displacement-times", type=several(positive), metavar="T", help=times)
+    add("--displacement-times", type=several(typed(Positive)), metavar="T", help=times)
     count = "of the displacement distribution, with --ring-width"
-    add("--rings", type=partial(integer, least=1, most=100_000), metavar="COUNT", help=count)
+    add("--rings", type=typed(AtLeastOne), metavar="COUNT", help=count)
 
 
 def aggregate(arguments: Namespace) -> int:
@@ -39,16 +36,14 @@ def aggregate(arguments: Namespace) -> int:
     other seeds, another scene or engine, or other records than the study asks for is refused by name.
     """
     from brownpipe import analysis, progress
-    from brownpipe.storage import write_dataset, write_file
-    from brownpipe.study import read_study
-    from brownpipe.study.run_count import settled
-    from brownpipe.study.run_sets import files_of, listed_runs
+    from brownpipe.storage import write_dataset
+    from brownpipe.study.run_sets import files_of
 
     _refuse_together(arguments)
     files, windows, times = arguments.files, arguments.fit_windows, arguments.displacement_times
     width, count, study = arguments.ring_width, arguments.rings, None
     if arguments.study is not None:
-        study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
+        study = study_of(arguments)
         files, windows, times = files_of(study), study.fit_windows, study.displacement_times
         width, count = (study.rings.dr, study.rings.count) if study.rings else (None, None)
     inputs = [getattr(file, "path", file) for file in files]
@@ -56,8 +51,8 @@ def aggregate(arguments: Namespace) -> int:
     with progress.shown("aggregate"):
         dataset = analysis.aggregate(files, windows, width, count, times or ())
     write_dataset(output, dataset)
-    if study is not None and arguments.list_runs is not None:
-        write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())
+    if study is not None:
+        list_runs(study, arguments)
     show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
     return DONE
 

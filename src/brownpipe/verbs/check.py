@@ -5,14 +5,14 @@ from collections.abc import Callable
 
 from brownpipe.errors import DONE
 from brownpipe.verbs.output import show
-from brownpipe.verbs.values import SCENE, integer
+from brownpipe.verbs.values import SCENE, add_particles
 
 EXAMPLE = SCENE
 
 
 def add_arguments(add: Callable) -> None:
     add("file", metavar="SCENE|STUDY", help="scene or study file (YAML)")
-    add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
+    add_particles(add)
 
 
 def check(arguments: Namespace) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 from brownpipe.errors import DONE
 from brownpipe.formatting import counted, in_bytes
 from brownpipe.verbs.output import say, show, writable
-from brownpipe.verbs.values import integer
+from brownpipe.verbs.values import add_seed
 
 EXAMPLE = "seed17.h5 --to gsd"
 
@@ -17,7 +17,7 @@ def add_arguments(add: Callable) -> None:
 
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all); for csv, any")
     add("--to", required=True, choices=FORMATS, metavar="FORMAT", help="gsd, xyz (extended XYZ) or csv")
-    add("--seed", type=integer, metavar="SEED", help="the run to export (default: the first in the file; csv: all)")
+    add_seed(add, "the run to export (default: the first in the file; csv: all)")
     add("--output", metavar="FILE", help="*.gsd, *.xyz or *.csv (default: name of the file, in this folder)")
 
 

@@ -2,28 +2,28 @@
 
 from argparse import Namespace
 from collections.abc import Callable
-from functools import partial
 from typing import Literal
 
 from brownpipe.errors import DONE
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.formatting import counted
 from brownpipe.verbs.output import PAGE, folder, show, writable
-from brownpipe.verbs.values import integer, several
+from brownpipe.verbs.values import add_particles, several, typed
 
 EXAMPLE = "small.nc --output figures"
 
 
 def add_arguments(add: Callable) -> None:
+    from brownpipe.scene.reading import AtLeastOne
+
     add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
     add("--output", required=True, metavar="FOLDER", help="folder for the figures, tables and the summary")
     add("--page", metavar="FILE.html", help="also write a page with all results, in one file")
     names = f"names joined by commas, some of {', '.join(FIGURES)} (default: all)"
-    add("--figures", type=several(str), metavar="NAMES", help=names)
-    count = "show the runs with this many disks (default: the most)"
-    add("--particles", type=integer, metavar="N", help=count)
+    add("--figures", type=several(typed(Literal[tuple(FIGURES)])), metavar="NAMES", help=names)
+    add_particles(add, "show the runs with this many disks (default: the most)")
     cores = "draw so many figures at the same time (default: 1); the files are the same"
-    add("--cores", type=partial(integer, least=1), metavar="N", default=1, help=cores)
+    add("--cores", type=typed(AtLeastOne), metavar="N", default=1, help=cores)
 
 
 def figures(arguments: Namespace) -> int:
@@ -34,11 +34,8 @@ def figures(arguments: Namespace) -> int:
     """
     from brownpipe import progress
     from brownpipe.report.products import read, write
-    from brownpipe.scene.reading import validated
 
     output = folder(arguments.output)
-    for name in arguments.figures or ():
-        validated(Literal[tuple(FIGURES)], name, key="--figures")
     dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):

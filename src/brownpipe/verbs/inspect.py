@@ -6,19 +6,21 @@ from pathlib import Path
 
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.verbs.output import say, show
-from brownpipe.verbs.values import number_or_all, seed
+from brownpipe.verbs.values import add_seed, typed
 
 EXAMPLE = "seed17.h5 --seed 17"
 
 
 def add_arguments(add: Callable) -> None:
+    from brownpipe.scene.reading import Count
+
     add("file", metavar="FILE", help="trajectory file, dataset, figure, table, page or movie")
-    add("--seed", type=seed, metavar="SEED", help="all about this run of a trajectory file")
+    add_seed(add, "all about this run of a trajectory file")
     again = "make the runs of a trajectory file again, or with --seed one of them, and compare every bit"
     add("--reproduce", action="store_true", help=again)
     add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
     allowed = "of a dataset, say only which runs failed; exit status 1 if they are more than N"
-    add("--allow-failed", type=number_or_all, metavar="N", help=allowed)
+    add("--allow-failed", type=typed(Count), metavar="N", help=allowed)
     add("--variables", action="store_true", help="list the variables of a dataset with dimensions, units and meaning")
 
 
@@ -54,11 +56,10 @@ def inspect(arguments: Namespace) -> int:
 
 def _refuse_together(arguments: Namespace) -> None:
     """Raise RequestError for options that exclude each other."""
-    given = [name for name in ("scene", "variables", "reproduce") if getattr(arguments, name)]
-    given += ["allow-failed"] if arguments.allow_failed is not None else []
-    given += ["seed"] if arguments.seed is not None else []
+    options = ("scene", "variables", "reproduce", "allow_failed", "seed")
+    given = [name for name in options if getattr(arguments, name) not in (None, False)]
     if len(given) > 1 and given != ["reproduce", "seed"]:
-        raise RequestError(f"--{given[0]}: must not be given with --{given[1]}")
+        raise RequestError(f"--{given[0]}: must not be given with --{given[1]}".replace("_", "-"))
 
 
 def _failed(path: str, allowed: int) -> int:

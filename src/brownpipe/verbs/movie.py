@@ -2,13 +2,12 @@
 
 from argparse import Namespace
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from brownpipe.errors import DONE, RequestError
 from brownpipe.formatting import counted, in_bytes
 from brownpipe.verbs.output import PAGE, show, suffix, writable
-from brownpipe.verbs.values import integer, positive
+from brownpipe.verbs.values import add_seed, typed
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
 KINDS = ("gif", "mp4", "png", "html")
@@ -16,12 +15,14 @@ FPS = 25.0  # frames a second
 
 
 def add_arguments(add: Callable) -> None:
+    from brownpipe.scene.reading import AtLeastOne, Positive
+
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
-    add("--seed", type=integer, metavar="SEED", help="the run to show (default: the first in the file)")
+    add_seed(add, "the run to show (default: the first in the file)")
     add("--to", choices=KINDS, metavar="KIND", help="gif, mp4, png or html (default: that of the output, or gif)")
     add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: name of the file, in this folder)")
-    add("--frames", type=partial(integer, least=1), metavar="COUNT", help="samples to show (default: all)")
-    add("--fps", type=positive, help="frames a second (default: 25); of a .gif at most 50")
+    add("--frames", type=typed(AtLeastOne), metavar="COUNT", help="samples to show (default: all)")
+    add("--fps", type=typed(Positive), help="frames a second (default: 25); of a .gif at most 50")
 
 
 def movie(arguments: Namespace) -> int:

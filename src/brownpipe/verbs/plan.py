@@ -7,18 +7,19 @@ from pathlib import Path
 
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.verbs.output import YAML, show, writable
-from brownpipe.verbs.values import key_value
+from brownpipe.verbs.values import add_config, typed
 
 EXAMPLE = "config/harrison2020.yaml --tolerance 2% --write my_study.yaml"
 
 
 def add_arguments(add: Callable) -> None:
+    from brownpipe.study.study import Target, Tolerance
+
     add("study", metavar="STUDY", help="study file (YAML)")
-    add("--tolerance", metavar="ERROR", help="relative error that is allowed: 2%% or 0.02")
+    add("--tolerance", type=typed(Tolerance), metavar="ERROR", help="relative error that is allowed: 2%% or 0.02")
     target = "quantity with this error: msd (at the end; default), d, or displacement_distribution (at the end)"
-    add("--target", metavar="QUANTITY", help=target)
-    replaced = "other values of the study's keys, as for `snakemake --config`"
-    add("--config", nargs="+", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
+    add("--target", type=typed(Target), metavar="QUANTITY", help=target)
+    add_config(add)
     add("--count", metavar="PLAN.yaml", help="only determine how many runs the tolerance needs, and store it here")
     add("--write", metavar="FILE.yaml", help="study file to write, with the best choice")
 
@@ -33,7 +34,7 @@ def plan(arguments: Namespace) -> int:
     from brownpipe.study import read_study
     from brownpipe.study.plan import offers, performance_of, recommendation, write_study
     from brownpipe.study.run_count import write_plan
-    from brownpipe.study.study import Target, Tolerance, why_no_relative_error
+    from brownpipe.study.study import why_no_relative_error
 
     study = read_study(arguments.study, dict(arguments.config))
     if arguments.count is not None:
@@ -41,10 +42,7 @@ def plan(arguments: Namespace) -> int:
             runs = write_plan(study, writable(arguments.count, arguments.study, suffixes=YAML))
         show(f"{arguments.count}: {runs:,} runs for a tolerance of {100 * study.tolerance:g} % of {study.target}")
         return DONE
-    target = validated(Target, arguments.target or study.target or "msd", key="--target")
-    tolerance = study.tolerance
-    if arguments.tolerance is not None:
-        tolerance = validated(Tolerance, _number(arguments.tolerance), key="--tolerance")
+    target, tolerance = arguments.target or study.target, arguments.tolerance or study.tolerance
     if tolerance is None:
         raise RequestError("--tolerance: missing; must be given, as the study has none")
     if reason := why_no_relative_error(study.cases):
@@ -61,11 +59,3 @@ def plan(arguments: Namespace) -> int:
         write_study(arguments.study, output, best, " ".join(["brownpipe plan", *map(shlex.quote, arguments.argv[1:])]))
         show(f"{output}: a study with this engine and number of runs")
     return FAILED if best is None else DONE
-
-
-def _number(text: str) -> float | str:
-    """Return a number as such; other text, like 2%, as it is."""
-    try:
-        return float(text)
-    except ValueError:
-        return text

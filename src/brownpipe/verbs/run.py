@@ -2,18 +2,19 @@
 
 from argparse import Namespace
 from collections.abc import Callable
-from functools import partial
 
-from brownpipe.verbs.values import integer
+from brownpipe.verbs.values import typed
 
 EXAMPLE = "my_study.yaml -j 2"
 PASSES_ON = True  # arguments that it does not know, and those after `--`
 
 
 def add_arguments(add: Callable) -> None:
+    from brownpipe.scene.reading import AtLeastOne
+
     add("study", metavar="STUDY", help="study file (YAML)")
     jobs = "jobs at the same time (default: number of cores)"
-    add("-j", "--cores", type=partial(integer, least=1), metavar="N", help=jobs)
+    add("-j", "--cores", type=typed(AtLeastOne), metavar="N", help=jobs)
     places = "run the jobs on a cluster: slurm, or a folder with a profile of Snakemake"
     add("--profile", metavar="NAME", help=places)
 

@@ -1,5 +1,6 @@
 """`brownpipe simulate`: runs of a scene, written to a trajectory file."""
 
+import math
 import time
 from argparse import Namespace
 from collections.abc import Callable, Sequence
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.verbs.output import HDF5, refuse_if_too_large, say, show, writable
-from brownpipe.verbs.values import SCENE, integer, number_or_all, positive, several
+from brownpipe.verbs.values import SCENE, add_particles, several, typed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,12 +22,20 @@ EXAMPLE = f"{SCENE} --seeds 17 --record all --output seed17.h5"
 
 
 def add_arguments(add: Callable) -> None:
+    from brownpipe.engines import DEFINITIONS, option
     from brownpipe.observables import OBSERVABLES
+    from brownpipe.scene.reading import Count, Positive
 
     add("scene", metavar="SCENE", help="scene file (YAML)")
-    add("--particles", type=integer, metavar="N", help="number of disks instead of the scene's")
+    add_particles(add)
     add("--seeds", default="0", help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)")
-    _add_engines(add)
+    first, *others = DEFINITIONS.values()
+    names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
+    add("--engine", default=first.name, metavar="NAME", help="; ".join(names))
+    for definition in DEFINITIONS.values():
+        for key, setting in definition.settings.items():
+            what = f"of {definition.name}: {setting.help}"
+            add(option(key), type=typed(setting.kind), metavar=setting.metavar, help=what)
     what = "tracer (default), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what)
     measured = f"what to measure in each run: names joined by commas, some of {', '.join(OBSERVABLES)}"
@@ -34,23 +43,10 @@ def add_arguments(add: Callable) -> None:
     over = "runs (default), or all time origins or equal disks of a run"
     add("--average", default="runs", metavar="OVER", help=over)
     add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
-    accepted = "exit status 1 if more than N runs fail, or `all`: never (default: all but one)"
-    add("--allow-failed", type=number_or_all, metavar="N", help=accepted)
+    accepted, count = "exit status 1 if more than N runs fail, or `all`: never (default: all but one)", typed(Count)
+    add("--allow-failed", type=lambda text: math.inf if text == "all" else count(text), metavar="N", help=accepted)
     add("--planned", metavar="SHA256", help="refuse runs other than those a study was planned with")
-    add("--checkpoint-every", type=positive, metavar="SECONDS", help="store checkpoints, to resume a killed run")
-
-
-def _add_engines(add: Callable) -> None:
-    """Add the option --engine and one option for each setting of each engine; the first engine is the default."""
-    from brownpipe.engines import DEFINITIONS, option
-
-    first, *others = DEFINITIONS.values()
-    names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
-    add("--engine", default=first.name, metavar="NAME", help="; ".join(names))
-    for definition in DEFINITIONS.values():
-        for key, setting in definition.settings.items():
-            read = positive if setting.is_positive else str
-            add(option(key), type=read, metavar=setting.metavar, help=f"of {definition.name}: {setting.help}")
+    add("--checkpoint-every", type=typed(Positive), metavar="SECONDS", help="store checkpoints, to resume a killed run")
 
 
 def simulate(arguments: Namespace) -> int:
@@ -65,27 +61,24 @@ def simulate(arguments: Namespace) -> int:
     block of simulated time (some 128 collisions of each disk) is complete. If the command is killed, the same command
     resumes there and writes the same file, byte for byte.
     """
-    from brownpipe.engines import forecast, read_record
+    from brownpipe.engines import read_record
     from brownpipe.engines.failures import failures
     from brownpipe.engines.saturation import growth_caution
     from brownpipe.scene import read_scene
     from brownpipe.scene.seeds import read_seeds
     from brownpipe.storage.store import runs_digest
-    from brownpipe.study import refuse_repetition
+    from brownpipe.study import forecast_of_runs
 
     began = time.process_time()
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
     seeds = read_seeds(arguments.seeds)
     scene = read_scene(arguments.scene, arguments.particles)
-    refuse_repetition(scene, seeds)
-    measures = _measures(arguments, scene)
-    engine.refuse_unfit(scene, record)
+    measures: dict[str, Any] = {"observables": tuple(arguments.observables), "average": arguments.average}
+    cost = forecast_of_runs(engine, scene, seeds, record, *measures.values())
     digest = runs_digest(scene, engine, record, **measures)
     if arguments.planned not in (None, digest):
         raise RequestError(f"{arguments.scene}: has changed since the study was planned; run the study again")
-    cost = engine.forecast(scene, record, **measures)
-    forecast.refuse_too_large(scene, len(seeds), cost)
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
     refuse_if_too_large(output, len(seeds) * cost.recorded)
 
@@ -110,11 +103,9 @@ def simulate(arguments: Namespace) -> int:
 
 def _made(output: str, ensemble: "Ensemble", seconds: float) -> str:
     """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and the CPU time."""
-    import numpy as np
-
-    overlap = ensemble.observables.get("worst_overlap")
-    overlap = None if overlap is None else overlap[~np.isin(ensemble.seeds, list(ensemble.stopped))]
-    worst = "" if overlap is None or not overlap.size else f", worst overlap {overlap.max():.2g} contact distances"
+    overlaps = zip(ensemble.seeds, ensemble.observables.get("worst_overlap", ()), strict=False)
+    sound = [overlap for seed, overlap in overlaps if seed not in ensemble.stopped]
+    worst = f", worst overlap {max(sound):.2g} contact distances" if sound else ""
     return f"{output}: {counted(len(ensemble.seeds), 'run')}{worst}, {in_time(seconds)} of CPU"
 
 
@@ -160,15 +151,3 @@ def _checkpoints(
         last_written = time.monotonic()
 
     return (Checkpoints(due, store, read_checkpoint(path, made_by)),)
-
-
-def _measures(arguments: Namespace, scene: "Scene") -> dict[str, Any]:
-    """Return the observables to measure in each run and what they average over, as keywords of `simulate`."""
-    from brownpipe.observables import problem
-
-    names = tuple(arguments.observables)
-    if refusal := problem(scene, names, arguments.average):
-        key, why = refusal
-        value = {"observables": ",".join(names), "average": arguments.average}[key]
-        raise RequestError(f"{arguments.scene}: --{key} {value}: {why}")
-    return {"observables": names, "average": arguments.average}

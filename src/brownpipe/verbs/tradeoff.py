@@ -7,7 +7,7 @@ from pathlib import Path
 from brownpipe.errors import DONE, RequestError
 from brownpipe.quoting import shell_path
 from brownpipe.verbs.output import NETCDF, show, writable
-from brownpipe.verbs.values import key_value, window
+from brownpipe.verbs.values import add_runs_of_study, list_runs, study_of, window
 
 EXAMPLE = "config/tradeoff.yaml"
 
@@ -15,10 +15,7 @@ EXAMPLE = "config/tradeoff.yaml"
 def add_arguments(add: Callable) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
     add("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
-    replaced = "other values of the study's keys, as for `snakemake --config`"
-    add("--config", nargs="+", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
-    add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
-    add("--plan", metavar="PLAN.yaml", help="the file that says how many runs the tolerance of the study needs")
+    add_runs_of_study(add)
     add("--output", metavar="DATASET.nc", help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)")
     fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
     add("--fit-window", type=window, metavar="T0:T1", help=fitted)
@@ -33,12 +30,10 @@ def tradeoff(arguments: Namespace) -> int:
     """
     from brownpipe import progress
     from brownpipe import tradeoff as comparison
-    from brownpipe.storage import write_dataset, write_file
-    from brownpipe.study import read_study
-    from brownpipe.study.run_count import settled
-    from brownpipe.study.run_sets import files_of, listed_runs
+    from brownpipe.storage import write_dataset
+    from brownpipe.study.run_sets import files_of
 
-    study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
+    study = study_of(arguments)
     expected = files_of(study)
     inputs = arguments.files or [file.path for file in expected]
     missing = [path for path in inputs if not Path(path).exists()]
@@ -50,7 +45,6 @@ def tradeoff(arguments: Namespace) -> int:
     with progress.shown("tradeoff"):
         dataset = comparison.measure(arguments.files or expected, dict(study.instead_of), arguments.fit_window)
     write_dataset(output, dataset)
-    if arguments.list_runs is not None:
-        write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())
+    list_runs(study, arguments)
     show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")
     return DONE

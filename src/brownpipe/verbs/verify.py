@@ -23,29 +23,21 @@ def verify(arguments: Namespace) -> int:
     """
     from brownpipe import progress
     from brownpipe.inspection import read_contents
+    from brownpipe.study.verification import verify_results
 
     statuses: set[int] = {DONE}
     with progress.shown("verify"):
         for path in arguments.paths:
             try:
                 if Path(path).is_dir():
-                    statuses.add(report(path))
+                    intact, damaged, missing = verify_results(path)
+                    wrong = [f"{file}: is damaged; delete it and run the study again" for file in damaged]
+                    wrong += [f"{file}: is missing; run the study again" for file in missing]
+                    show(*wrong, f"{path}: {len(intact)} intact, {len(damaged)} damaged, {len(missing)} missing")
+                    statuses.add(FAILED if damaged or missing else DONE)
                 else:
                     read_contents(path)
                     show(f"{path}: intact")
             except StorageError as error:
                 statuses.add(say(str(error), error.exit_status))
     return FAILED if FAILED in statuses else max(statuses)
-
-
-def report(path: str | Path) -> int:
-    """Verify the results of a study and print what is found; return the exit status."""
-    from brownpipe.study.verification import verify_results
-
-    intact, damaged, missing = verify_results(path)
-    for file in damaged:
-        show(f"{file}: is damaged; delete it and run the study again")
-    for file in missing:
-        show(f"{file}: is missing; run the study again")
-    show(f"{path}: {len(intact)} intact, {len(damaged)} damaged, {len(missing)} missing")
-    return FAILED if damaged or missing else DONE

@@ -32,7 +32,7 @@ TIMESTEP = Definition(
     summary="in steps",
     simulation="brownpipe.engines.timestep.simulation",
     settings={
-        "time_step": Setting(Positive, "DT", "must be given", is_positive=True),
+        "time_step": Setting(Positive, "DT", "must be given"),
         "collisions": one_of(COLLISIONS, "WHEN", "at_contact (default) or late", default="at_contact"),
     },
     model=lambda scenes, settings: "all disks, in time steps",
