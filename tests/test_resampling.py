@@ -141,3 +141,14 @@ def test_wilson_interval_covers():
     for p in np.array([4.0, 10.0, 30.0, 85.0]) / runs:
         covered = binom.pmf(k, runs, p)[(low <= runs * p) & (runs * p <= high)].sum()
         assert covered == pytest.approx(0.95, abs=0.03)
+
+
+@pytest.mark.parametrize(("expected", "runs"), [(0.1, 10), (0.3, 10), (1.9, 10), (0.05, 100)])
+def test_rare_pairs_have_an_interval_that_covers(expected, runs):
+    """Poisson numbers of pairs in 600 ensembles; 95 % less four standard errors is 91.4 %."""
+    rng, covered = np.random.default_rng(7), 0
+    for counts in rng.poisson(expected, (600, runs)).astype(float):
+        low, high = resampling.poisson_interval(counts.sum())
+        estimate = resampling.resample(np.arange(runs), counts[:, None])
+        covered += min(low / runs, estimate.low[0]) <= expected <= max(high / runs, estimate.high[0])
+    assert covered / 600 > 0.914

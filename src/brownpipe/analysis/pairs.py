@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import NONE, Averages, Case, Columns, Estimator, scaled
+from brownpipe.analysis import resampling
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import mean_root, temperature
@@ -22,6 +23,7 @@ NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrap
 ORDER = 2  # of the polynomial that multiplies the decay there
 DECAY = 1.6  # -d ln g/dr over phi chi up to NEAR, in contact distances; from simulations at phi = 0.5 and 0.65
 COUNTED = ("pair_collisions", "tracer_collisions", "kinetic_energy")  # numbers of a run
+FEW = 20  # pairs in a bin, of all runs together
 NORMAL = 1.96  # standard errors in half a 95 % interval
 
 
@@ -178,8 +180,9 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
         names = ("pair_distribution", "contact_value", "contact_value_following")
         return dict(zip((f"{name}{suffix}" for name in names), (g, value, following), strict=True))
 
-    ideals = relative(seen["pair_expected"], "_ideal") if "pair_expected" in seen else NONE
-    return Columns(relative(seen["pair_counts"]) | by_rate, ideals)
+    ideals = relative(seen["pair_expected"], "_ideal") if "pair_expected" in seen else {}
+    ideals["one_pair"] = _over(np.ones_like(uniform), uniform)
+    return Columns(relative(seen["pair_counts"]) | by_rate, ideals, {"pairs": np.sum(seen["pair_counts"], axis=0)})
 
 
 def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -203,6 +206,25 @@ def _over_ideal(averages: Averages, name: str) -> np.ndarray:
     return np.where(np.isfinite(of_ideal), _over(np.ones_like(of_ideal), of_ideal), 1.0)
 
 
+def _of_few(case: Case, averages: Averages) -> Estimate:
+    """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least that of Poisson.
+
+    Without it, that of three pairs in ten runs has the expected number in 78 % of ensembles.
+    """
+    estimate, pairs = _of_ideal(averages, "pair_distribution"), averages.counts["pairs"]
+    one = averages.mean("one_pair") / averages.runs
+    if "pair_distribution_ideal" in averages:
+        one = one * _over_ideal(averages, "pair_distribution")
+    low, high = (end * one for end in resampling.poisson_interval(pairs))
+    beyond = bin_edges(case.scene)[1:] > np.array(contact_distances(case.scene))[:, None]
+    few = (pairs < FEW) & beyond & np.isfinite(estimate.low)
+    ends = (
+        np.where(few, np.fmin(estimate.low, low), estimate.low),
+        np.where(few, np.fmax(estimate.high, high), estimate.high),
+    )
+    return estimate._replace(low=ends[0], high=ends[1])
+
+
 def _at_contact(averages: Averages) -> Estimate:
     """Estimate of the contact values, relative to the ideal gas of `_of_ideal`; with the error of the extrapolation."""
     estimate, following = _of_ideal(averages, "contact_value"), averages.estimate("contact_value_following")
@@ -218,7 +240,7 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "pair_distribution" not in averages:
         return {"contact_distance": contact_distances(case.scene)} if "contact_value_rate" in averages else {}
     return {
-        **with_interval("pair_distribution", _of_ideal(averages, "pair_distribution")),
+        **with_interval("pair_distribution", _of_few(case, averages)),
         **with_interval("contact_value", _at_contact(averages)),
         "contact_distance": contact_distances(case.scene),
     }

@@ -233,3 +233,13 @@ def wilson_interval(count: np.ndarray, total: int) -> tuple[np.ndarray, np.ndarr
     centre = (share + z2 / (2 * total)) / (1 + z2 / total)
     half = np.sqrt(share * (1 - share) * z2 / total + (z2 / (2 * total)) ** 2) / (1 + z2 / total)
     return total * (centre - half), total * (centre + half)
+
+
+def poisson_interval(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the 95 % interval of the expected number behind `count` (...) of rare events.
+
+    `wilson_interval` for infinitely many runs.
+    """
+    count, z2 = np.asarray(count, float), _NORMAL_975**2
+    half = np.sqrt(z2 * (count + z2 / 4))
+    return count + z2 / 2 - half, count + z2 / 2 + half
