@@ -80,18 +80,6 @@ def metadata(record: Record) -> dict[str, str]:
     return {"Description": "Made by brownpipe.", "Source": json.dumps(record, sort_keys=True)}
 
 
-def recorded_page(page: bytes, record: Record) -> bytes:
-    """Return a page (HTML) with its record."""
-    text = in_script(json.dumps(record, sort_keys=True))
-    script = f'<script type="application/json" class="brownpipe-record">{text}</script>\n</head>'
-    return page.replace(b"</head>", script.encode(), 1)
-
-
-def in_script(text: str) -> str:
-    """Return JSON as it may stand in a script element of a page, which nothing in it can end."""
-    return text.replace("<", "\\u003c")
-
-
 def record_text(record: Record, names: Iterable[str]) -> str:
     """Return the text of `provenance.json`: the record, and the files in the folder that it belongs to."""
     return json.dumps({"files": sorted(names)} | record, indent=1, sort_keys=True) + "\n"

@@ -26,11 +26,11 @@ class Drawing(NamedTuple):
     table: DataFrame
 
 
-def drawn(name: str, cases: list[Dataset], metadata: Mapping[str, str]) -> Drawing:
-    """Draw the figure of this name, with the cases that it shows (`cases_shown`) and these metadata."""
+def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], name: str) -> Drawing:
+    """Draw the figure of this name with these metadata; `shown` are the cases of each figure (`cases_shown`)."""
     module = import_module(f"brownpipe.figures.{name}")
     with drawing():
-        return drawing_of(name, module.draw(cases), module.table(cases), metadata)
+        return drawing_of(name, module.draw(shown[name]), module.table(shown[name]), metadata)
 
 
 def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[str, str]) -> Drawing:

@@ -33,13 +33,11 @@ SERIES = ((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis
-BETWEEN = 0.09  # padding on each side of a panel [inch]
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 KEY_SIZE = 8.8  # of the words of a legend [point]
 KEY = 3.5  # width of these words that fits above a panel [inch]; longer ones are set smaller
 FILL = 0.22  # opacity of a band
 LIKELY = 2.0  # half-height of the grey band of likely residuals, in standard errors
-UNDATED: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 
 def drawing() -> AbstractContextManager:
@@ -47,30 +45,18 @@ def drawing() -> AbstractContextManager:
 
     The settings of the user have no effect in it, and are restored after it.
     """
-    import matplotlib
+    from matplotlib import style
 
-    defaults = {key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith("backend")}
-    style = matplotlib.rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
-    return matplotlib.rc_context(defaults | style)
-
-
-def import_libraries() -> None:
-    """Import all of matplotlib that figures need, once for all processes that draw."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_svg
-    import matplotlib.figure  # noqa: F401
+    return style.context(["default", Path(__file__).with_suffix(".mplstyle")])
 
 
 def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None = None) -> bytes:
-    """Return the bytes of a PNG or SVG file with these metadata, without date or version.
-
-    The first call computes the layout; with a layout engine each `savefig` would draw the figure twice.
-    """
+    """Return the bytes of a PNG or SVG file with these metadata, without date. The first call computes the layout."""
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
-        figure.set_layout_engine(None)
+        figure.set_layout_engine("none")  # with an engine, `savefig` would draw the figure twice
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=suffix, metadata=UNDATED[suffix] | dict(metadata or {}))
+    figure.savefig(buffer, format=suffix, metadata={"Date": None, **(metadata or {})})
     return buffer.getvalue()
 
 
@@ -80,9 +66,8 @@ def grid(rows: int, columns: int, width: float, height: float, **options: Any) -
     `width` and `height` [inch] are those of a panel, on average over the rows; `options` as for `Figure.subplots`.
     """
     from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure((width * columns, height * rows), layout=ConstrainedLayoutEngine(w_pad=BETWEEN))
+    figure = Figure((width * columns, height * rows), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
@@ -111,18 +96,16 @@ def columns(
 
 def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
+    from matplotlib.textpath import TextPath
     from matplotlib.transforms import ScaledTranslation
 
     pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
-    font = FontProperties(size=KEY_SIZE)
     for axes, title in zip(panels, titles, strict=True):
         axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / len(title)))
         if labels := axes.get_legend_handles_labels()[1]:
             above = axes.transAxes + ScaledTranslation(0, (pad - 5) / 72, axes.figure.dpi_scale_trans)
             place = {"loc": "upper left", "bbox_to_anchor": (-0.02, 1.0), "bbox_transform": above, "borderaxespad": 0}
-            width = max(text_to_path.get_text_width_height_descent(text, font, "$" in text)[0] for text in labels) / 72
+            width = max(TextPath((0, 0), text, size=KEY_SIZE).get_extents().width for text in labels) / 72
             axes.legend(**place, labelspacing=0.35, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
 
 
@@ -149,7 +132,7 @@ def shades(count: int) -> list:
     """Return colours from dark to light, whose order shows to the colour-blind and in greyscale, too."""
     import matplotlib
 
-    return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0.02, 0.7, count)]
+    return list(matplotlib.colormaps["viridis"](np.linspace(0.02, 0.7, count)))
 
 
 def time_axis(axes: Axes, times: np.ndarray) -> None:
@@ -165,7 +148,7 @@ def time_axis(axes: Axes, times: np.ndarray) -> None:
 
 def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
     """Make the axis `name`, x or y, logarithmic from `low` to `high`, with few enough labels to be legible."""
-    from matplotlib.ticker import FixedFormatter, FixedLocator, LogFormatterSciNotation, LogLocator, NullFormatter
+    from matplotlib.ticker import FixedLocator, LogFormatterSciNotation, LogLocator, NullFormatter
 
     if low == high:
         low, high = low / 2, high * 2
@@ -173,22 +156,20 @@ def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
     axis, places = getattr(axes, f"{name}axis"), log_ticks(low, high)
     plain = all(1e-3 <= place < 1e4 for place in places)
     axis.set_major_locator(FixedLocator(places))
-    axis.set_major_formatter(FixedFormatter([f"{x:.10g}" if plain else LogFormatterSciNotation()(x) for x in places]))
+    axis.set_major_formatter("{x:.4g}" if plain else LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
     axis.set_minor_locator(LogLocator(subs=range(1, 10), numticks=99))
     axis.set_minor_formatter(NullFormatter())
 
 
 def log_ticks(low: float, high: float) -> list[float]:
     """Return where a logarithmic axis is labelled: at powers of ten, or on a short axis at 2 to 7 round numbers."""
-    from matplotlib.ticker import MaxNLocator
-
     ten = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-    rounds = (np.outer(ten, digits).ravel() for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)))
-    for places in (*rounds, MaxNLocator(4).tick_values(low, high)):
+    for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
+        places = np.outer(ten, digits).ravel()
         inside = [place for place in places if low * (1 - 1e-9) <= place <= high * (1 + 1e-9)]
         if len(inside) > 1:
-            break
-    return inside[:: -(-len(inside) // MOST_TICKS)]
+            return inside[:: -(-len(inside) // MOST_TICKS)]
+    return [low, high]
 
 
 def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:

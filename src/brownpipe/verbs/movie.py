@@ -54,7 +54,7 @@ def movie(arguments: Namespace) -> int:
 
 def _replay(arguments: Namespace, output: str) -> int:
     """Write the page that replays a run."""
-    from brownpipe.figures.origin import movie_record, recorded_page
+    from brownpipe.figures.origin import movie_record
     from brownpipe.figures.replay import RECORD, is_whole, replay_of, replay_page
     from brownpipe.storage import read_trajectories, write_file
 
@@ -64,9 +64,9 @@ def _replay(arguments: Namespace, output: str) -> int:
     trajectories = read_trajectories(arguments.file)
     replay = replay_of(trajectories, arguments.file, arguments.seed)
     record = movie_record(trajectories, arguments.file, replay.seed, recorded=RECORD)
-    contents = recorded_page(replay_page(replay), record)
+    contents = replay_page(replay, record)
     write_file(output, contents)
-    shown = counted(len(replay.flight.time), "collision")
+    shown = counted(len(replay.time), "collision")
     part = "" if is_whole(replay) else f" of {replay.collisions:,}, up to time {replay.end:.3g}"
     show(f"{output}: {shown}{part}, {in_bytes(len(contents))}")
     return DONE
