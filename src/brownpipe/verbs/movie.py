@@ -21,7 +21,7 @@ def add_arguments(add: Callable) -> None:
     add("--to", choices=KINDS, metavar="KIND", help="gif, mp4, png or html (default: that of the output, or gif)")
     add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: name of the file, in this folder)")
     add("--frames", type=partial(integer, least=1), metavar="COUNT", help="samples to show (default: all)")
-    add("--fps", type=positive, help="frames a second (default: 25); of a .gif at most 50")
+    add("--fps", type=positive, help="frames a second (default: 25); of a .gif at most 50, in steps of 0.01 s")
 
 
 def movie(arguments: Namespace) -> int:
