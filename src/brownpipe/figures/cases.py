@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, SupportsFloat
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
-from brownpipe.errors import FigureError
 from brownpipe.scene import parse_scene
 
 if TYPE_CHECKING:
@@ -32,13 +31,6 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
 def has(case: Dataset, *names: str) -> bool:
     """Return whether the case has a finite value of every one of these variables."""
     return all(name in case and bool(np.isfinite(case[name].values).any()) for name in names)
-
-
-def check_count(cases: list[Dataset], particles: int | None) -> None:
-    """Raise FigureError for a requested particle count that no case has."""
-    available = sorted({int(case.particles) for case in cases})
-    if particles is not None and particles not in available:
-        raise FigureError(f"particles: {particles} is not in the dataset; choose one of {available}")
 
 
 def one_count(cases: list[Dataset], particles: int | None = None) -> list[Dataset]:

@@ -93,10 +93,10 @@ def closing_lines(record: Record) -> str:
 
 def installation_in_words(made: Mapping[str, Any]) -> str:
     """Return version, source, commit and Python of what made a product, in one line."""
-    words = [f"brownpipe {made.get('brownpipe_version')}", f"source {str(made.get('source_digest'))[:12]}"]
-    if commit := str(made.get("git_commit", "")):
-        words.append(f"commit {commit[:12]}{commit[40:]}")
-    return printable(", ".join([*words, f"Python {made.get('python')}"]))
+    commit = str(made.get("git_commit", ""))
+    commit = f", commit {commit[:12]}{commit[40:]}" if commit else ""
+    source = str(made.get("source_digest"))[:12]
+    return printable(f"brownpipe {made.get('brownpipe_version')}, source {source}{commit}, Python {made.get('python')}")
 
 
 def read_record(path: str | Path) -> Record | None:

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import cases_of, check_count, has, one_count
+from brownpipe.figures.cases import cases_of, has, one_count
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.style import drawing, image_bytes
 
@@ -56,18 +56,18 @@ def cases_shown(
     Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
     """
     cases = cases_of(dataset)
-    check_count(cases, particles)
-    shown = {name: _selected(name, cases, particles) for name in names or FIGURES}
-    for name in (name for name in names or () if not shown[name]):
-        needs = "; ".join(FIGURES[name].needs) or "runs"
-        raise FigureError(f"{name}: cannot be drawn from this dataset, whose study must have {needs}")
-    return {name: selected for name, selected in shown.items() if selected}
-
-
-def _selected(name: str, cases: list[Dataset], particles: int | None) -> list[Dataset]:
-    _, needs, variables, every_count = FIGURES[name]
-    cases = [case for case in cases if has(case, *variables)]
-    if not every_count:
-        return one_count(cases, particles)
-    too_few = SEVERAL_COUNTS in needs and len({int(case.particles) for case in cases}) < 2
-    return [] if too_few else cases
+    counts = sorted({int(case.particles) for case in cases})
+    if particles not in (None, *counts):
+        raise FigureError(f"particles: {particles} is not in the dataset; choose one of {counts}")
+    shown: dict[str, list[Dataset]] = {}
+    for name in names or FIGURES:
+        _, needs, variables, every_count = FIGURES[name]
+        selected = [case for case in cases if has(case, *variables)]
+        selected = selected if every_count else one_count(selected, particles)
+        if SEVERAL_COUNTS in needs and len({int(case.particles) for case in selected}) < 2:
+            selected = []
+        if names and not selected:
+            needed = "; ".join(needs) or "runs"
+            raise FigureError(f"{name}: cannot be drawn from this dataset, whose study must have {needed}")
+        shown |= {name: selected} if selected else {}
+    return shown

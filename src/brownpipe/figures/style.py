@@ -109,16 +109,24 @@ def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
             axes.legend(**place, labelspacing=0.35, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
 
 
-def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **line: Any) -> None:
-    """Draw the variable `name` of a case over x, with its 95 % band if it has one; `line` as for `axes.plot`."""
+def band(axes: Axes, case: Dataset, name: str, colour: str, **line: Any) -> None:
+    """Draw a variable over its one dimension, with its 95 % band if it has one; `line` as for `axes.plot`."""
+    x = case[case[name].dims[0]].values
     if f"{name}_low" in case:
         axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=colour, alpha=FILL, linewidth=0)
     axes.plot(x, case[name], color=colour, **line)
 
 
-def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
-    """Return how far the 95 % intervals of `name` reach down and up, (2, cases), as `axes.errorbar` takes it."""
-    return np.abs([[float(case[f"{name}_{end}"]) - float(case[name]) for case in cases] for end in ("low", "high")])
+def points(axes: Axes, x: Sequence[float], cases: Sequence[Dataset], name: str, **looks: Any) -> None:
+    """Draw a variable of each case at its x, with its 95 % interval; hollow, so that equal points show each other."""
+    value, low, high = ([float(case[f"{name}{part}"]) for case in cases] for part in ("", "_low", "_high"))
+    reach = np.abs(np.subtract([low, high], value))
+    axes.errorbar(x, value, reach, markersize=5, markerfacecolor="none", elinewidth=1.3, **looks)
+
+
+def highest(cases: Sequence[Dataset], name: str) -> float:
+    """Return the upper end of the 95 % bands of a variable, or of the variable where it has none."""
+    return max(float(case[f"{name}_high"].fillna(case[name]).max()) for case in cases)
 
 
 def residual_panel(axes: Axes) -> None:

@@ -58,12 +58,9 @@ def answer(dataset: Dataset) -> Answer:
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
     rows = [("scene", "N", "engine", "runs", heading_of_msd(cases), "D", *TESTS), *map(_row, cases, p, rejected)]
     tests = int(np.count_nonzero(np.isfinite(p)))
-    hidden = set() if tests else set(TESTS)
-    if len({row[2] for row in rows}) == 2:  # the header and one engine
-        hidden.add("engine")
+    hidden = {*(() if tests else TESTS), *(("engine",) if len({row[2] for row in rows}) == 2 else ())}  # one engine
     columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
-    legend = list(_legend(dataset, cases, tests))
-    return Answer(columns, legend, list(missing_runs(cases)), list(drifting(cases)))
+    return Answer(columns, [*_legend(dataset, cases, tests)], [*missing_runs(cases)], [*drifting(cases)])
 
 
 def heading_of_msd(cases: list[Dataset]) -> str:

@@ -4,22 +4,16 @@ The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md
 two dimensions.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pandas import DataFrame
+from xarray import Dataset
 
 from brownpipe.figures.cases import has, over_time, plus_minus, scene_of, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, band, columns, heads, log_axis, time_axis
 from brownpipe.figures.tables import frame_of
 from brownpipe.observables.species import bath_disks, species_table
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
-    from xarray import Dataset
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
@@ -81,7 +75,7 @@ def _decay(axes: Axes, case: Dataset, curves: dict[str, Dataset]) -> None:
     for name, curve in curves.items():
         label, colour, line = LOOKS[name]
         label = label if BATH in curves else "disks"
-        band(axes, curve.time.values, curve, name, colour, linestyle=line, label=label + further[name])
+        band(axes, curve, name, colour, linestyle=line, label=label + further[name])
     if has(case, "vacf_initial_slope_expected"):
         rate = -float(case.vacf_initial_slope_expected) / float(case[TRACER][0])
         label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
@@ -113,7 +107,7 @@ def _tail(main: Axes, axes: Axes, curves: dict[str, Dataset]) -> None:
     for name, curve in curves.items():
         _, colour, line = LOOKS[name]
         resolved = _resolved(curve, name)
-        band(axes, resolved.time.values, resolved, name, colour, linestyle=line)
+        band(axes, resolved, name, colour, linestyle=line)
     guide = _guide(curves)
     if guide[0].size:
         axes.plot(*guide, color=INK, linewidth=1)
