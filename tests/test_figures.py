@@ -413,21 +413,6 @@ def test_equations_of_state_end_where_they_are_known(dataset):
     assert residuals == [1, 1]  # of the two particle counts of each scene
 
 
-def test_correlation_of_the_bath_names_its_species_if_there_are_several(tmp_path):
-    """The most numerous one is measured."""
-    baths = {"one": {"bath": 19}, "two": {"small": 5, "big": 14}}
-    tracer = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
-    for name, counts in baths.items():
-        species = [{"name": each, "count": count, "radius": 0.1, "mass": 0.4} for each, count in counts.items()]
-        scene = make_scene(name, disks={"tracer": tracer, "species": species})
-        write(tmp_path, make_runs(scene, range(12)))
-    data = with_measures(aggregate(sorted(tmp_path.glob("*.h5"))))
-    for dataset, expected in ((data, ["bath", "bath: big"]), (data.assign_attrs(made_from="[]"), ["bath", "bath"])):
-        panels = made("velocity_autocorrelation", dataset)[1][:2]
-        labels = [text.get_text() for axes in panels for text in axes.get_legend().get_texts()]
-        assert [label for label in labels if label.startswith("bath")] == expected
-
-
 def test_correlation_ends_where_its_band_reaches_zero(dataset, as_it_is):
     low = as_it_is["velocity_autocorrelation"][1][2]
     case = dataset.sel(scene="hot", particles=20, engine="exact")

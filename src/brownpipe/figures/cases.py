@@ -5,20 +5,16 @@ A case is one scene with one particle count and one engine: the dataset without 
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, SupportsFloat
 
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
-from brownpipe.scene import parse_scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from xarray import DataArray, Dataset
-
-    from brownpipe.scene import Scene
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
@@ -105,16 +101,6 @@ def _suffix(case: Dataset) -> str:
 def drifts(case: Dataset) -> bool:
     """Return whether the runs of a case that claims equilibrium are found to drift (`analysis.drift`)."""
     return has(case, "drift_p_value") and bool(np.nanmin(case.drift_p_value.values) < LEVEL)
-
-
-def scene_of(case: Dataset) -> Scene | None:
-    """Return the scene of a case, by the attributes of its dataset; None if they do not have it."""
-    for runs in json.loads(case.attrs.get("made_from", "[]")):
-        if runs["scene"] is not None and runs["scene_name"] == case.scene:
-            scene = parse_scene(runs["scene"], f"{runs['scene_name']}.yaml")
-            if scene.particles == case.particles:
-                return scene
-    return None
 
 
 def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:

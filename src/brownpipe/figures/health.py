@@ -67,15 +67,11 @@ def failed_of(cases: list[Dataset]) -> list[str]:
     return lines if more <= 0 else [*lines[:MOST_LINES], f"and runs of {more} other cases"]
 
 
-def sizes_of(case: Dataset, name: str) -> np.ndarray:
-    """Return the absolute values of a measure over the runs that have one."""
-    values = np.abs(case[name].values)
-    return values[np.isfinite(values)]
-
-
 def _quantiles(case: Dataset, name: str) -> np.ndarray:
-    """Return the QUANTILES of a measure over the runs that have one; NaN if none has."""
-    return np.quantile(sizes_of(case, name) if sizes_of(case, name).size else np.nan, [*QUANTILES.values()])
+    """Return the QUANTILES of the absolute values of a measure over the runs that have one; NaN if none has."""
+    sizes = np.abs(case[name].values)
+    sizes = sizes[np.isfinite(sizes)]
+    return np.quantile(sizes, [*QUANTILES.values()]) if sizes.size else np.full(len(QUANTILES), np.nan)
 
 
 def table(cases: list[Dataset]) -> DataFrame:

@@ -17,44 +17,34 @@ from PIL import Image
 
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.origin import Record, metadata
-from brownpipe.figures.snapshot import COLOURS, scenery_of, whole_run
+from brownpipe.figures.snapshot import COLOURS, WholeRun, scenery_of
 from brownpipe.figures.style import drawing, image_bytes
 from brownpipe.stages import tracked
-from brownpipe.storage import Trajectories
 
 SUFFIXES = (".gif", ".mp4", ".png")
 DOTS = 100  # per inch, of an animation
 GIF_RATES = (100 / 65535, 50.0)  # frames a second: a pause is two bytes [0.01 s], and viewers slow down shorter ones
 
 
-def movie(
-    trajectories: Trajectories,
-    path: str,
-    suffix: str,
-    seed: int | None = None,
-    frames: int | None = None,
-    fps: float = 25.0,
-    record: Record | None = None,
-) -> bytes:
+def movie(run: WholeRun, suffix: str, record: Record, frames: int | None = None, fps: float = 25.0) -> bytes:
     """Return the bytes of a picture (`.png`), an animation (`.gif`) or else a video (`.mp4`) of one whole run.
 
-    `path` is the file of the trajectories, for messages. A picture shows the run at its end. An animation shows
+    A picture shows the run at its end. An animation shows
     `frames` of its samples (default: all), equally spaced and ending with the last, at `fps` per second; a GIF
     rounds the time per frame to hundredths of a second. `record` goes into the metadata. The same run gives the same
     bytes, except for a video, which ffmpeg encodes.
 
-    Raise RequestError for a file without this run, and for a rate that a GIF cannot have; for a video, FigureError if
+    Raise RequestError for a rate that a GIF cannot have; for a video, FigureError if
     ffmpeg is not installed and OSError if it fails.
     """
     if suffix == ".gif" and not GIF_RATES[0] <= fps <= GIF_RATES[1]:
         allowed = f"from {GIF_RATES[0]:.3g} to {GIF_RATES[1]:g} frames a second for a .gif"
         raise RequestError(f"--fps: must be {allowed}, not {fps:.10g}; a .mp4 can have any rate")
-    run = whole_run(trajectories, path, seed)
     with drawing():
         figure, show = scenery_of(run)
         if suffix == ".png":
             show(len(run.times) - 1)
-            return image_bytes(figure, "png", metadata(record or {}))
+            return image_bytes(figure, "png", metadata(record))
         shown = tracked(samples_shown(len(run.times), frames), "frames")
         return (_gif if suffix == ".gif" else _video)(figure, show, shown, fps, json.dumps(record))
 

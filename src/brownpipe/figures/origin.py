@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 
 from brownpipe.quoting import printable
 from brownpipe.storage import made_by, runs_record
-from brownpipe.storage.trajectories import whole_seed
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -54,24 +53,15 @@ def record_of(
     }
 
 
-def movie_record(
-    trajectories: Trajectories,
-    path: str,
-    seed: int | None,
-    frames: int | None = None,
-    fps: float | None = None,
-    recorded: str = "all",
-) -> Record:
-    """Return the record of a picture or movie of one run; the options are those of `brownpipe movie`.
+def movie_record(trajectories: Trajectories, recorded: str, seed: int, **options: float | None) -> Record:
+    """Return the record of a picture or movie of the run of a seed, with the options of `brownpipe movie`.
 
-    `path` is the file of the trajectories, for messages; `recorded` is what the picture needs, as `--record` takes it.
-    Raises RequestError for a file without this run.
+    `recorded` is what the picture needs, as `--record` takes it.
     """
-    shown = whole_seed(trajectories, path, seed)
     return {
-        "movie": {"seed": shown, "frames": frames, "fps": fps},
+        "movie": {"seed": seed, **options},
         "made_by": made_by("figures"),
-        "made_from": [runs_record(trajectories.outline, [shown], recorded)],
+        "made_from": [runs_record(trajectories.outline, [seed], recorded)],
     }
 
 

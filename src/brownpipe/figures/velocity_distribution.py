@@ -2,17 +2,16 @@
 
 from collections.abc import Callable
 from itertools import cycle
-from math import erf
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pandas import DataFrame, concat
+from scipy.special import ndtr
 from xarray import Dataset
 
 from brownpipe.analysis.variables import EACH
-from brownpipe.elementary import exp
 from brownpipe.figures.cases import has, parts_of, title_of
 from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
 from brownpipe.figures.tables import frame_of
@@ -33,18 +32,13 @@ class Quantity(NamedTuple):
     label: str  # of the axis
 
 
-def _normal(v: np.ndarray) -> np.ndarray:
-    """Probability that a component in units of sqrt(kT/m) is below v."""
-    return 0.5 * (1 + np.vectorize(erf)(v / np.sqrt(2)))
-
-
 def _rayleigh(u: np.ndarray) -> np.ndarray:
     """Probability that a speed in units of sqrt(kT/m) is below u, in two dimensions."""
-    return 1 - exp(-(np.maximum(u, 0) ** 2) / 2)
+    return -np.expm1(-(np.maximum(u, 0) ** 2) / 2)
 
 
 SHOWN = {
-    "velocity_density": Quantity("velocity", _normal, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
+    "velocity_density": Quantity("velocity", ndtr, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
     "speed_density": Quantity("speed", _rayleigh, "speeds", "speed $|v|\\,/\\,\\sqrt{kT/m}$"),
 }
 

@@ -50,7 +50,7 @@ def page(title: str, lead: str, record: Record, **contents: Any) -> bytes:
     """Return the page: a title, a sentence below it, its contents, and how to make it again from its `record`.
 
     contents: `answers` (heading, table, lines), `drifting`, `missing` and `legend` (lines), `figures` and `of_runs`
-    (`figure`), `runs` (table).
+    (`figure`).
     """
     made_by = closing_lines(record).splitlines()[:1]
     return filled(

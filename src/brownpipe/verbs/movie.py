@@ -34,6 +34,7 @@ def movie(arguments: Namespace) -> int:
     from brownpipe.figures.movie import SUFFIXES, samples_shown
     from brownpipe.figures.movie import movie as moving
     from brownpipe.figures.origin import movie_record
+    from brownpipe.figures.snapshot import whole_run
     from brownpipe.storage import read_trajectories, write_file
 
     suffixes = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
@@ -42,12 +43,13 @@ def movie(arguments: Namespace) -> int:
     kind = suffix(output)
     if kind in PAGE:
         return _replay(arguments, output)
-    trajectories, fps = read_trajectories(arguments.file), arguments.fps or FPS
+    trajectories, frames, fps = read_trajectories(arguments.file), arguments.frames, arguments.fps or FPS
     with progress.shown("movie"):
-        record = movie_record(trajectories, arguments.file, arguments.seed, arguments.frames, fps)
-        contents = moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, fps, record)
+        run = whole_run(trajectories, arguments.file, arguments.seed)
+        record = movie_record(trajectories, "all", run.seed, frames=frames, fps=fps)
+        contents = moving(run, kind, record, frames, fps)
     write_file(output, contents)
-    count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
+    count = len(samples_shown(len(run.times), frames)) if kind != ".png" else 1
     show(f"{output}: {counted(count, 'frame')}, {in_bytes(len(contents))}")
     return DONE
 
@@ -63,8 +65,7 @@ def _replay(arguments: Namespace, output: str) -> int:
             raise RequestError(f"--{option}: must not be given for a page, which has every collision instead of frames")
     trajectories = read_trajectories(arguments.file)
     replay = replay_of(trajectories, arguments.file, arguments.seed)
-    record = movie_record(trajectories, arguments.file, replay.seed, recorded=RECORD)
-    contents = replay_page(replay, record)
+    contents = replay_page(replay, movie_record(trajectories, RECORD, replay.seed))
     write_file(output, contents)
     shown = counted(len(replay.time), "collision")
     part = "" if is_whole(replay) else f" of {replay.collisions:,}, up to time {replay.end:.3g}"
