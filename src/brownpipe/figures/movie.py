@@ -4,7 +4,7 @@ import io
 import itertools
 import json
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from subprocess import CalledProcessError
 
@@ -45,7 +45,7 @@ def movie(run: WholeRun, suffix: str, record: Record, frames: int | None = None,
         if suffix == ".png":
             show(len(run.times) - 1)
             return image_bytes(figure, "png", metadata(record))
-        shown = tracked(samples_shown(len(run.times), frames), "frames")
+        shown = samples_shown(len(run.times), frames)
         return (_gif if suffix == ".gif" else _video)(figure, show, shown, fps, json.dumps(record))
 
 
@@ -54,7 +54,7 @@ def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
     return np.unique(np.linspace(samples - 1, 0, frames or samples).round().astype(int))
 
 
-def _gif(figure: Figure, show: Callable[[int], None], shown: Iterable[int], fps: float, comment: str) -> bytes:
+def _gif(figure: Figure, show: Callable[[int], None], shown: np.ndarray, fps: float, comment: str) -> bytes:
     """Return the bytes of an animation that repeats forever."""
     figure.set_dpi(DOTS)
     canvas, palette, buffer = FigureCanvasAgg(figure), _palette(), io.BytesIO()
@@ -65,7 +65,7 @@ def _gif(figure: Figure, show: Callable[[int], None], shown: Iterable[int], fps:
         frame = Image.fromarray(np.array(canvas.buffer_rgba())[..., :3])
         return frame.quantize(palette=palette, dither=Image.Dither.NONE)
 
-    pictures = map(picture, shown)
+    pictures = map(picture, tracked(shown, "frames"))
     how = {"duration": 10 * round(100 / fps), "loop": 0, "comment": comment}
     next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, **how)
     return buffer.getvalue()
@@ -81,7 +81,7 @@ def _palette() -> Image.Image:
     return palette
 
 
-def _video(figure: Figure, show: Callable[[int], None], shown: Iterable[int], fps: float, comment: str) -> bytes:
+def _video(figure: Figure, show: Callable[[int], None], shown: np.ndarray, fps: float, comment: str) -> bytes:
     """Return the bytes of an MP4 (H.264), encoded by ffmpeg."""
     if not FFMpegWriter.isAvailable():
         raise FigureError("movie: a .mp4 needs ffmpeg, which is not installed; choose a .gif, or install it")
@@ -91,7 +91,7 @@ def _video(figure: Figure, show: Callable[[int], None], shown: Iterable[int], fp
         target = Path(folder) / "movie.mp4"  # not a pipe: ffmpeg writes the index at the start, once it has all frames
         try:
             with writer.saving(figure, target, DOTS):
-                for k in shown:
+                for k in tracked(shown, "frames"):
                     show(k)
                     writer.grab_frame()
         except CalledProcessError as error:
