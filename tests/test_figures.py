@@ -189,6 +189,21 @@ def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path)
         render(without, tmp_path, [name])
 
 
+@pytest.mark.parametrize("variable", ["msd_high", "msd_standard_error"])
+def test_a_variable_that_was_dropped_is_named(dataset, variable):
+    with pytest.raises(FigureError, match=f"^msd: cannot be drawn: the dataset has no variable {variable}$"):
+        draw_figure(dataset.drop_vars(variable), "msd")
+
+
+@pytest.mark.slow
+def test_particle_counts_without_a_fitted_line_have_a_table(plain, tmp_path, no_pictures):
+    names = [name for name in plain.data_vars if name.startswith(("slope", "diffusion_coefficient"))]
+    render(plain.assign({name: np.nan * plain[name] for name in names}), tmp_path, ["particle_counts"])
+    table = rows(tmp_path / "particle_counts.csv")
+    assert len(table) == 8 and {row["diffusion_coefficient"] for row in table} == {""}
+    assert all(row["msd"] for row in table)
+
+
 def test_particle_count_that_is_shown(dataset):
     def shown(data, particles=None):
         return [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import contextmanager
 from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -11,7 +13,7 @@ from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.style import drawing, image_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
     from pandas import DataFrame
@@ -29,7 +31,7 @@ class Drawing(NamedTuple):
 def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], name: str) -> Drawing:
     """Draw the figure of this name with these metadata; `shown` are the cases of each figure (`cases_shown`)."""
     module = import_module(f"brownpipe.figures.{name}")
-    with drawing():
+    with drawing(), _naming(name):
         return drawing_of(name, module.draw(shown[name]), module.table(shown[name]), metadata)
 
 
@@ -41,8 +43,20 @@ def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[st
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
     """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
     shown = cases_shown(dataset, particles, [name])
-    with drawing():
+    with drawing(), _naming(name):
         return import_module(f"brownpipe.figures.{name}").draw(shown[name])
+
+
+@contextmanager
+def _naming(name: str) -> Iterator[None]:
+    """Raise FigureError for a variable that the dataset lacks, in words of xarray: KeyError or AttributeError."""
+    try:
+        yield
+    except (AttributeError, KeyError) as error:
+        found = re.search(r"(?:'Dataset' object has no attribute|No variable named) '(\w+)'", str(error))
+        if found is None:
+            raise
+        raise FigureError(f"{name}: cannot be drawn: the dataset has no variable {found[1]}") from error
 
 
 def cases_shown(
