@@ -54,7 +54,7 @@ def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None 
     """Return the bytes of a PNG or SVG file with these metadata, without date. The first call computes the layout."""
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
-        figure.set_layout_engine("none")  # with an engine, `savefig` would draw the figure twice
+        figure.set_layout_engine(None)  # with an engine, `savefig` would draw the figure twice
     buffer = io.BytesIO()
     figure.savefig(buffer, format=suffix, metadata={"Date": None, **(metadata or {})})
     return buffer.getvalue()
@@ -96,16 +96,18 @@ def columns(
 
 def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
-    from matplotlib.textpath import TextPath
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
     from matplotlib.transforms import ScaledTranslation
 
     pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
+    font = FontProperties(size=KEY_SIZE)
     for axes, title in zip(panels, titles, strict=True):
         axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / len(title)))
         if labels := axes.get_legend_handles_labels()[1]:
             above = axes.transAxes + ScaledTranslation(0, (pad - 5) / 72, axes.figure.dpi_scale_trans)
             place = {"loc": "upper left", "bbox_to_anchor": (-0.02, 1.0), "bbox_transform": above, "borderaxespad": 0}
-            width = max(TextPath((0, 0), text, size=KEY_SIZE).get_extents().width for text in labels) / 72
+            width = max(text_to_path.get_text_width_height_descent(text, font, "$" in text)[0] for text in labels) / 72
             axes.legend(**place, labelspacing=0.35, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
 
 

@@ -6,6 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import matplotlib.backends.backend_agg  # at the head, so that processes that are forked to draw have it
+import matplotlib.backends.backend_svg  # noqa: F401
+
 from brownpipe.errors import FigureError, WrongFileError
 from brownpipe.figures import render, tradeoff
 from brownpipe.figures.origin import (
