@@ -141,7 +141,7 @@ def test_same_bytes_whatever_the_user_has_set_and_that_is_put_back(hot, pictures
 @pytest.mark.slow
 def test_no_date_in_the_files(pictures):
     assert not any(b"<dc:date>" in path.read_bytes() for path in pictures.glob("*.svg"))
-    assert not any(b"tIME" in path.read_bytes() or b"Software" in path.read_bytes() for path in pictures.glob("*.png"))
+    assert not any(b"tIME" in path.read_bytes() for path in pictures.glob("*.png"))
 
 
 @pytest.mark.slow
@@ -186,6 +186,21 @@ def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path)
         FigureError, match=f"^{name}: .*the observable {name if name != 'energy' else 'species_energy'}"
     ):
         render(without, tmp_path, [name])
+
+
+@pytest.mark.parametrize("variable", ["msd_high", "msd_standard_error"])
+def test_a_variable_that_was_dropped_is_named(dataset, variable):
+    with pytest.raises(FigureError, match=f"^msd: cannot be drawn: the dataset has no variable {variable}$"):
+        draw_figure(dataset.drop_vars(variable), "msd")
+
+
+@pytest.mark.slow
+def test_particle_counts_without_a_fitted_line_have_a_table(plain, tmp_path, no_pictures):
+    names = [name for name in plain.data_vars if name.startswith(("slope", "diffusion_coefficient"))]
+    render(plain.assign({name: np.nan * plain[name] for name in names}), tmp_path, ["particle_counts"])
+    table = rows(tmp_path / "particle_counts.csv")
+    assert len(table) == 8 and {row["diffusion_coefficient"] for row in table} == {""}
+    assert all(row["msd"] for row in table)
 
 
 def test_particle_count_that_is_shown(dataset):
@@ -410,21 +425,6 @@ def test_equations_of_state_end_where_they_are_known(dataset):
     assert [line.get_xdata().max() for line in curves] == [0.7, 0.7]
     residuals = [len(one.lines[0].get_xdata()) for one in made("thermodynamics", dense)[0].axes[3].containers]
     assert residuals == [1, 1]  # of the two particle counts of each scene
-
-
-def test_correlation_of_the_bath_names_its_species_if_there_are_several(tmp_path):
-    """The most numerous one is measured."""
-    baths = {"one": {"bath": 19}, "two": {"small": 5, "big": 14}}
-    tracer = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
-    for name, counts in baths.items():
-        species = [{"name": each, "count": count, "radius": 0.1, "mass": 0.4} for each, count in counts.items()]
-        scene = make_scene(name, disks={"tracer": tracer, "species": species})
-        write(tmp_path, make_runs(scene, range(12)))
-    data = with_measures(aggregate(sorted(tmp_path.glob("*.h5"))))
-    for dataset, expected in ((data, ["bath", "bath: big"]), (data.assign_attrs(made_from="[]"), ["bath", "bath"])):
-        panels = made("velocity_autocorrelation", dataset)[1][:2]
-        labels = [text.get_text() for axes in panels for text in axes.get_legend().get_texts()]
-        assert [label for label in labels if label.startswith("bath")] == expected
 
 
 def test_correlation_ends_where_its_band_reaches_zero(dataset, as_it_is):

@@ -68,21 +68,16 @@ def test_animation_has_the_frames_asked_for_and_it_says_so(path, capsys):
 
 
 @pytest.mark.slow
-def test_rate_of_an_animation_is_the_one_asked_for_or_it_says_which(path, capsys):
+def test_rate_of_an_animation_is_the_one_asked_for(path):
     """A GIF counts hundredths of a second from one frame to the next."""
-    for fps, pause, rate in (("10", 100, ""), ("33.3", 30, ""), ("40", 20, "50"), ("24", 40, "25"), ("50", 20, "")):
-        contents = made(path, ".gif", "--frames", "2", "--fps", fps)
-        with Image.open(io.BytesIO(contents)) as animation:
+    for fps, pause in (("10", 100), ("33.3", 30), ("40", 20), ("24", 40), ("50", 20)):
+        with Image.open(io.BytesIO(made(path, ".gif", "--frames", "2", "--fps", fps))) as animation:
             assert animation.info["duration"] == pause
-        said = capsys.readouterr().err
-        assert said.count("\n") == bool(rate) and said.startswith(
-            f"brownpipe: --fps: {rate} frames a second instead of {fps}" if rate else ""
-        )
 
 
 @pytest.mark.parametrize("fps", ["1e-9", "0.0015", "50.0001", "60", "1e300"])
 def test_rate_that_a_gif_cannot_have_is_refused_before_anything_is_drawn(path, tmp_path, capsys, monkeypatch, fps):
-    monkeypatch.setattr("brownpipe.figures.movie._frames", None)
+    monkeypatch.setattr("brownpipe.figures.movie._gif", None)
     assert main(["movie", str(path), "--output", str(tmp_path / "a.gif"), "--fps", fps]) == WRONG_REQUEST
     error, found = capsys.readouterr().err, f"{float(fps):.10g}"
     allowed = "from 0.00153 to 50 frames a second for a .gif"
@@ -111,7 +106,7 @@ def test_video_is_what_ffmpeg_makes_of_raw_frames(path, frames, tmp_path, monkey
     raw = made(path, ".mp4", "--frames", "3")
     height, width, _ = frames[-1].shape
     assert width % 2 == height % 2 == 0  # or H.264 refuses
-    of_video = np.frombuffer(raw, np.uint8).reshape(3, height, width, 3)
+    of_video = np.frombuffer(raw, np.uint8).reshape(3, height, width, 4)[..., :3]
     assert abs(of_video[-1] - frames[-1].astype(int)).mean() < 1  # the GIF has fewer colours
     stand_in.write_text(f"#!{sys.executable}\nraise SystemExit(7)\n")
     assert main(["movie", str(path), "--output", str(tmp_path / "b.mp4"), "--frames", "1"]) == FAILED

@@ -18,6 +18,7 @@ from brownpipe.engines import configured
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.figures.movie import movie
+from brownpipe.figures.snapshot import whole_run
 from brownpipe.storage import read_trajectories, write_trajectories
 from brownpipe.study import plan
 from synthetic import render
@@ -97,7 +98,7 @@ def test_analysis_reports_files_and_then_runs(files, reported, tmp_path):
 
 @pytest.mark.slow
 def test_a_movie_reports_its_frames(files, reported):
-    movie(read_trajectories(files[0]), str(files[0]), ".gif")
+    movie(whole_run(read_trajectories(files[0]), str(files[0])), ".gif", {})
     assert reported == [("frames", k, 2) for k in (1, 2)]
 
 

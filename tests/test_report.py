@@ -193,7 +193,7 @@ def test_names_of_others_are_escaped(results, tmp_path):
         shown = drawing_of("msd", figure, DataFrame({hostile: [hostile], "b": [1.0]}), {})
     origins = [{"command": hostile, "seeds": hostile}]
     record = {"made_by": {"x_version": hostile}, "dataset": {"sha256": hostile, "made_from": origins}}
-    made = origin.recorded_page(study_page.page(dataset, [shown], record), record)
+    made = study_page.page(dataset, [shown], record)
     text = made.decode()
     elements = check(text)
     assert len(elements.named("img")) == 1 and "onerror" not in elements.named("img")[0][0]

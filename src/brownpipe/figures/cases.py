@@ -5,21 +5,16 @@ A case is one scene with one particle count and one engine: the dataset without 
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, SupportsFloat
 
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
-from brownpipe.errors import FigureError
-from brownpipe.scene import parse_scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from xarray import DataArray, Dataset
-
-    from brownpipe.scene import Scene
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
@@ -32,13 +27,6 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
 def has(case: Dataset, *names: str) -> bool:
     """Return whether the case has a finite value of every one of these variables."""
     return all(name in case and bool(np.isfinite(case[name].values).any()) for name in names)
-
-
-def check_count(cases: list[Dataset], particles: int | None) -> None:
-    """Raise FigureError for a requested particle count that no case has."""
-    available = sorted({int(case.particles) for case in cases})
-    if particles is not None and particles not in available:
-        raise FigureError(f"particles: {particles} is not in the dataset; choose one of {available}")
 
 
 def one_count(cases: list[Dataset], particles: int | None = None) -> list[Dataset]:
@@ -113,16 +101,6 @@ def _suffix(case: Dataset) -> str:
 def drifts(case: Dataset) -> bool:
     """Return whether the runs of a case that claims equilibrium are found to drift (`analysis.drift`)."""
     return has(case, "drift_p_value") and bool(np.nanmin(case.drift_p_value.values) < LEVEL)
-
-
-def scene_of(case: Dataset) -> Scene | None:
-    """Return the scene of a case, by the attributes of its dataset; None if they do not have it."""
-    for runs in json.loads(case.attrs.get("made_from", "[]")):
-        if runs["scene"] is not None and runs["scene_name"] == case.scene:
-            scene = parse_scene(runs["scene"], f"{runs['scene_name']}.yaml")
-            if scene.particles == case.particles:
-                return scene
-    return None
 
 
 def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:

@@ -3,24 +3,18 @@
 This is the self part of the van Hove function, integrated over rings around the start.
 """
 
-from __future__ import annotations
-
-import re
 import textwrap
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from pandas import DataFrame, concat
+from xarray import Dataset
 
 from brownpipe.analysis import goodness
 from brownpipe.figures.cases import distributions_of, has, parts_of, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, MODEL, columns, heads, residual_panel
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, MODEL, columns, heads, highest, residual_panel
 from brownpipe.figures.tables import label_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from xarray import Dataset
 
 # By the source of a model's D; msd and square are also the names of their models, all others are slopes:
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (MODEL, DASHED, "s"), "square": (INK, DOTTED, "^")}  # colour, line, marker
@@ -45,9 +39,7 @@ def draw(cases: list[Dataset]) -> Figure:
         low.set_xlabel("displacement $r$")
         below = {"xycoords": ("axes fraction", low.xaxis.label), "fontsize": 8.8, "va": "top"}
         low.annotate(_verdicts(case), (0, 0), (0, -5), textcoords="offset points", **below)
-        main.set_ylim(
-            0, 1.05 * max(float(one.displacement_counts_high.max()) for one in (shown if comparable else [case]))
-        )
+        main.set_ylim(0, 1.05 * highest(shown if comparable else [case], "displacement_counts"))
         if main.get_ylabel() or not comparable:
             main.set_ylabel(f"runs between $r$ and $r$ + {_width(case):.4g}")
     heads(axes[0], [f"{title_of(case)}, $t$ = {case.displacement_time.item():g}" for case in shown])
@@ -56,18 +48,17 @@ def draw(cases: list[Dataset]) -> Figure:
 
 def _verdicts(case: Dataset) -> str:
     """The verdict on every model that is shown, the power of the first test, and the kurtosis, in wrapped lines."""
-    models = _models(case)
-    lines = []
+    lines, models = [], _models(case)
     for source, model in models.items():
         name = SOURCES[source] if source == "square" else f"eq. (18) with {SOURCES[source]}"
         lines.append(f"{name}: {_verdict(model)}")
-    for model in [*models.values()][:1]:
-        if np.isfinite(model.p_value):
-            power = 100 * model.power_5_percent.item()
-            lines.append(f"power: rings reject a D off by 5 % with probability {power:.0f} %")
+    first = next(iter(models.values()), None)
+    if first is not None and np.isfinite(first.p_value):
+        power = 100 * first.power_5_percent.item()
+        lines.append(f"power: rings reject a D off by 5 % with probability {power:.0f} %")
     if np.isfinite(case.kurtosis):
         lines.append(f"kurtosis: {plus_minus(case.kurtosis, case.kurtosis_standard_error)}; by eq. (18): 1")
-    lines = [re.sub(r"\bp ([=<]) ", "p\u00a0\\1\u00a0", line) for line in lines]  # no break between p and its value
+    lines = [line.replace("p = ", "p\u00a0=\u00a0").replace("p < ", "p\u00a0<\u00a0") for line in lines]  # not parted
     return "\n".join(part for line in lines for part in textwrap.wrap(line, LINE))
 
 
@@ -85,11 +76,10 @@ def _verdict(model: Dataset) -> str:
 
 def _counts(axes: Axes, case: Dataset) -> None:
     """Draw the observed counts with their intervals, the expected ones, and the strip for runs beyond the last ring."""
-    observed = case.displacement_counts.values
-    r = case.r.values
+    observed, r = case.displacement_counts.values, case.r.values
     axes.bar(r, observed, 0.92 * _width(case), color=DATA, alpha=0.18, linewidth=0)
-    bars = np.abs(np.stack([case.displacement_counts_low, case.displacement_counts_high]) - observed)
-    axes.errorbar(r, observed, bars, fmt="none", ecolor=DATA, elinewidth=1.1)
+    reach = np.abs(np.stack([case.displacement_counts_low, case.displacement_counts_high]) - observed)
+    axes.errorbar(r, observed, reach, fmt="none", ecolor=DATA, elinewidth=1.1)
     axes.plot(r, observed, "o", color=DATA, markersize=3.5, label=f"{int(case.runs):,} runs, 95 % intervals")
     for source, model in _models(case).items():
         colour, line, _ = LOOKS[source]
@@ -124,20 +114,15 @@ def _residuals(axes: Axes, case: Dataset) -> None:
     beyond = _overflow_strip(axes, case)
     for source, model in _models(case).items():
         colour, _, marker = LOOKS[source]
-        looks: dict[str, Any] = {
-            "color": colour,
-            "markersize": 4,
-            "markerfacecolor": "none",
-        }  # so that no marker hides another
-        axes.plot(np.append(case.r, beyond), _standardised(case, model), marker, **looks)
+        residuals = _standardised(case, model)
+        axes.plot(np.append(case.r, beyond), residuals, marker, color=colour, markersize=4, markerfacecolor="none")
     ticks = [tick for tick in axes.get_xticks() if 0 <= tick < edge - 2 * _width(case)]
     axes.set_xticks([*ticks, beyond], [*(f"{tick:.2g}" for tick in ticks), f"> {edge:g}"])
 
 
 def _standardised(case: Dataset, model: Dataset) -> np.ndarray:
     """Observed less expected counts (K + 1,) over the standard error of the expected; NaN where both must be equal."""
-    observed = np.append(case.displacement_counts, case.displacement_overflow)
-    expected = np.append(model.expected_counts, model.expected_overflow)
+    observed, expected = _all_counts(case, "displacement"), _all_counts(model, "expected")
     variance = expected * (1 - expected / float(case.runs))
     defined = (variance > 0.0) | (observed != expected)
     return np.where(defined, (observed - expected) / np.sqrt(np.maximum(variance, LEAST_VARIANCE)), np.nan)
@@ -156,8 +141,13 @@ def _models(case: Dataset) -> dict[str, Dataset]:
 
 def _differ(a: Dataset, b: Dataset) -> bool:
     """Return whether two models expect counts that differ by more than a tenth of a standard error."""
-    expected = [np.append(model.expected_counts, model.expected_overflow) for model in (a, b)]
-    return bool((np.abs(expected[0] - expected[1]) > 0.1 * np.sqrt(np.maximum(expected[0], 1))).any())
+    first, second = _all_counts(a, "expected"), _all_counts(b, "expected")
+    return bool((np.abs(first - second) > 0.1 * np.sqrt(np.maximum(first, 1))).any())
+
+
+def _all_counts(case: Dataset, of: str) -> np.ndarray:
+    """Counts (K + 1,) in the rings and, at the end, beyond the last one."""
+    return np.append(case[f"{of}_counts"], case[f"{of}_overflow"])
 
 
 def _width(case: Dataset) -> float:
@@ -169,15 +159,14 @@ def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, time and ring; the last one holds all displacements beyond the rings."""
     frames = []
     for case in (at_time for one in cases for at_time in distributions_of(one)):
-        expected = zip(case.model.values, case.expected_counts.values, case.expected_overflow.values, strict=True)
         columns = {
             "time": case.displacement_time.item(),
             "r_inner": np.append(case.r_inner, case.r_outer[-1]),
             "r_outer": np.append(case.r_outer, np.inf),
-            "runs": np.append(case.displacement_counts, case.displacement_overflow),
+            "runs": _all_counts(case, "displacement"),
             "runs_low": np.append(case.displacement_counts_low, np.nan),
             "runs_high": np.append(case.displacement_counts_high, np.nan),
         }
-        columns |= {f"expected, {model}": np.append(counts, beyond) for model, counts, beyond in expected}
-        frames.append(DataFrame(label_of(case) | columns))
+        expected = {f"expected, {name}": _all_counts(case.sel(model=name), "expected") for name in case.model.values}
+        frames.append(DataFrame(label_of(case) | columns | expected))
     return concat(frames)

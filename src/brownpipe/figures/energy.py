@@ -3,22 +3,16 @@
 In equilibrium all species have the same, kT in two dimensions (equipartition); a tracer that starts hotter cools.
 """
 
-from __future__ import annotations
-
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
+from pandas import DataFrame
+from xarray import Dataset
 
 from brownpipe.figures.cases import has, over_time, parts_of, plus_minus, title_of
 from brownpipe.figures.style import DOTTED, INK, SERIES, band, columns, heads, time_axis
 from brownpipe.figures.tables import frame_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
-    from xarray import Dataset
 
 NAME = "species_energy"
 
@@ -28,7 +22,9 @@ def draw(cases: list[Dataset]) -> Figure:
     figure, axes = columns(["kinetic energy per disk"], len(cases), [4.2])
     cases = [over_time(case, NAME) for case in cases]
     for case, panel in zip(cases, axes[0], strict=True):
-        _curves(panel, case)
+        for part, (colour, line, _) in zip(parts_of(case, "species", NAME), cycle(SERIES), strict=False):
+            last = plus_minus(part[NAME][-1], part[f"{NAME}_standard_error"][-1])
+            band(panel, part, NAME, colour, linestyle=line, label=f"{part.species.item()}: {last} at the end")
         if has(case, "kinetic_temperature"):
             mean = float(case.kinetic_temperature)
             panel.axhline(mean, color=INK, linestyle=DOTTED, label=f"equipartition, $kT$ = {mean:.4g}")
@@ -42,13 +38,6 @@ def _top(case: Dataset) -> float:
     """Upper end of the axis: above the band, unless the band is very wide."""
     mean = float(case[NAME].max())
     return float(np.fmin(1.05 * np.fmax(case[f"{NAME}_high"].max(), mean), 1.5 * mean))
-
-
-def _curves(axes: Axes, case: Dataset) -> None:
-    for part, (colour, line, _) in zip(parts_of(case, "species", NAME), cycle(SERIES), strict=False):
-        last = plus_minus(part[NAME][-1], part[f"{NAME}_standard_error"][-1])
-        label = f"{part.species.item()}: {last} at the end"
-        band(axes, part.time.values, part, NAME, colour, linestyle=line, label=label)
 
 
 def table(cases: list[Dataset]) -> DataFrame:

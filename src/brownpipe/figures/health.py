@@ -1,23 +1,18 @@
 """Figure `health`: energy drift, deepest overlap and momentum balance of every run, in the exact engine round-off."""
 
-from __future__ import annotations
-
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from pandas import DataFrame
+from xarray import Dataset
 
 from brownpipe.analysis.variables import FAILED
 from brownpipe.figures.cases import title_of
 from brownpipe.figures.style import DASHED, DATA, FIT, grid
 from brownpipe.figures.tables import label_of
 from brownpipe.scene.seeds import brief_seed_text
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from xarray import Dataset
 
 MEASURES = {
     "energy_drift": ("relative energy drift", 1e-13),
@@ -31,6 +26,7 @@ LINE = 0.16  # height of a line of text [inch]
 HEADING = 130  # characters of a line above the panels
 MOST_LINES = 8  # of cases with failed runs
 QUANTILES = {"least": 0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1}
+THICK: dict[str, Any] = {"linewidth": 6, "alpha": 0.45, "solid_capstyle": "butt"}
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -44,32 +40,19 @@ def draw(cases: list[Dataset]) -> Figure:
     figure, axes = grid(1, len(MEASURES), WIDTH, height, sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         for row, case in enumerate(cases):
-            _range(panel, row, sizes_of(case, name))
+            least, low, middle, high, greatest = np.maximum(_quantiles(case, name), LEFT_END)
+            panel.plot([least, greatest], [row, row], color=DATA, linewidth=1.2)
+            panel.plot([low, high], [row, row], color=DATA, **THICK)
+            panel.plot([middle], [row], "o", color=DATA, markersize=5)
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
         panel.set_title(f"expected below {bound:g}", color=FIT, loc="right", fontsize=10, fontweight="normal")
-        panel.set_xscale("log")
+        panel.set(xscale="log", xlabel=label)
         panel.minorticks_off()
-        panel.set_xlabel(label)
     figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=9, linespacing=1.4)
     axes[0, 0].set_yticks(range(len(cases)), labels)
     axes[0, 0].set_ylim(len(cases) - 0.4, -0.6)
     axes[0, 0].tick_params(axis="y", length=0)
     return figure
-
-
-def _range(axes: Axes, row: int, sizes: np.ndarray) -> None:
-    """Draw the range, the central 90 % and the median of values on a logarithmic axis that begins at LEFT_END."""
-    if not sizes.size:
-        return
-    least, low, middle, high, greatest = _quantiles(np.maximum(sizes, LEFT_END))
-    axes.plot([least, greatest], [row, row], color=DATA, linewidth=1.2, label="all runs")
-    thick: dict[str, Any] = {"linewidth": 6, "alpha": 0.45, "solid_capstyle": "butt"}
-    axes.plot([low, high], [row, row], color=DATA, label="central 90 % of the runs", **thick)
-    axes.plot([middle], [row], "o", color=DATA, markersize=5, label="median")
-
-
-def _quantiles(sizes: np.ndarray) -> np.ndarray:
-    return np.quantile(sizes, [*QUANTILES.values()]) if sizes.size else np.full(len(QUANTILES), np.nan)
 
 
 def failed_of(cases: list[Dataset]) -> list[str]:
@@ -84,10 +67,11 @@ def failed_of(cases: list[Dataset]) -> list[str]:
     return lines if more <= 0 else [*lines[:MOST_LINES], f"and runs of {more} other cases"]
 
 
-def sizes_of(case: Dataset, name: str) -> np.ndarray:
-    """Return the absolute values of a measure over the runs that have one."""
-    values = np.abs(case[name].values)
-    return values[np.isfinite(values)]
+def _quantiles(case: Dataset, name: str) -> np.ndarray:
+    """Return the QUANTILES of the absolute values of a measure over the runs that have one; NaN if none has."""
+    sizes = np.abs(case[name].values)
+    sizes = sizes[np.isfinite(sizes)]
+    return np.quantile(sizes, [*QUANTILES.values()]) if sizes.size else np.full(len(QUANTILES), np.nan)
 
 
 def table(cases: list[Dataset]) -> DataFrame:
@@ -96,6 +80,6 @@ def table(cases: list[Dataset]) -> DataFrame:
     for case in cases:
         counts = {name: case[name].item() for name in ("runs", "failed_runs")}
         for name, (_, bound) in MEASURES.items():
-            sizes = dict(zip(QUANTILES, _quantiles(sizes_of(case, name)), strict=True))
+            sizes = dict(zip(QUANTILES, _quantiles(case, name), strict=True))
             rows.append(label_of(case) | counts | {"measure": name, "bound": bound} | sizes)
     return DataFrame(rows)

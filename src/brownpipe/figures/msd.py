@@ -1,22 +1,17 @@
 """Figure `msd`: mean squared displacement against time (the note's figure 1), ballistic flight and diffusion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from pandas import DataFrame, concat
+from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, MODEL, band, columns, heads, log_axis
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, MODEL, band, columns, heads, highest, log_axis
 from brownpipe.figures.tables import frame_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from xarray import Dataset
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
@@ -30,12 +25,12 @@ def draw(cases: list[Dataset]) -> Figure:
     """Draw one column per case: MSD(t) with the fit and diffusion on linear axes above, on logarithmic ones below."""
     cases = [over_time(case) for case in cases]
     figure, axes = columns(LABELS, len(cases), HEIGHTS)
-    top = HEADROOM * max(float(case.msd_high.fillna(case.msd).max()) for case in cases) or 1.0
+    top = HEADROOM * highest(cases, "msd") or 1.0
     for case, (main, low) in zip(cases, axes.T, strict=True):
         _linear(main, case, top)
         _decades(low, case)
-        main.set_xlabel("time $t$")
-        low.set_xlabel("time $t$")
+        for panel in (main, low):
+            panel.set_xlabel("time $t$")
     axes[0, 0].set_ylim(0, top)
     msd = np.concatenate([case.msd.values for case in cases])
     if (msd > 0).any():
@@ -48,25 +43,28 @@ def _linear(axes: Axes, case: Dataset, top: float) -> None:
     """Draw MSD(t) with its band, the fitted line extended to the axes, diffusion and ballistic flight."""
     t = case.time.values
     end = t[-1]
-    smooth = np.linspace(0, end, 201)
     final = plus_minus(case.msd[-1], case.msd_standard_error[-1])
     with_band = ", 95 % band" if case.msd_low.notnull().any() else ""
     label = f"{int(case.runs):,} runs{with_band}: MSD({end:g}) = {final}"
     every = -(-t.size // MOST_DOTS)
-    band(axes, t, case, "msd", DATA, linestyle="", marker="o", markersize=3, markevery=every, label=label)
+    band(axes, case, "msd", DATA, linestyle="", marker="o", markersize=3, markevery=every, label=label)
     for fit in fits_of(case)[:1]:
         _line(axes, fit, end)
+    _models(axes, case, np.linspace(0, end, 201), 0.0, top)
+    axes.set_xlim(0, 1.01 * end)
+
+
+def _models(axes: Axes, case: Dataset, t: np.ndarray, low: float, high: float) -> None:
+    """Draw the MSD of diffusion and of ballistic flight at times t, from `low` and as far as `high`."""
     for diffusion, label in _diffusing(case):
-        axes.plot(
-            smooth, _diffusion(case, smooth, diffusion), color=MODEL, linestyle=DASHED, linewidth=1.4, label=label
-        )
+        msd = _diffusion(case, t, diffusion)
+        axes.plot(t[msd >= low], msd[msd >= low], color=MODEL, linestyle=DASHED, linewidth=1.4, label=label)
     square_speed = float(case.initial_square_speed)
-    ballistic = theory.ballistic_msd(smooth, square_speed)
-    seen = ballistic <= top
+    ballistic = theory.ballistic_msd(t, square_speed)
+    seen = (ballistic >= low) & (ballistic <= high)
     if seen.any():  # NaN: unknown before the runs
         label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
-        axes.plot(smooth[seen], ballistic[seen], color=GREY, linestyle=DOTTED, label=label)
-    axes.set_xlim(0, 1.01 * end)
+        axes.plot(t[seen], ballistic[seen], color=GREY, linestyle=DOTTED, label=label)
 
 
 def _line(axes: Axes, fit: Dataset, end: float) -> None:
@@ -123,21 +121,12 @@ def _diffusion(case: Dataset, t: np.ndarray, diffusion: float) -> np.ndarray:
 def _decades(axes: Axes, case: Dataset) -> None:
     """Draw MSD(t) on logarithmic axes, where ballistic flight has slope 2 and diffusion slope 1."""
     later = case.isel(time=(case.time.values > 0) & (case.msd.values > 0))
-    t = later.time.values
-    msd = later.msd.values
-    if t.size < 2:
-        return
-    band(axes, t, later, "msd", DATA)
-    low, high = msd.min() / MARGIN, msd.max() * MARGIN
-    smooth = np.geomspace(t[0], t[-1], 201)
-    ballistic = theory.ballistic_msd(smooth, float(case.initial_square_speed))
-    seen = (ballistic <= high) & (ballistic >= low)
-    if seen.any():
-        axes.plot(smooth[seen], ballistic[seen], color=GREY, linestyle=DOTTED)
-    for diffusion, _ in _diffusing(case):
-        curve = _diffusion(case, smooth, diffusion)
-        axes.plot(smooth[curve >= low], curve[curve >= low], color=MODEL, linestyle=DASHED, linewidth=1.4)
-    log_axis(axes, "x", t[0], t[-1])
+    if later.sizes["time"] > 1:
+        start, end = later.time.values[[0, -1]]
+        band(axes, later, "msd", DATA)
+        low, high = float(later.msd.min()) / MARGIN, float(later.msd.max()) * MARGIN
+        _models(axes, case, np.geomspace(start, end, 201), low, high)
+        log_axis(axes, "x", start, end)
 
 
 def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:

@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 
 from brownpipe.quoting import printable
 from brownpipe.storage import made_by, runs_record
-from brownpipe.storage.trajectories import whole_seed
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -54,42 +53,21 @@ def record_of(
     }
 
 
-def movie_record(
-    trajectories: Trajectories,
-    path: str,
-    seed: int | None,
-    frames: int | None = None,
-    fps: float | None = None,
-    recorded: str = "all",
-) -> Record:
-    """Return the record of a picture or movie of one run; the options are those of `brownpipe movie`.
+def movie_record(trajectories: Trajectories, recorded: str, seed: int, **options: float | None) -> Record:
+    """Return the record of a picture or movie of the run of a seed, with the options of `brownpipe movie`.
 
-    `path` is the file of the trajectories, for messages; `recorded` is what the picture needs, as `--record` takes it.
-    Raises RequestError for a file without this run.
+    `recorded` is what the picture needs, as `--record` takes it.
     """
-    shown = whole_seed(trajectories, path, seed)
     return {
-        "movie": {"seed": shown, "frames": frames, "fps": fps},
+        "movie": {"seed": seed, **options},
         "made_by": made_by("figures"),
-        "made_from": [runs_record(trajectories.outline, [shown], recorded)],
+        "made_from": [runs_record(trajectories.outline, [seed], recorded)],
     }
 
 
 def metadata(record: Record) -> dict[str, str]:
     """Return the metadata of a PNG or SVG with this record, as matplotlib takes them."""
     return {"Description": "Made by brownpipe.", "Source": json.dumps(record, sort_keys=True)}
-
-
-def recorded_page(page: bytes, record: Record) -> bytes:
-    """Return a page (HTML) with its record."""
-    text = in_script(json.dumps(record, sort_keys=True))
-    script = f'<script type="application/json" class="brownpipe-record">{text}</script>\n</head>'
-    return page.replace(b"</head>", script.encode(), 1)
-
-
-def in_script(text: str) -> str:
-    """Return JSON as it may stand in a script element of a page, which nothing in it can end."""
-    return text.replace("<", "\\u003c")
 
 
 def record_text(record: Record, names: Iterable[str]) -> str:
@@ -105,10 +83,10 @@ def closing_lines(record: Record) -> str:
 
 def installation_in_words(made: Mapping[str, Any]) -> str:
     """Return version, source, commit and Python of what made a product, in one line."""
-    words = [f"brownpipe {made.get('brownpipe_version')}", f"source {str(made.get('source_digest'))[:12]}"]
-    if commit := str(made.get("git_commit", "")):
-        words.append(f"commit {commit[:12]}{commit[40:]}")
-    return printable(", ".join([*words, f"Python {made.get('python')}"]))
+    commit = str(made.get("git_commit", ""))
+    commit = f", commit {commit[:12]}{commit[40:]}" if commit else ""
+    source = str(made.get("source_digest"))[:12]
+    return printable(f"brownpipe {made.get('brownpipe_version')}, source {source}{commit}, Python {made.get('python')}")
 
 
 def read_record(path: str | Path) -> Record | None:

@@ -3,21 +3,15 @@
 The routes: extrapolation of g(r) to contact, and the collision rate of the pair (docs/theory.md).
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pandas import DataFrame
+from xarray import Dataset
 
 from brownpipe.figures.cases import defined, has, parts_of, plus_minus, title_of
-from brownpipe.figures.style import DATA, DOTTED, FILL, FIT, GREY, MODEL, band, bars, columns, heads
+from brownpipe.figures.style import DATA, DOTTED, FILL, FIT, GREY, MODEL, band, columns, heads, points
 from brownpipe.figures.tables import frame_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
-    from xarray import Dataset
 
 NAME = "pair_distribution"
 CONTACTS = {
@@ -59,8 +53,7 @@ def _panel(axes: Axes, case: Dataset) -> None:
     for name in (name for name in CONTACTS if has(case, name)):
         label, colour, marker = CONTACTS[name]
         value = plus_minus(case[name], case[f"{name}_standard_error"])
-        looks: dict[str, Any] = {"fmt": marker, "color": colour, "markersize": 5, "markerfacecolor": "none"}
-        axes.errorbar(contact, case[name], bars([case], name), label=f"{label}: {value}", **looks)
+        points(axes, [contact], [case], name, fmt=marker, color=colour, label=f"{label}: {value}")
     axes.set_xlim(contact - 0.04 * (r[-1] - contact), r[-1])
 
 
@@ -69,7 +62,7 @@ def _curve(axes: Axes, case: Dataset, contact: float) -> None:
     label = f"{int(case.runs):,} runs, 95 % band"
     pooled_bins = _bins_to_pool(case, contact)
     if pooled_bins == 1:
-        band(axes, case.distance.values, case, NAME, DATA, label=label)
+        band(axes, case, NAME, DATA, label=label)
         return
     edges, value, down, up = _pooled(case, pooled_bins)
     axes.stairs(value + up, edges, baseline=value - down, fill=True, color=DATA, alpha=FILL, linewidth=0)

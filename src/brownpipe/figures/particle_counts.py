@@ -1,21 +1,16 @@
 """Figure `particle_counts`: MSD(t) and the diffusion coefficient D for every number of disks."""
 
-from __future__ import annotations
-
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from pandas import DataFrame
+from xarray import Dataset
 
 from brownpipe.figures.cases import by_series, fits_of, over_time
-from brownpipe.figures.style import GREY, SERIES, apart, band, bars, grid, heads, shades
+from brownpipe.figures.style import GREY, SERIES, apart, band, grid, heads, highest, points, shades
 from brownpipe.figures.tables import PARTS, label_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from xarray import Dataset
 
 HEADROOM = 1.05  # upper end of a vertical axis over the largest value
 APART = 0.065  # least distance of two labels beside a panel, as a fraction of the axis
@@ -26,7 +21,7 @@ def draw(cases: list[Dataset]) -> Figure:
     """Draw one row per scene and engine: MSD(t) for every particle count, and D by fit window against the count."""
     series = by_series(cases)
     figure, axes = grid(len(series), 2, 4.8, 3.6, sharex="col", sharey="col")
-    top = HEADROOM * max(float(case.msd_high.fillna(case.msd).max()) for case in cases) or 1.0
+    top = HEADROOM * highest(cases, "msd") or 1.0
     for (name, of_series), (left, right) in zip(series.items(), axes, strict=True):
         _curves(left, [over_time(case) for case in of_series], top)
         _diffusion(right, of_series)
@@ -46,7 +41,7 @@ def _curves(axes: Axes, cases: list[Dataset], top: float) -> None:
     """Draw MSD(t) with its band for each count, from dark (fewest disks) to light, labelled at its end."""
     ends = apart([float(case.msd[-1]) for case in cases], APART * top, 0, top)
     for case, colour, end in zip(cases, shades(len(cases)), ends, strict=True):
-        band(axes, case.time.values, case, "msd", colour, label=f"_N = {case.particles.item()}")  # not in a legend
+        band(axes, case, "msd", colour, label=f"_N = {case.particles.item()}")  # not in a legend
         outside = {"textcoords": "offset points", "annotation_clip": False, "va": "center", "color": colour}
         axes.annotate(f"N = {case.particles.item()}", (case.time.values[-1], end), (5, 0), **outside)
 
@@ -58,10 +53,7 @@ def _diffusion(axes: Axes, cases: list[Dataset]) -> None:
     for window, (colour, _, marker) in zip(cases[0].window.values, cycle(SERIES), strict=False):
         fits = [fit for fit in all_fits if fit.window == window]
         counts = [fit.particles.item() for fit in fits]
-        values = [float(fit.diffusion_coefficient) for fit in fits]
-        looks: dict[str, Any] = {"color": colour, "markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
-        reach = bars(fits, "diffusion_coefficient")
-        axes.errorbar(counts, values, reach, fmt=marker, label=f"window {window}", **looks)
+        points(axes, counts, fits, "diffusion_coefficient", color=colour, fmt=marker, label=f"window {window}")
 
 
 def _extent(cases: list[Dataset]) -> tuple[float, float]:
@@ -85,11 +77,12 @@ def _name_counts(axes: Axes, counts: list[int]) -> None:
 
 
 def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and fit window: D, and the MSD at the end of the run."""
+    """Return one row per case and fit window: D, empty where no line could be fitted, and the MSD at the end."""
     of_fit = ["packing_fraction", "window_start", "window_end", *(f"diffusion_coefficient{part}" for part in PARTS)]
     of_end = ["time", *(f"msd{part}" for part in PARTS)]
     rows = []
     for case in map(over_time, cases):
         end = {name: case[name].values[-1] for name in of_end}
-        rows += [label_of(case) | {name: fit[name].item() for name in of_fit} | end for fit in fits_of(case)]
+        for fit in (case.isel(window=k) for k in range(case.sizes["window"])):
+            rows.append(label_of(case) | {name: fit[name].item() for name in of_fit} | end)
     return DataFrame(rows)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import contextmanager
 from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import cases_of, check_count, has, one_count
+from brownpipe.figures.cases import cases_of, has, one_count
 from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
 from brownpipe.figures.style import drawing, image_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
     from pandas import DataFrame
@@ -26,11 +28,11 @@ class Drawing(NamedTuple):
     table: DataFrame
 
 
-def drawn(name: str, cases: list[Dataset], metadata: Mapping[str, str]) -> Drawing:
-    """Draw the figure of this name, with the cases that it shows (`cases_shown`) and these metadata."""
+def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], name: str) -> Drawing:
+    """Draw the figure of this name with these metadata; `shown` are the cases of each figure (`cases_shown`)."""
     module = import_module(f"brownpipe.figures.{name}")
-    with drawing():
-        return drawing_of(name, module.draw(cases), module.table(cases), metadata)
+    with drawing(), _naming(name):
+        return drawing_of(name, module.draw(shown[name]), module.table(shown[name]), metadata)
 
 
 def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[str, str]) -> Drawing:
@@ -41,8 +43,20 @@ def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[st
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
     """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
     shown = cases_shown(dataset, particles, [name])
-    with drawing():
+    with drawing(), _naming(name):
         return import_module(f"brownpipe.figures.{name}").draw(shown[name])
+
+
+@contextmanager
+def _naming(name: str) -> Iterator[None]:
+    """Raise FigureError for a variable that the dataset lacks, in words of xarray: KeyError or AttributeError."""
+    try:
+        yield
+    except (AttributeError, KeyError) as error:
+        found = re.search(r"(?:'Dataset' object has no attribute|No variable named) '(\w+)'", str(error))
+        if found is None:
+            raise
+        raise FigureError(f"{name}: cannot be drawn: the dataset has no variable {found[1]}") from error
 
 
 def cases_shown(
@@ -56,18 +70,18 @@ def cases_shown(
     Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
     """
     cases = cases_of(dataset)
-    check_count(cases, particles)
-    shown = {name: _selected(name, cases, particles) for name in names or FIGURES}
-    for name in (name for name in names or () if not shown[name]):
-        needs = "; ".join(FIGURES[name].needs) or "runs"
-        raise FigureError(f"{name}: cannot be drawn from this dataset, whose study must have {needs}")
-    return {name: selected for name, selected in shown.items() if selected}
-
-
-def _selected(name: str, cases: list[Dataset], particles: int | None) -> list[Dataset]:
-    _, needs, variables, every_count = FIGURES[name]
-    cases = [case for case in cases if has(case, *variables)]
-    if not every_count:
-        return one_count(cases, particles)
-    too_few = SEVERAL_COUNTS in needs and len({int(case.particles) for case in cases}) < 2
-    return [] if too_few else cases
+    counts = sorted({int(case.particles) for case in cases})
+    if particles not in (None, *counts):
+        raise FigureError(f"particles: {particles} is not in the dataset; choose one of {counts}")
+    shown: dict[str, list[Dataset]] = {}
+    for name in names or FIGURES:
+        _, needs, variables, every_count = FIGURES[name]
+        selected = [case for case in cases if has(case, *variables)]
+        selected = selected if every_count else one_count(selected, particles)
+        if SEVERAL_COUNTS in needs and len({int(case.particles) for case in selected}) < 2:
+            selected = []
+        if names and not selected:
+            needed = "; ".join(needs) or "runs"
+            raise FigureError(f"{name}: cannot be drawn from this dataset, whose study must have {needed}")
+        shown |= {name: selected} if selected else {}
+    return shown

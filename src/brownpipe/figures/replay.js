@@ -11,8 +11,7 @@
   const numbers = (text) => new Float64Array(bytesOf(text));
   const start = numbers(run.position), launch = numbers(run.velocity);  // x, y of disk after disk
   const eventTime = numbers(run.time), impulse = numbers(run.impulse), pair = new Int16Array(bytesOf(run.pair));
-  const ofDisks = (column) => run.species.flatMap((species) => Array(species[0]).fill(species[column]));
-  const radius = ofDisks(1), mass = ofDisks(2), shade = ofDisks(3), disks = radius.length;
+  const {radius, mass, shade} = run, disks = radius.length;
   const [left, bottom, width, height] = run.box;
   const kinetic = (i, u, v) => 0.5 * mass[i] * (u * u + v * v);
   const total = mass.reduce((sum, _, i) => sum + kinetic(i, launch[2 * i], launch[2 * i + 1]), 0);  // conserved

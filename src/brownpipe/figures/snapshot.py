@@ -1,23 +1,19 @@
 """A picture of one whole run at one time: every disk to scale, the tracer in colour with its path so far."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from brownpipe.figures.style import DATA, INK, drawing, image_bytes
+from brownpipe.figures.style import DATA, INK
+from brownpipe.scene import Scene
+from brownpipe.scene.scene import Box
+from brownpipe.storage import Trajectories
 from brownpipe.storage.trajectories import whole_seed
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from brownpipe.scene import Scene
-    from brownpipe.scene.scene import Box
-    from brownpipe.storage import Trajectories
 
 LONGER_SIDE = 5.6  # of the box [inch]
 LEAST_WIDTH = 3.6  # of the panel [inch]
@@ -51,21 +47,11 @@ def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) ->
     return WholeRun(trajectories.scene, seed, trajectories.ensemble.times, track.position, image)
 
 
-def snapshot(run: WholeRun, metadata: Mapping[str, str]) -> bytes:
-    """Return the bytes of a PNG that shows a run at its last sample. The same run gives the same bytes."""
-    with drawing():
-        figure, _, show = scenery_of(run)
-        show(len(run.times) - 1)
-        return image_bytes(figure, "png", metadata)
+def scenery_of(run: WholeRun) -> tuple[Figure, Callable[[int], None]]:
+    """Return the figure of a run with box, disks and path, and the function that sets them to sample k.
 
-
-def scenery_of(run: WholeRun) -> tuple[Figure, tuple[Artist, ...], Callable[[int], None]]:
-    """Return the figure of a run with box, disks and path, the artists that move, and the function that sets them.
-
-    The function sets them to sample k; to be called within the context `style.drawing`, as this one.
+    The function is to be called within the context `style.drawing`, as this one.
     """
-    from matplotlib.collections import EllipseCollection
-
     shades = shades_of(run.scene)
     figure, axes = _box(run.scene, f"{run.scene.name}, N = {run.scene.particles}, seed {run.seed}", shades)
     disks = EllipseCollection([], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5)
@@ -87,7 +73,7 @@ def scenery_of(run: WholeRun) -> tuple[Figure, tuple[Artist, ...], Callable[[int
         centre.set_data(*run.position[k, :1].T)
         time.set_text(_time_text(run.times, k))
 
-    return figure, (disks, path, centre, time), show
+    return figure, show
 
 
 # --- the background
@@ -103,8 +89,6 @@ def shades_of(scene: Scene) -> np.ndarray:
 
 def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
     """The figure and the axes of the empty box, with solid sides for hard walls and dashed ones for a periodic box."""
-    from matplotlib.figure import Figure
-
     scale = LONGER_SIDE / max(scene.box.width, scene.box.height)
     width = scene.box.width * scale
     height = scene.box.height * scale
@@ -119,7 +103,10 @@ def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
         spine.set(visible=True, color=INK, linewidth=1.2 if scene.box.periodic else 2.5)
         spine.set_linestyle((0, (4, 3)) if scene.box.periodic else "-")
     figure.text(SIDE / size[0], 1 - 0.12 / size[1], title, fontsize=11, fontweight="bold", va="top")
-    _legend(figure, entries, SIDE / size[0], 1 - (0.12 + 0.2) / size[1])
+    colours = [(FACES[shade], DATA if shade == 0 else RIM) for shade, _ in entries]
+    marks = [Line2D([], [], linestyle="", marker="o", markersize=8, mfc=face, mec=rim) for face, rim in colours]
+    corner = {"bbox_to_anchor": (SIDE / size[0], 1 - 0.32 / size[1]), "borderpad": 0, "borderaxespad": 0}
+    figure.legend(marks, [text for _, text in entries], loc="upper left", handlelength=1, **corner)
     _scale_bar(axes, scene.box, height)
     return figure, axes
 
@@ -141,19 +128,6 @@ def _range(values: np.ndarray) -> str:
     return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
 
 
-def _legend(figure: Figure, entries: list[tuple[int, str]], x: float, y: float) -> None:
-    """Draw the legend with its upper left corner at (x, y), fractions of the figure."""
-    from matplotlib.lines import Line2D
-
-    colours = [(FACES[shade], DATA if shade == 0 else RIM) for shade, _ in entries]
-    marks = [
-        Line2D([], [], linestyle="", marker="o", markersize=8, markerfacecolor=face, markeredgecolor=rim)
-        for face, rim in colours
-    ]
-    texts = [text for _, text in entries]
-    figure.legend(marks, texts, loc="upper left", bbox_to_anchor=(x, y), borderpad=0, borderaxespad=0, handlelength=1)
-
-
 def _scale_bar(axes: Axes, box: Box, height: float) -> None:
     """Draw a bar of a round length below the box; `height` is that of the panel [inch]."""
     most = box.width / 4
@@ -173,19 +147,15 @@ def _scale_bar(axes: Axes, box: Box, height: float) -> None:
 
 def _with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Centres (M, 2) and indices (M,) of all disks and of the images that reach into a periodic box; disk 0 is last."""
-    box = scene.box
-    which = np.arange(scene.particles)[::-1]
-    centres = position[which]
-    if not box.periodic:
-        return centres, which
-    for axis, (low, high) in enumerate((box.x, box.y)):
-        step = np.eye(2)[axis] * (high - low)
-        over = centres[:, axis] > high - scene.radius[which]
-        under = centres[:, axis] < low + scene.radius[which]
-        centres = np.concatenate([centres[over] - step, centres[under] + step, centres])
-        which = np.concatenate([which[over], which[under], which])
-    order = np.argsort(which == 0, kind="stable")
-    return centres[order], which[order]
+    which, sides = np.arange(scene.particles)[::-1], np.array([scene.box.width, scene.box.height])
+    if not scene.box.periodic:
+        return position[which], which
+    which = np.repeat(which, 9)
+    images = np.tile([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)], (scene.particles, 1))
+    centres = position[which] + images * sides
+    middle = np.array(scene.box.origin) + sides / 2
+    seen = (np.abs(centres - middle) < sides / 2 + scene.radius[which, None]).all(axis=1) | ~images.any(axis=1)
+    return centres[seen], which[seen]
 
 
 def _path(run: WholeRun) -> tuple[np.ndarray, np.ndarray]:

@@ -33,13 +33,11 @@ SERIES = ((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis
-BETWEEN = 0.09  # padding on each side of a panel [inch]
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 KEY_SIZE = 8.8  # of the words of a legend [point]
 KEY = 3.5  # width of these words that fits above a panel [inch]; longer ones are set smaller
 FILL = 0.22  # opacity of a band
 LIKELY = 2.0  # half-height of the grey band of likely residuals, in standard errors
-UNDATED: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 
 def drawing() -> AbstractContextManager:
@@ -47,30 +45,18 @@ def drawing() -> AbstractContextManager:
 
     The settings of the user have no effect in it, and are restored after it.
     """
-    import matplotlib
+    from matplotlib import style
 
-    defaults = {key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith("backend")}
-    style = matplotlib.rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
-    return matplotlib.rc_context(defaults | style)
-
-
-def import_libraries() -> None:
-    """Import all of matplotlib that figures need, once for all processes that draw."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_svg
-    import matplotlib.figure  # noqa: F401
+    return style.context(["default", Path(__file__).with_suffix(".mplstyle")])
 
 
 def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None = None) -> bytes:
-    """Return the bytes of a PNG or SVG file with these metadata, without date or version.
-
-    The first call computes the layout; with a layout engine each `savefig` would draw the figure twice.
-    """
+    """Return the bytes of a PNG or SVG file with these metadata, without date. The first call computes the layout."""
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
-        figure.set_layout_engine(None)
+        figure.set_layout_engine(None)  # with an engine, `savefig` would draw the figure twice
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=suffix, metadata=UNDATED[suffix] | dict(metadata or {}))
+    figure.savefig(buffer, format=suffix, metadata={"Date": None, **(metadata or {})})
     return buffer.getvalue()
 
 
@@ -80,9 +66,8 @@ def grid(rows: int, columns: int, width: float, height: float, **options: Any) -
     `width` and `height` [inch] are those of a panel, on average over the rows; `options` as for `Figure.subplots`.
     """
     from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure((width * columns, height * rows), layout=ConstrainedLayoutEngine(w_pad=BETWEEN))
+    figure = Figure((width * columns, height * rows), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
@@ -126,16 +111,24 @@ def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
             axes.legend(**place, labelspacing=0.35, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
 
 
-def band(axes: Axes, x: np.ndarray, case: Dataset, name: str, colour: str, **line: Any) -> None:
-    """Draw the variable `name` of a case over x, with its 95 % band if it has one; `line` as for `axes.plot`."""
+def band(axes: Axes, case: Dataset, name: str, colour: str, **line: Any) -> None:
+    """Draw a variable over its one dimension, with its 95 % band if it has one; `line` as for `axes.plot`."""
+    x = case[case[name].dims[0]].values
     if f"{name}_low" in case:
         axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=colour, alpha=FILL, linewidth=0)
     axes.plot(x, case[name], color=colour, **line)
 
 
-def bars(cases: Sequence[Dataset], name: str) -> np.ndarray:
-    """Return how far the 95 % intervals of `name` reach down and up, (2, cases), as `axes.errorbar` takes it."""
-    return np.abs([[float(case[f"{name}_{end}"]) - float(case[name]) for case in cases] for end in ("low", "high")])
+def points(axes: Axes, x: Sequence[float], cases: Sequence[Dataset], name: str, **looks: Any) -> None:
+    """Draw a variable of each case at its x, with its 95 % interval; hollow, so that equal points show each other."""
+    value, low, high = ([float(case[f"{name}{part}"]) for case in cases] for part in ("", "_low", "_high"))
+    reach = np.abs(np.subtract([low, high], value))
+    axes.errorbar(x, value, reach, markersize=5, markerfacecolor="none", elinewidth=1.3, **looks)
+
+
+def highest(cases: Sequence[Dataset], name: str) -> float:
+    """Return the upper end of the 95 % bands of a variable, or of the variable where it has none."""
+    return max(float(case[f"{name}_high"].fillna(case[name]).max()) for case in cases)
 
 
 def residual_panel(axes: Axes) -> None:
@@ -149,7 +142,7 @@ def shades(count: int) -> list:
     """Return colours from dark to light, whose order shows to the colour-blind and in greyscale, too."""
     import matplotlib
 
-    return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0.02, 0.7, count)]
+    return list(matplotlib.colormaps["viridis"](np.linspace(0.02, 0.7, count)))
 
 
 def time_axis(axes: Axes, times: np.ndarray) -> None:
@@ -165,7 +158,7 @@ def time_axis(axes: Axes, times: np.ndarray) -> None:
 
 def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
     """Make the axis `name`, x or y, logarithmic from `low` to `high`, with few enough labels to be legible."""
-    from matplotlib.ticker import FixedFormatter, FixedLocator, LogFormatterSciNotation, LogLocator, NullFormatter
+    from matplotlib.ticker import FixedLocator, LogFormatterSciNotation, LogLocator, NullFormatter
 
     if low == high:
         low, high = low / 2, high * 2
@@ -173,22 +166,20 @@ def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
     axis, places = getattr(axes, f"{name}axis"), log_ticks(low, high)
     plain = all(1e-3 <= place < 1e4 for place in places)
     axis.set_major_locator(FixedLocator(places))
-    axis.set_major_formatter(FixedFormatter([f"{x:.10g}" if plain else LogFormatterSciNotation()(x) for x in places]))
+    axis.set_major_formatter("{x:.4g}" if plain else LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
     axis.set_minor_locator(LogLocator(subs=range(1, 10), numticks=99))
     axis.set_minor_formatter(NullFormatter())
 
 
 def log_ticks(low: float, high: float) -> list[float]:
     """Return where a logarithmic axis is labelled: at powers of ten, or on a short axis at 2 to 7 round numbers."""
-    from matplotlib.ticker import MaxNLocator
-
     ten = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-    rounds = (np.outer(ten, digits).ravel() for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)))
-    for places in (*rounds, MaxNLocator(4).tick_values(low, high)):
+    for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
+        places = np.outer(ten, digits).ravel()
         inside = [place for place in places if low * (1 - 1e-9) <= place <= high * (1 + 1e-9)]
         if len(inside) > 1:
-            break
-    return inside[:: -(-len(inside) // MOST_TICKS)]
+            return inside[:: -(-len(inside) // MOST_TICKS)]
+    return [low, high]
 
 
 def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:

@@ -28,6 +28,7 @@ FIT = (
     *("window_start", "window_end", "slope", "slope_standard_error", "naive_slope_error"),
     *("diffusion_coefficient", "diffusion_coefficient_standard_error"),
 )
+TESTED = ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 
 
@@ -61,14 +62,14 @@ def answer(dataset: Dataset) -> Answer:
     cases = cases_of(dataset)
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
-    rows = [("scene", "N", "engine", "runs", heading_of_msd(cases), "D", *TESTS), *map(_row, cases, p, rejected)]
+    rows = [("scene", "N", "engine", "runs", heading_of_msd(cases), "D", *TESTS)]
+    for case, of_case, no in zip(cases, p, rejected, strict=True):
+        names = (case.scene.item(), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
+        rows.append((*names, *estimates_of(case), *map(_verdict, of_case, no)))
     tests = int(np.count_nonzero(np.isfinite(p)))
-    hidden = set() if tests else set(TESTS)
-    if len({row[2] for row in rows}) == 2:  # the header and one engine
-        hidden.add("engine")
+    hidden = {*(() if tests else TESTS), *(("engine",) if len({row[2] for row in rows}) == 2 else ())}  # one engine
     columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
-    legend = list(_legend(dataset, cases, tests))
-    return Answer(columns, legend, list(missing_runs(cases)), list(drifting(cases)))
+    return Answer(columns, [*_legend(dataset, cases, tests)], [*missing_runs(cases)], [*drifting(cases)])
 
 
 def heading_of_msd(cases: list[Dataset]) -> str:
@@ -99,12 +100,6 @@ def _early_fit(cases: Sequence[Dataset]) -> str | None:
 def _p_values(case: Dataset) -> np.ndarray | list[float]:
     """The p-values (2,) of eq. (18) with either D, by rings and kurtosis together; NaN where there is no test."""
     return at_last_distribution(case).p_value_joint.values[: len(TESTS)] if has(case, "msd") else [np.nan] * len(TESTS)
-
-
-def _row(case: Dataset, p: np.ndarray, rejected: np.ndarray) -> tuple[str, ...]:
-    """One line of the text table, cell by cell."""
-    names = (case.scene.item(), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
-    return (*names, *estimates_of(case), *map(_verdict, p, rejected))
 
 
 def _verdict(p: float, rejected: bool) -> str:
@@ -171,20 +166,14 @@ def missing_runs(cases: list[Dataset]) -> Iterator[str]:
         for status, fate in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[(case.run_status.values == status) & asked]
             if seeds.size:
-                reason = f"; {stopped_in_words(stopped)}" if status == FAILED and (stopped := stopped_of(case)) else ""
+                reasons = case.stopped.values.tolist() if status == FAILED and "stopped" in case else ()
+                stopped = {seed: why for seed, why in zip(case.seed.values.tolist(), reasons, strict=False) if why}
+                reason = f"; {stopped_in_words(stopped)}" if stopped else ""
                 which = f"{seeds.size} of {np.count_nonzero(asked)} seeds ({brief_seed_text(seeds)})"
                 yield f"{title_of(case)}: {fate}: {which}{reason}"
     if failed := sum(int(case.failed_runs) for case in cases):
         runs = "1 failed run" if failed == 1 else f"{failed} failed runs"
         yield f"The averages leave out {runs}; they are biased if runs that fail differ from the others."
-
-
-def stopped_of(case: Dataset) -> dict[int, str]:
-    """Return why runs of a case could not go on, by seed."""
-    if "stopped" not in case:
-        return {}
-    pairs = zip(case.seed.values.tolist(), case.stopped.values.tolist(), strict=True)
-    return {seed: reason for seed, reason in pairs if reason}
 
 
 def summary_table(dataset: Dataset) -> DataFrame:
@@ -198,11 +187,8 @@ def summary_table(dataset: Dataset) -> DataFrame:
         end = {name: last[name].item() if last.sizes["time"] else np.nan for name in ("msd", "msd_standard_error")}
         distribution = at_last_distribution(case)
         shape = {name: distribution[name].item() if name in distribution else np.nan for name in SHAPE}
-        tests = {
-            f"{test}, {model}": distribution[test].values[k]
-            for k, model in enumerate(dataset.model.values)
-            for test in ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
-        }
+        of_models = [(test, model) for model in dataset.model.values for test in TESTED]
+        tests = {f"{test}, {model}": distribution[test].sel(model=model).item() for test, model in of_models}
         before = label_of(case) | counts | {"time": case.duration.item()} | end
         for fit in (case.isel(window=k) for k in range(case.sizes["window"])):
             rows.append(before | {name: fit[name].item() for name in FIT} | shape | tests)

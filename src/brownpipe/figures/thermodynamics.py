@@ -3,25 +3,19 @@
 Theory is Luding's equation of state for equal disks, and Enskog's for rates and mixtures (docs/theory.md).
 """
 
-from __future__ import annotations
-
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pandas import DataFrame
+from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import by_series, has
-from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, bars, grid, heads
+from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, grid, heads, points
 from brownpipe.figures.tables import frame_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike
-    from pandas import DataFrame
-    from xarray import Dataset
 
 Z = "compressibility"
 RATE = "collision_rate"
@@ -34,7 +28,6 @@ PANELS = {
 MARGIN = 0.12  # beyond the data, as a fraction of their range; at least 0.1 of the value, except for Z
 # Of the markers of the first, second, ... scene: 16 pairs of colour and shape
 LOOKS = [{"color": SERIES[k % 4][0], "fmt": SERIES[(k + k // 4) % 4][2]} for k in range(16)]
-HOLLOW: dict[str, Any] = {"markersize": 5, "markerfacecolor": "none", "elinewidth": 1.3}
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -44,11 +37,14 @@ def draw(cases: list[Dataset]) -> Figure:
     """
     names = [name for name in PANELS if any(has(case, name) for case in cases)]
     with_theory = any(np.isfinite(_expected(case, name)) for case in cases for name in names)
-    figure, axes = _panels(len(names), with_theory, len(by_series(cases)))
+    legend = 0.19 * max(0, len(by_series(cases)) - 2)  # room for many series [inch]
+    if with_theory:
+        figure, axes = grid(2, len(names), WIDTH, (5.6 + legend) / 2, sharex="col", height_ratios=(2, 1))
+    else:
+        figure, axes = grid(1, len(names), WIDTH, 4.0 + legend)
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
-        phi = _values(measured, "packing_fraction")
-        ends = _horizontal(phi)
+        ends = _horizontal(_densities(measured))
         series = by_series(measured)
         _points(main, series, name)
         compared = [case for case in measured if np.isfinite(_expected(case, name))]
@@ -66,34 +62,21 @@ def draw(cases: list[Dataset]) -> Figure:
     return figure
 
 
-def _panels(columns: int, with_theory: bool, series: int) -> tuple[Figure, np.ndarray]:
-    """A row of panels, with theory a low one for the deviations below each; higher if the legend has many series."""
-    legend = 0.19 * max(0, series - 2)
-    if with_theory:
-        return grid(2, columns, WIDTH, (5.6 + legend) / 2, sharex="col", height_ratios=(2, 1))
-    return grid(1, columns, WIDTH, 4.0 + legend)
-
-
 def _horizontal(phi: list[float]) -> tuple[float, float]:
     """Limits of the axis of packing fractions: from 0 if they differ by more than a factor of 2, else around them."""
     margin = max(0.15 * (max(phi) - min(phi)), 0.08 * max(phi))
     return (0.0 if 2 * min(phi) < max(phi) else min(phi) - margin), max(phi) + margin
 
 
-def _values(cases: list[Dataset], name: str) -> list[float]:
-    return [float(case[name]) for case in cases]
-
-
-def _markers(axes: Axes, cases: list[Dataset], y: ArrayLike, reach: np.ndarray, **looks: Any) -> None:
-    """Draw values of cases with error bars; markers are hollow, so that equal points show each other."""
-    axes.errorbar(_values(cases, "packing_fraction"), y, reach, **HOLLOW, **looks)
+def _densities(cases: list[Dataset]) -> list[float]:
+    return [float(case.packing_fraction) for case in cases]
 
 
 def _points(axes: Axes, series: dict[str, list[Dataset]], name: str) -> None:
     """Draw the values of each series with their 95 % intervals, and set the limits of their axis."""
     values = [1.0] if name == Z else []
     for (label, cases), looks in zip(series.items(), cycle(LOOKS), strict=False):
-        _markers(axes, cases, _values(cases, name), bars(cases, name), label=label, **looks)
+        points(axes, _densities(cases), cases, name, label=label, **looks)
         values += [float(case[part]) for case in cases for part in (name, f"{name}_low", f"{name}_high")]
         values += [_expected(case, name) for case in cases]
     low, high = np.nanmin(values), np.nanmax(values)
@@ -103,22 +86,20 @@ def _points(axes: Axes, series: dict[str, list[Dataset]], name: str) -> None:
 
 
 def _deviations(axes: Axes, series: dict[str, list[Dataset]], name: str) -> None:
-    """Draw the relative deviations from theory: rates are those at the temperature of the scene, as in the theory."""
+    """Draw the deviations from theory."""
     for cases, looks in zip(series.values(), cycle(LOOKS), strict=False):
         compared = [case for case in cases if np.isfinite(_expected(case, name))]
-        reference = np.array([_expected(case, name) for case in compared])
-        value = np.array([float(case[_at_temperature(case, name)]) for case in compared])
-        ends = [bars([case], _at_temperature(case, name))[:, 0] for case in compared]
-        reach = np.reshape(ends, (-1, 2)).T
-        _markers(axes, compared, 100 * (value / reference - 1), 100 * reach / reference, **looks)
+        points(axes, _densities(compared), [_deviation(case, name) for case in compared], name, **looks)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.margins(y=0.15)
     axes.set_ylabel("deviation\nfrom theory (%)")
 
 
-def _at_temperature(case: Dataset, name: str) -> str:
-    """The variable that is compared with theory: of a rate, that at the temperature of the scene if there is one."""
-    return f"{name}_at_temperature" if has(case, f"{name}_at_temperature") else name
+def _deviation(case: Dataset, name: str) -> Dataset:
+    """The deviation from theory [%]: of a rate, of that at the temperature of the scene if there is one."""
+    compared = f"{name}_at_temperature" if has(case, f"{name}_at_temperature") else name
+    parts = {f"{name}{part}": case[f"{compared}{part}"] for part in ("", "_low", "_high")}
+    return Dataset({part: 100 * (value / _expected(case, name) - 1) for part, value in parts.items()})
 
 
 def _expected(case: Dataset, name: str) -> float:

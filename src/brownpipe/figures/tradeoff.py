@@ -17,7 +17,7 @@ from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, 
 from brownpipe.figures.tables import aligned
 from brownpipe.quoting import in_lines
 from brownpipe.stages import tracked
-from brownpipe.tradeoff.front import FEWEST_RUNS, Interval, MeasuredSetting, pareto_front, settings_of, total_error
+from brownpipe.tradeoff.front import FEWEST_RUNS, MeasuredSetting, pareto_front, settings_of, total_error
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,7 +33,14 @@ WIDTH = 8.6  # of the figure [inch]
 HEIGHT = 5.4  # least height of the figure [inch]
 FRAME = 1.3  # height of the figure outside the panel [inch]
 LABEL_DISTANCE = 13.5  # least distance of two labels [point]
-LEADER = 0.04  # length of the line from the end of a curve to its label, as a fraction of the width
+LABELS: dict[str, Any] = {"xycoords": "axes fraction", "va": "center", "fontsize": 8.5, "annotation_clip": False}
+LEADER = {
+    "arrowstyle": "-",
+    "linewidth": 0.6,
+    "relpos": (0, 0.5),
+    "shrinkA": 1,
+    "shrinkB": 0,
+}  # from a curve to its label
 REMARK_LINE = 105  # characters
 POINTS = 400  # of a curve
 
@@ -42,17 +49,21 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     """Draw the expected error of the MSD at the end of a run against CPU time, with the Pareto front in bold."""
     settings = settings_of(dataset, scene)
     front = pareto_front(settings_of(dataset, scene, careful=True))
-    times = np.geomspace(
-        FEWEST_RUNS * min(setting.seconds for setting in settings), _last_time(settings, front), POINTS
-    )
+    exact = settings[0]  # is drawn until it reaches the finest error, or beyond the last change of the front
+    end = max((exact.spread / LEAST_ERROR) ** 2 * exact.seconds, *(3 * interval.start for interval in front))
+    times = np.geomspace(FEWEST_RUNS * min(setting.seconds for setting in settings), end, POINTS)
     figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
     coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
     colours = dict(zip(coloured, COLOURS * 9, strict=False))
     for setting in settings:
         bound = _unresolved_bound(dataset.sel(scene=scene, setting=setting.label))
         _line(axes, times, setting, bound, colours.get(setting.label, GREY))
-    for interval in front:
-        _bold(axes, times, interval, settings, colours[interval.label])
+    for interval in front:  # in bold, while it is on the Pareto front
+        best = next(setting for setting in settings if setting.label == interval.label)
+        start, end = np.clip([interval.start, interval.end], times[0], times[-1])
+        inside = np.geomspace(start, end, POINTS)
+        looks: dict[str, Any] = {"color": colours[best.label], "linewidth": 4.0, "solid_capstyle": "round"}
+        axes.plot(inside, total_error(best, inside), label=best.label, **looks)
     last = {setting.label: float(total_error(setting, times[-1])) for setting in settings}
     shown = {label: error for label, error in last.items() if error <= 1.0}
     log_axis(axes, "x", times[0], times[-1])
@@ -74,12 +85,6 @@ def _remark(unlabelled: Sequence[str]) -> list[str]:
     return textwrap.wrap(key, REMARK_LINE) + textwrap.wrap(missing, REMARK_LINE)
 
 
-def _last_time(settings: Sequence, front: Sequence) -> float:
-    """CPU time [s] at which the exact engine reaches the finest error, or beyond the last change of the front."""
-    exact = settings[0]
-    return max((exact.spread / LEAST_ERROR) ** 2 * exact.seconds, *(3 * interval.start for interval in front))
-
-
 def _unresolved_bound(setting: Dataset) -> float:
     """The 95 % upper bound of the size of the MSD's bias if that is not resolved from 0; 0 if it is."""
     low, high = float(setting.msd_bias_low), float(setting.msd_bias_high)
@@ -94,60 +99,30 @@ def _line(axes: Axes, times: np.ndarray, setting: MeasuredSetting, bound: float,
     axes.plot(times, np.where(error < bound, error, np.nan), linestyle=DOTTED, **looks)
 
 
-def _bold(axes: Axes, times: np.ndarray, interval: Interval, settings: Sequence, colour: str) -> None:
-    """Draw, in bold, the interval of CPU time in which a setting is on the Pareto front."""
-    best = next(setting for setting in settings if setting.label == interval.label)
-    start, end = np.clip([interval.start, interval.end], times[0], times[-1])
-    inside = np.array([start, *times[(times > start) & (times < end)], end])
-    axes.plot(inside, total_error(best, inside), color=colour, linewidth=4.0, solid_capstyle="round", label=best.label)
-
-
 def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float) -> None:
     """Write the label of every curve beside its end, at the last of its `errors`; keep labels `least` apart."""
     low, high = np.log(axes.get_ylim())
     ends = [(np.log(error) - low) / (high - low) for error in errors.values()]
     for label, end, place in zip(errors, ends, apart(ends, least, 0.0, 1.0), strict=True):
-        colour = colours.get(label, INK)
-        leader = {"arrowstyle": "-", "linewidth": 0.6, "relpos": (0, 0.5), "shrinkA": 1, "shrinkB": 0}
-        axes.annotate(
-            label,
-            (1.0, end),
-            (1.0 + LEADER, place),
-            xycoords="axes fraction",
-            va="center",
-            fontsize=8.5,
-            color=colour,
-            weight="bold" if label in colours else "normal",
-            arrowprops=leader | {"color": colour},
-            annotation_clip=False,
-        )
+        colour, weight = colours.get(label, INK), "bold" if label in colours else "normal"
+        leader = LEADER | {"color": colour}
+        axes.annotate(label, (1, end), (1.04, place), color=colour, weight=weight, arrowprops=leader, **LABELS)
 
 
 # --- the trade-off in numbers
 
-COST_RATIO = ("cost_ratio", "cost_ratio_low", "cost_ratio_high")
-NUMBERS = ("runs", "failed_runs", "paired_runs", "seconds", *COST_RATIO, "study_seconds", "msd_spread", "d_spread")
-ERRORS = tuple(f"{name}_bias{part}" for name in ("msd", "d") for part in ("", "_standard_error", "_low", "_high"))
-DISTANCE = tuple(f"displacement_bias{part}" for part in ("", "_low", "_high", "_noise"))
-CONTACT = tuple(f"contact_bias{part}" for part in ("", "_standard_error", "_low", "_high"))
-WORST = ("worst_energy_drift", "worst_overlap", "departure_time")
-PAYS = ("pays_from", "pays_to", "may_pay_from", "may_pay_to")
-
 
 def table(dataset: Dataset, scenes: Sequence[str] | None = None) -> DataFrame:
-    """Return one row per scene and setting: cost, biases with intervals, health, and CPU times on the Pareto front.
+    """Return one row per scene and setting with all numbers of the dataset: cost, biases, health, the Pareto front.
 
     `scenes` selects scenes; the default is all that have runs of more than one setting.
     """
-    from pandas import DataFrame
-
-    header = (*NUMBERS, *ERRORS, *DISTANCE, *CONTACT, *WORST, *PAYS)
-    rows = []
-    for scene in scenes_of(dataset) if scenes is None else scenes:
-        for setting in _measured(dataset, scene):
-            label = {"scene": scene, "particles": int(setting.particles), "setting": setting.setting.item()}
-            rows.append(label | {name: setting[name].item() if name in setting else np.nan for name in header})
-    return DataFrame(rows)
+    of_setting = [name for name in dataset.data_vars if dataset[name].dims == ("scene", "setting")]
+    numbers = [name for name in of_setting if dataset[name].dtype.kind in "fi"]
+    chosen = scenes_of(dataset) if scenes is None else scenes
+    rows = [(scene, setting.label) for scene in chosen for setting in settings_of(dataset, scene)]
+    frame = dataset[["particles", *numbers]].to_dataframe(["scene", "setting"]).loc[rows].reset_index()
+    return frame[["scene", "particles", "setting", *numbers]]
 
 
 def _measured(dataset: Dataset, scene: str) -> list[Dataset]:
@@ -215,7 +190,7 @@ def _row(setting: Dataset, exact_seconds: float) -> tuple[str, ...]:
 
 
 def _cost(setting: Dataset, exact_seconds: float) -> str:
-    """`1.23 (1.1-1.4)`; datasets of earlier versions have no range."""
+    """`1.23 (1.1-1.4)`; without the range where runs were not timed in turn."""
     if "cost_ratio_low" not in setting or setting.setting == "exact":
         return f"{float(setting.seconds) / exact_seconds:.3g}"
     low, high = (f"{float(setting[f'cost_ratio_{end}']):.2g}" for end in ("low", "high"))

@@ -4,22 +4,15 @@ The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md
 two dimensions.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pandas import DataFrame
+from xarray import Dataset
 
-from brownpipe.figures.cases import has, over_time, plus_minus, scene_of, title_of
+from brownpipe.figures.cases import has, over_time, plus_minus, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, band, columns, heads, log_axis, time_axis
 from brownpipe.figures.tables import frame_of
-from brownpipe.observables.species import bath_disks, species_table
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
-    from xarray import Dataset
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
@@ -77,27 +70,16 @@ def _normalised(case: Dataset, name: str) -> Dataset:
 def _decay(axes: Axes, case: Dataset, curves: dict[str, Dataset]) -> None:
     """Draw the correlations, and the initial slope that follows from the tracer's collision rate."""
     axes.axhline(0, color=GREY, linewidth=0.8)
-    further = {TRACER: _measured_rate(case), BATH: _species(case)}
     for name, curve in curves.items():
         label, colour, line = LOOKS[name]
-        label = label if BATH in curves else "disks"
-        band(axes, curve.time.values, curve, name, colour, linestyle=line, label=label + further[name])
+        label = (label if BATH in curves else "disks") + (_measured_rate(case) if name == TRACER else "")
+        band(axes, curve, name, colour, linestyle=line, label=label)
     if has(case, "vacf_initial_slope_expected"):
         rate = -float(case.vacf_initial_slope_expected) / float(case[TRACER][0])
         label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
         last = float(case.time[-1])
         t = np.linspace(0, 1 / rate if rate * last > 1 else last, 200)
         axes.plot(t, 1 - rate * t, color=INK, linestyle=DOTTED, label=label)
-
-
-def _species(case: Dataset) -> str:
-    """The species of the bath whose correlation was measured, for the legend; empty if the bath has only one."""
-    scene = scene_of(case)
-    if scene is None:
-        return ""
-    species, measured = species_table(scene), bath_disks(scene)
-    others = {*species.label.tolist()} - {*species.label[:1].tolist()}
-    return f": {species.name[species.label[measured[0]]]}" if len(others) > 1 else ""
 
 
 def _measured_rate(case: Dataset) -> str:
@@ -113,7 +95,7 @@ def _tail(main: Axes, axes: Axes, curves: dict[str, Dataset]) -> None:
     for name, curve in curves.items():
         _, colour, line = LOOKS[name]
         resolved = _resolved(curve, name)
-        band(axes, resolved.time.values, resolved, name, colour, linestyle=line)
+        band(axes, resolved, name, colour, linestyle=line)
     guide = _guide(curves)
     if guide[0].size:
         axes.plot(*guide, color=INK, linewidth=1)

@@ -1,25 +1,20 @@
 """Figure `velocity_distribution`: velocity components and speeds of each species against Maxwell-Boltzmann."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import cycle
-from math import erf
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from pandas import DataFrame, concat
+from scipy.special import ndtr
+from xarray import Dataset
 
 from brownpipe.analysis.variables import EACH
-from brownpipe.elementary import exp
 from brownpipe.figures.cases import has, parts_of, title_of
 from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
 from brownpipe.figures.tables import frame_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from xarray import Dataset
 
 FEWEST_COUNTS = 5  # expected independent counts of a bin whose residual is shown
 NEIGHBOURS = 5  # bins on either side whose errors are pooled with those of a bin
@@ -37,18 +32,13 @@ class Quantity(NamedTuple):
     label: str  # of the axis
 
 
-def _normal(v: np.ndarray) -> np.ndarray:
-    """Probability that a component in units of sqrt(kT/m) is below v."""
-    return 0.5 * (1 + np.vectorize(erf)(v / np.sqrt(2)))
-
-
 def _rayleigh(u: np.ndarray) -> np.ndarray:
     """Probability that a speed in units of sqrt(kT/m) is below u, in two dimensions."""
-    return 1 - exp(-(np.maximum(u, 0) ** 2) / 2)
+    return -np.expm1(-(np.maximum(u, 0) ** 2) / 2)
 
 
 SHOWN = {
-    "velocity_density": Quantity("velocity", _normal, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
+    "velocity_density": Quantity("velocity", ndtr, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
     "speed_density": Quantity("speed", _rayleigh, "speeds", "speed $|v|\\,/\\,\\sqrt{kT/m}$"),
 }
 
@@ -80,11 +70,9 @@ def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
     main.stairs(expected, edges, color=INK, linewidth=1.0, label="Maxwell-Boltzmann")
     residual_panel(low)
     for part, (colour, _, marker) in zip(parts_of(case, "species", name), cycle(SERIES), strict=False):
-        observed = part[name].values
-        error = part[f"{name}_standard_error"].values
         looks = {"color": colour, "markersize": 3, "markerfacecolor": "none", "label": part.species.item()}
-        main.plot(case[dim], observed, marker, **looks)
-        residuals = _residuals(observed, error, expected)
+        main.plot(case[dim], part[name], marker, **looks)
+        residuals = _residuals(part[name].values, part[f"{name}_standard_error"].values, expected)
         shown = np.isfinite(residuals)
         low.plot(case[dim][shown], residuals[shown], marker, color=colour, markersize=2.5)
     seen = expected > LOWEST_DENSITY

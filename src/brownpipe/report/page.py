@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import base64
-import json
 import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from jinja2 import Environment
-from markupsafe import Markup
-
 from brownpipe import figures
 from brownpipe.figures.origin import closing_lines
-from brownpipe.quoting import printable
+from brownpipe.figures.pages import filled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,11 +19,10 @@ if TYPE_CHECKING:
     from brownpipe.figures.render import Drawing
 
 CAPTIONS = Path(figures.__file__).parent
-FROM_DATASET = ("sha256", "source_digest", "git_commit", "python")
 MOST_ROWS = 400  # of a table of numbers
 DIGITS = 6  # of a number
 SVG_SIZE = re.compile(rb'viewBox="0 0 (\S+) (\S+)"')
-NUMBER = re.compile(r"-|[<+-]?[ 0-9.e+-]+( ± [0-9.e-]+)?( ?%)?( \([0-9.e-]+\))?( \*)?")  # cells that are set right
+NUMBERS = tuple("-+<0123456789")  # first characters of the cells of columns that are set right
 
 
 class Table(NamedTuple):
@@ -46,7 +41,7 @@ def table(
 ) -> Table:
     """Return a table given its columns of words, each with its heading; `grouped`: the first names groups of rows."""
     groups, columns = (columns[0][1:], columns[1:]) if grouped else ((), columns)
-    kinds = ["number" if all(map(NUMBER.fullmatch, cells)) else "" for _, *cells in columns]
+    kinds = ["number" if all(cell.startswith(NUMBERS) for cell in cells) else "" for _, *cells in columns]
     header, *rows = zip(*columns, strict=True)
     return Table(title, header, rows, kinds, groups, above)
 
@@ -55,35 +50,12 @@ def page(title: str, lead: str, record: Record, **contents: Any) -> bytes:
     """Return the page: a title, a sentence below it, its contents, and how to make it again from its `record`.
 
     contents: `answers` (heading, table, lines), `drifting`, `missing` and `legend` (lines), `figures` and `of_runs`
-    (`figure`), `runs` (table). What is filled in is escaped, and shown as one line.
+    (`figure`).
     """
-    environment = Environment(
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=lambda value: value if isinstance(value, Markup) else printable(value),
+    made_by = closing_lines(record).splitlines()[:1]
+    return filled(
+        Path(__file__).with_suffix(".html"), title=title, lead=lead, record=record, made_by=made_by, **contents
     )
-    template = environment.from_string(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
-    again = {
-        "made_by": closing_lines(record).splitlines()[:1],
-        "versions": table(_versions(record), "Versions and digests"),
-        "stated": json.dumps(record, sort_keys=True, indent=1).splitlines(),
-    }
-    style = Markup(Path(__file__).with_suffix(".css").read_text(encoding="utf-8"))
-    text = template.render(title=title, lead=lead, record=record, style=style, **again, **contents)
-    return text.strip().encode() + b"\n"
-
-
-def _versions(record: Record) -> list[list[str]]:
-    """Return what made the dataset and the figures, by columns."""
-    made, dataset = record["made_by"], record["dataset"]
-    names = sorted(name for name in {**dataset, **made} if name.endswith("_version"))
-    names = [*(name for name in FROM_DATASET if name in dataset), *names]
-    return [
-        ["", *(name.removesuffix("_version").replace("sha256", "SHA-256").replace("_", " ") for name in names)],
-        ["dataset", *(str(dataset.get(name, "-")) for name in names)],
-        ["figures", *(str(made.get(name, "-")) for name in names)],
-    ]
 
 
 def caption_of(name: str) -> tuple[str, list[str]]:
@@ -108,7 +80,6 @@ def figure(drawing: Drawing, caption: str, title: str | None = None) -> dict[str
         "size": [f"{float(size):g}" for size in SVG_SIZE.search(svg).groups()],
         "image": base64.b64encode(svg).decode(),
         "numbers": table([[str(name), *map(_in_digits, shown[name])] for name in shown], f"Numbers: {own_title}"),
-        "shown": len(shown),
         "rows": len(drawing.table),
         "digits": DIGITS,
     }

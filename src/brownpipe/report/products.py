@@ -6,6 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import matplotlib.backends.backend_agg  # at the head, so that processes that are forked to draw have it
+import matplotlib.backends.backend_svg  # noqa: F401
+
 from brownpipe.errors import FigureError, WrongFileError
 from brownpipe.figures import render, tradeoff
 from brownpipe.figures.origin import (
@@ -16,9 +19,7 @@ from brownpipe.figures.origin import (
     read_record,
     record_of,
     record_text,
-    recorded_page,
 )
-from brownpipe.figures.style import import_libraries
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.figures.tables import to_csv
 from brownpipe.parallel import calculated
@@ -70,9 +71,7 @@ def write(
         name, text = "tradeoff.txt", tradeoff.summary(dataset)
     else:
         cases = render.cases_shown(dataset, record["particles"], names or record["figures"])
-        if cores > 1:
-            import_libraries()
-        drawings = calculated(partial(_drawn, cases, record), [*cases], "figures", cores)
+        drawings = calculated(partial(render.drawn, cases, metadata(record)), [*cases], "figures", cores)
         tables, page_of = {one.name: one.table for one in drawings}, study_page.page
         tables["summary"] = summary_table(dataset)
         name, text = "summary.txt", summary(dataset)
@@ -82,7 +81,7 @@ def write(
     products: dict[str | Path, bytes] = {folder / name: contents for name, contents in files.items()}
     products[folder / RECORD] = record_text(record, files).encode()
     if page is not None:
-        products[Path(page)] = recorded_page(page_of(dataset, drawings, record), record)
+        products[Path(page)] = page_of(dataset, drawings, record)
     for path in map(Path, products):
         if path.is_file() and not _is_own(path.read_bytes()):
             raise WrongFileError(f"{path}: was not made by brownpipe; move it, or choose another place for the output")
@@ -92,10 +91,6 @@ def write(
         if path.is_file() and _is_own(path.read_bytes()):
             path.unlink()
     return [Path(path) for path in products]
-
-
-def _drawn(cases: dict[str, list[Dataset]], record: Record, name: str) -> render.Drawing:
-    return render.drawn(name, cases[name], metadata(record))
 
 
 def _is_own(contents: bytes) -> bool:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from brownpipe.figures import health
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.summary import QUESTION, TESTS, answer
-from brownpipe.figures.tables import label_of
-from brownpipe.report.page import Table, figure, table
+from brownpipe.report.page import figure, table
 from brownpipe.report.page import page as whole_page
 
 if TYPE_CHECKING:
@@ -36,7 +34,6 @@ def page(dataset: Dataset, drawings: Iterable[Drawing], record: Record) -> bytes
         legend=found.legend,
         figures=[one for one in figures if one["name"] != "health"],
         of_runs=[one for one in figures if one["name"] == "health"],
-        runs=_runs(cases),
     )
 
 
@@ -46,16 +43,3 @@ def _lead(cases: Sequence[Dataset]) -> str:
     counts = dict.fromkeys(str(case.particles.item()) for case in cases)
     runs = sum(int(case.runs) for case in cases)
     return f"{', '.join(scenes)}; N = {', '.join(counts)}; {runs:,} run{'' if runs == 1 else 's'}"
-
-
-def _runs(cases: Sequence[Dataset]) -> Table:
-    """Return the numbers of runs of each case, and the greatest deviation of any."""
-    measures = (f"{label}, expected below {bound:g}" for label, bound in health.MEASURES.values())
-    rows = [("scene", "N", "engine", "runs", "failed", *measures)]
-    for case in cases:
-        sizes = [health.sizes_of(case, name) for name in health.MEASURES]
-        counts = (f"{case[name].item():g}" for name in ("runs", "failed_runs"))
-        label = map(str, label_of(case).values())
-        rows.append((*label, *counts, *(f"{of.max():.2g}" if of.size else "-" for of in sizes)))
-    columns = [column for column in zip(*rows, strict=True) if column[0] != "engine" or len({*column[1:]}) > 1]
-    return table(columns, "Largest value of any run", grouped=True)

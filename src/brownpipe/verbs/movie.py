@@ -22,7 +22,7 @@ def add_arguments(add: Callable) -> None:
     add("--to", choices=KINDS, metavar="KIND", help="gif, mp4, png or html (default: that of the output, or gif)")
     add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: name of the file, in this folder)")
     add("--frames", type=typed(AtLeastOne), metavar="COUNT", help="samples to show (default: all)")
-    add("--fps", type=typed(Positive), help="frames a second (default: 25); of a .gif at most 50")
+    add("--fps", type=typed(Positive), help="frames a second (default: 25); of a .gif at most 50, in steps of 0.01 s")
 
 
 def movie(arguments: Namespace) -> int:
@@ -35,6 +35,7 @@ def movie(arguments: Namespace) -> int:
     from brownpipe.figures.movie import SUFFIXES, samples_shown
     from brownpipe.figures.movie import movie as moving
     from brownpipe.figures.origin import movie_record
+    from brownpipe.figures.snapshot import whole_run
     from brownpipe.storage import read_trajectories, write_file
 
     suffixes = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
@@ -43,19 +44,20 @@ def movie(arguments: Namespace) -> int:
     kind = suffix(output)
     if kind in PAGE:
         return _replay(arguments, output)
-    trajectories, fps = read_trajectories(arguments.file), arguments.fps or FPS
+    trajectories, frames, fps = read_trajectories(arguments.file), arguments.frames, arguments.fps or FPS
     with progress.shown("movie"):
-        record = movie_record(trajectories, arguments.file, arguments.seed, arguments.frames, fps)
-        contents = moving(trajectories, arguments.file, kind, arguments.seed, arguments.frames, fps, record)
+        run = whole_run(trajectories, arguments.file, arguments.seed)
+        record = movie_record(trajectories, "all", run.seed, frames=frames, fps=fps)
+        contents = moving(run, kind, record, frames, fps)
     write_file(output, contents)
-    count = len(samples_shown(len(trajectories.ensemble.times), arguments.frames)) if kind != ".png" else 1
+    count = len(samples_shown(len(run.times), frames)) if kind != ".png" else 1
     show(f"{output}: {counted(count, 'frame')}, {in_bytes(len(contents))}")
     return DONE
 
 
 def _replay(arguments: Namespace, output: str) -> int:
     """Write the page that replays a run."""
-    from brownpipe.figures.origin import movie_record, recorded_page
+    from brownpipe.figures.origin import movie_record
     from brownpipe.figures.replay import RECORD, is_whole, replay_of, replay_page
     from brownpipe.storage import read_trajectories, write_file
 
@@ -64,10 +66,9 @@ def _replay(arguments: Namespace, output: str) -> int:
             raise RequestError(f"--{option}: must not be given for a page, which has every collision instead of frames")
     trajectories = read_trajectories(arguments.file)
     replay = replay_of(trajectories, arguments.file, arguments.seed)
-    record = movie_record(trajectories, arguments.file, replay.seed, recorded=RECORD)
-    contents = recorded_page(replay_page(replay), record)
+    contents = replay_page(replay, movie_record(trajectories, RECORD, replay.seed))
     write_file(output, contents)
-    shown = counted(len(replay.flight.time), "collision")
+    shown = counted(len(replay.time), "collision")
     part = "" if is_whole(replay) else f" of {replay.collisions:,}, up to time {replay.end:.3g}"
     show(f"{output}: {shown}{part}, {in_bytes(len(contents))}")
     return DONE
