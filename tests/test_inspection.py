@@ -18,7 +18,7 @@ from brownpipe.figures.tradeoff import summary as tradeoff_summary
 from brownpipe.inspection import reproduction, results
 from brownpipe.provenance import ANALYSIS_PACKAGES, PACKAGES, versions
 from brownpipe.scene import read_scene
-from brownpipe.storage import layout, trajectories
+from brownpipe.storage import trajectories
 from ensembles import make_runs, make_scene, write
 
 pytestmark = pytest.mark.slow
@@ -187,7 +187,7 @@ def test_a_trade_off_has_its_own_table(tmp_path):
     assert re.search(r"^source       \w{12}, that of this installation$", text, re.MULTILINE)
 
 
-# -- the scene, and the commands that a file names --------------------------------------------------------------------
+# -- the scene, and the command that a file names ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -199,12 +199,10 @@ def test_the_scene_of_a_file_is_printed_as_a_scene_file(name, folder, capsys):
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_the_commands_in_a_file_work_with_that_file_alone(name, folder, capsys):
+def test_the_command_in_a_file_works_with_that_file_alone(name, folder, capsys):
     path = folder / f"{name}.h5"
-    rerun = storage.read_trajectories(path).header["rerun"].replace("FILE", str(path))
-    simulate, scene, compare = (shlex.split(command)[1:] for command in re.findall(r"`([^`]*)`", rerun))
-    assert (scene, compare) == (["inspect", str(path), "--scene"], ["inspect", str(path), "--reproduce"])
-    Path(simulate[1]).write_text(said(capsys, *scene[1:])[1])
+    simulate = shlex.split(storage.read_trajectories(path).header["command"])[1:]
+    Path(simulate[1]).write_text(said(capsys, path, "--scene")[1])
     assert main([*simulate, "--output", "again.h5"]) == DONE
     assert Path("again.h5").read_bytes() == path.read_bytes()
 
@@ -282,7 +280,7 @@ def test_only_the_run_asked_for_is_compared(folder, capsys):
 
 def test_another_source_is_said_before_the_runs_begin(folder, capsys, monkeypatch):
     monkeypatch.setattr(trajectories, "source_digest", lambda *_: "f00d" * 16)
-    monkeypatch.setattr(layout, "versions", lambda: versions() | {"numba_version": "0.1"})
+    monkeypatch.setattr(trajectories, "versions", lambda: versions() | {"numba_version": "0.1"})
     path = changed(folder / "nothing.h5", lambda _: None)
 
     def simulate(*_, **__):

@@ -151,7 +151,8 @@ def _axes(case: Case, averages: Averages) -> dict[str, tuple]:
     made = [counts for name, counts in DENSITIES.items() if name in averages]
     made += ["species_energy"] if "species_energy" in averages else []
     along = {dim: values for name in made for dim, values in observables.axes(case.scene, name).items()}
-    return {dim: (dim, values) for dim, values in along.items() if dim != "time"}
+    names = {dim: dim.removesuffix("_bin") for dim in along}
+    return {names[dim]: (names[dim], values) for dim, values in along.items() if dim != "time"}
 
 
 SPECIES = (*EACH, "species")

@@ -17,7 +17,7 @@ from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage import Trajectories
-from brownpipe.storage.layout import MEANING
+from brownpipe.storage.layout import described
 
 HEALTH = {  # observable: name of its largest absolute value in the report
     "energy_drift": "worst energy drift",
@@ -164,7 +164,7 @@ def _numbers(observables: dict[str, np.ndarray], column: int) -> Iterator[str]:
     yield "numbers of this run"
     for name, values in observables.items():
         if name not in ARRAYS and name != "failed":
-            units, long_name = MEANING.get(name, ("1", ""))
+            units, long_name = described(name).values()
             yield f"  {name:<20} {values[column]:12.6g} {units:<16} {long_name}".rstrip()
 
 

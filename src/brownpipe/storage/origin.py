@@ -17,8 +17,7 @@ import numpy as np
 
 from brownpipe.provenance import NAME, PACKAGE
 from brownpipe.scene.seeds import seed_text
-from brownpipe.storage.rerun import simulate_command
-from brownpipe.storage.trajectories import Outline
+from brownpipe.storage.trajectories import Outline, simulate_command
 
 MOST_SCENE_TEXT = 100_000  # characters; a longer scene, of thousands of listed disks, is in the trajectory files only
 LONGEST_GIT = 10.0  # seconds
@@ -45,7 +44,7 @@ def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str
     scene, engine, record = outline.scene, outline.engine, record or ("tracer" if outline.tracer else "none")
     options = {"record": record, "observables": ",".join(outline.observables or ()), "average": outline.average}
     return {
-        "command": simulate_command(scene, engine, seeds, options),
+        "command": simulate_command(outline, seeds, record),
         "scene_name": scene.name,
         "scene_digest": scene.digest,
         "scene": json.loads(scene.text) if len(scene.text) <= MOST_SCENE_TEXT else None,
