@@ -14,7 +14,7 @@ from brownpipe.scene import scene_yaml
 from brownpipe.storage import Trajectories
 from brownpipe.storage.datasets import dataset_in
 from brownpipe.storage.files import naming, read_sealed
-from brownpipe.storage.trajectories import is_trajectories, trajectories_in
+from brownpipe.storage.trajectories import trajectories_in
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -64,4 +64,7 @@ def read_contents(path: str | Path) -> "Trajectories | Dataset":
     """Return the contents of a file of either kind; the file is read once."""
     with naming(path, "aggregate" if Path(path).suffix == ".nc" else "simulate"):
         image = read_sealed(path)
-        return trajectories_in(image) if is_trajectories(image) else dataset_in(image)
+        try:
+            return trajectories_in(image)
+        except WrongFileError:
+            return dataset_in(image)

@@ -76,12 +76,9 @@ def _commit(package: Path) -> str | None:
     command = ["git", "--no-optional-locks", "-C", str(checkout), "status", "--porcelain=v2", "--branch", "--", "src"]
     env = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     try:
-        done = subprocess.run(command, env=env, timeout=LONGEST_GIT, stdin=subprocess.DEVNULL, capture_output=True)
-    except (FileNotFoundError, PermissionError, subprocess.SubprocessError):  # others, as too many open files, are told
+        done = subprocess.run(command, env=env, timeout=LONGEST_GIT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.SubprocessError):
         return None
-    said = done.stdout.decode(errors="replace")
-    commit = COMMIT.search(said)
-    if done.returncode or commit is None:
-        return None
-    modified = any(not line.startswith("#") for line in said.splitlines())
-    return f"{commit[1]}, modified" if modified else commit[1]
+    commit = COMMIT.search(done.stdout)
+    changes = [line for line in done.stdout.splitlines() if not line.startswith("#")]
+    return commit[1] + (", modified" if changes else "") if commit else None

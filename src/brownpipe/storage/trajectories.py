@@ -123,25 +123,26 @@ def _to_bytes(groups: Groups, attributes: dict) -> bytes:
 def _write_variable(group: h5py.Group, name: str, values: np.ndarray) -> None:
     """Write a variable with units, meaning and the scales of its dimensions, which are in the group or in the root."""
     kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
-    filters = _filters(values) if values.nbytes > SMALL and values.dtype.kind in "iuf" else {}
+    dims = dims_of(group.name, name)
+    filters = _filters(dims, values) if values.nbytes > SMALL and values.dtype.kind in "iuf" else {}
     dataset = group.create_dataset(name, data=values.astype(kind, copy=False), **filters)
     dataset.attrs.update(described(name))
     if name in SCALES:
         dataset.make_scale(name)
         return
-    for axis, dim in enumerate(dims_of(group.name, name)):
+    for axis, dim in enumerate(dims):
         if dim not in group and dim not in group.file:  # collisions have no coordinates
             group.create_dataset(dim, values.shape[axis : axis + 1], ">f4").make_scale(NO_COORDINATES)
         dataset.dims[axis].attach_scale(group[dim] if dim in group else group.file[dim])
 
 
-def _filters(values: np.ndarray) -> dict:
-    """Return the options of h5py for compression, in chunks of whole last axes as far as CHUNK_BYTES reach."""
-    chunks, items = [1] * values.ndim, CHUNK_BYTES // values.itemsize
-    for axis in reversed(range(values.ndim)):
-        chunks[axis] = max(1, min(values.shape[axis], items))
-        items //= chunks[axis]
-    return {"chunks": tuple(chunks), "compression": "gzip", "compression_opts": 4, "shuffle": True}
+def _filters(dims: tuple[str, ...], values: np.ndarray) -> dict:
+    """Return the options of h5py for compression: in a chunk as much of a run as CHUNK_BYTES hold, then more runs."""
+    chunks, items = dict.fromkeys(dims, 1), CHUNK_BYTES // values.itemsize
+    for dim, size in sorted(zip(dims[::-1], values.shape[::-1], strict=True), key=lambda pair: pair[0] == "seed"):
+        chunks[dim] = max(1, min(size, items))
+        items //= chunks[dim]
+    return {"chunks": tuple(chunks.values()), "compression": "gzip", "compression_opts": 4, "shuffle": True}
 
 
 def read_trajectories(path: str | Path) -> Trajectories:
@@ -163,12 +164,6 @@ def trajectories_in(image: bytes) -> Trajectories:
         }
     ensemble = ensemble_of(scene, groups, header["average"])
     return Trajectories(scene, engine, ensemble, header["source_digest"], header)
-
-
-def is_trajectories(image: bytes) -> bool:
-    """Whether the bytes of an HDF5 file are those of a trajectory file."""
-    with h5py.File.in_memory(image) as file:
-        return "runs_digest" in file.attrs
 
 
 def read_outline(path: str | Path) -> Outline:

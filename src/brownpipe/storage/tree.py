@@ -28,8 +28,8 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     return xarray.DataTree.from_dict(nodes, name=scene.name)
 
 
-def from_tree(tree: "DataTree", with_events: bool = True) -> Trajectories:
-    """Return the runs of a tree that `to_tree` made, or of a selection of its seeds; without events if so asked.
+def from_tree(tree: "DataTree") -> Trajectories:
+    """Return the runs of a tree that `to_tree` made, or of a selection of its seeds.
 
     Variables that others have added are left out. Raises RequestError for any other tree.
     """
@@ -48,7 +48,7 @@ def from_tree(tree: "DataTree", with_events: bool = True) -> Trajectories:
                 if name in names
             }
             for path, names in _own_names(tree).items()
-            if path in tree.groups and (with_events or path != "/events")
+            if path in tree.groups
         }
         ensemble = ensemble_of(scene, groups, tree.attrs["average"])
         return Trajectories(scene, engine, ensemble, tree.attrs["source_digest"])
@@ -64,7 +64,7 @@ def refuse_foreign(tree: "DataTree") -> None:
     foreign = [
         f"{node.path}/{name}".lstrip("/")
         for node in tree.subtree
-        for name in ([*node.data_vars] if node.path in own else [""])
+        for name in node.data_vars
         if name not in own.get(node.path, ())
     ]
     if foreign:
