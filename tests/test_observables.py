@@ -620,7 +620,7 @@ equilibrate: {time: 1.0, tracer: free}
     "options",
     [
         ["--record", "none", "--observables", ",".join(reversed(ALL)), "--average", "origins"],
-        ["--record", "all,events", "--observables", "species_energy"],
+        ["--record", "events", "--observables", "species_energy"],
         ["--observables", "square_displacement,pair_distribution"],
     ],
 )
