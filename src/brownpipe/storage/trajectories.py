@@ -109,13 +109,13 @@ def write_trajectories(
 
 
 def _to_bytes(groups: Groups, attributes: dict) -> bytes:
-    """Return the bytes of an HDF5 file of these groups, without time stamps: the same groups give the same bytes."""
+    """Return the bytes of an HDF5 file of these groups, which are emptied. The same groups give the same bytes."""
     with h5py.File.in_memory(block_size=2**20) as file:
         file.attrs.update(attributes)
         for path, variables in groups.items():
             group = file.require_group(path)
             for name in sorted(variables, key=lambda name: (name not in SCALES, name)):
-                _write_variable(group, name, variables[name])
+                _write_variable(group, name, variables.pop(name))  # whole runs are copies: one variable at a time
         file.flush()
         return file.id.get_file_image()
 
