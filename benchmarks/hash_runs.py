@@ -5,10 +5,10 @@
     python benchmarks/hash_runs.py --quick                 three scenes
 
 Each scene is run by `brownpipe simulate` with every engine and its settings; some of the files are then given to
-`brownpipe aggregate`. Of each file all datasets of trajectories, collisions and observables are hashed: path, shape,
-type and bytes. Attributes and /parameters (the scene's text, versions, digests) are left out. Where an engine refuses a
-scene, the exit status is all there is to compare. This script uses the command line and h5py alone, so that it works
-with any arrangement of the modules. Compare hashes of one set of packages only; the processor does not matter.
+`brownpipe aggregate`. Of each file all arrays of trajectories, collisions and observables are hashed: name, shape, type
+and bytes. Attributes (the scene's text, versions, digests) are left out. Where an engine refuses a scene, the exit
+status is all there is to compare. This script uses the command line and h5py alone, so that it works with any
+arrangement of the modules. Compare hashes of one set of packages only; the processor does not matter.
 """
 
 import argparse
@@ -17,6 +17,7 @@ import io
 import json
 import math
 import os
+import re
 import sys
 import tempfile
 import time
@@ -38,7 +39,13 @@ RECORDS = {"exact": "all,events", "timestep": "all", "langevin": "tracer"}  # as
 ALL = ",".join(observables.OBSERVABLES)
 DONE, FAILED, WRONG = 0, 1, 2  # exit status of the command line
 STATUS = "exit status"  # stands among the datasets of a file
-HASHED = ("particles", "observables")  # groups of a trajectory file
+H5MD = (  # paths in it: names in a tree
+    (r"particles/tracer/(position|image)/value", r"\1"),
+    (r"particles/(seed_\d+)/(position|velocity|image)/value", r"\1/\2"),
+    (r"observables/run/(\w+)", r"\1"),
+    (r"observables/events/(seed_\d+)/(a|b|impulse)$", r"\1/\2"),
+    (r"observables/events/(seed_\d+)/time", r"\1/event_time"),
+)
 DIMENSIONS = {  # of the keys of a scene: exponents of length, mass and time
     **dict.fromkeys(("x", "y", "radius", "position"), (1, 0, 0)),
     **dict.fromkeys(("duration", "sample_interval", "time", "first"), (0, 0, 1)),
@@ -207,29 +214,41 @@ QUICK = ("walls_pinned_tracer", "explicit_periodic", "aggregated_logarithmic")
 # -- hashes ---------------------------------------------------------------------------------------------------------
 
 
-def hashes_of(path, groups=None):
-    """{path of a dataset: hash of its contents} of an HDF5 file, of all groups by default."""
+def hashes_of(path):
+    """{name of an array: hash} of a trajectory file or dataset; coordinates of trajectory files are left out."""
     with h5py.File(path) as file:
-        found = {}
-        for name in groups or file:
-            if name in file:
-                walk(file[name], name, found)
+        return {name: hash_of(item) for name, item in arrays_of(file).items()}
+
+
+def arrays_of(file):
+    """{name: array} of a file; the same names of a tree and of the layout before it, H5MD."""
+    found = {}
+    file.visititems(lambda path, item: found.update({path: item}) if isinstance(item, h5py.Dataset) else None)
+    if "h5md" in file:
+        pairs = [
+            (re.sub(old, new, path), item) for path, item in found.items() for old, new in H5MD if re.match(old, path)
+        ]
+        return {name: item for name, item in pairs if name.endswith("event_time") or not item.is_scale}
+    if "runs_digest" not in file.attrs:
         return found
+    whole = [path for path in found if path.startswith("disks/") and found[path].ndim == 4]
+    events = [
+        path for path in found if path.startswith("events/") and path not in ("events/event", "events/event_seed")
+    ]
+    stopped = file["stopped"].asstr()[()] if "stopped" in file else [""] * len(file["seed"])
+    arrays = {path: item for path, item in found.items() if "/" not in path and not item.is_scale}
+    for column, seed in enumerate(file["seed"][()]):
+        if not stopped[column]:
+            own = file["events/event_seed"][()] == seed if events else []
+            arrays |= {path.replace("disks", f"seed_{seed:05d}"): found[path][:, column] for path in whole}
+            arrays |= {path.replace("events", f"seed_{seed:05d}"): found[path][()][own] for path in events}
+    return arrays
 
 
-def walk(item, path, found):
-    """Enter the hashes of a dataset, or of all datasets in a group, under every name that they have."""
-    if isinstance(item, h5py.Group):
-        for name in item:
-            walk(item[name], f"{path}/{name}", found)
-    else:
-        found[path] = hash_of(item)
-
-
-def hash_of(dataset):
-    """Hash of shape, type and values."""
-    text = h5py.check_string_dtype(dataset.dtype) is not None
-    array = np.asarray(dataset.asstr()[()] if text else dataset[()])
+def hash_of(item):
+    """Hash of shape, type and values of an array or dataset."""
+    text = h5py.check_string_dtype(item.dtype) is not None
+    array = np.asarray(item.asstr()[()] if text else item[()])
     kind = "text" if text else array.dtype.str
     values = json.dumps(array.tolist()).encode() if text else array.tobytes()
     return hashlib.sha256(json.dumps([kind, array.shape]).encode() + values).hexdigest()
@@ -272,7 +291,7 @@ def runs_of(name, case, folder):
         status, messages = call(["simulate", str(scene), *words_of(case, engine), "--output", str(output)])
         if status not in (DONE, FAILED, WRONG) or (engine == "exact" and status != DONE):
             sys.exit(f"{name}, {engine}: exit status {status}\n{messages}")
-        found = hashes_of(output, HASHED) if output.exists() else {}
+        found = hashes_of(output) if output.exists() else {}
         files += [output] if output.exists() else []
         yield f"{name}, {engine.replace('--', '')}", {STATUS: status} | found
     if case.aggregated:

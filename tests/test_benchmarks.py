@@ -55,27 +55,46 @@ def hash_runs():
 
 
 def hashes(hash_runs, path, **datasets):
-    """Hashes of a file with these datasets in a group, and with what is not hashed."""
+    """Hashes of a trajectory file with these variables, and with what is not hashed."""
     with h5py.File(path, "w") as file:
-        for name, value in datasets.items():
-            file[f"particles/{name}"] = value
-            file[f"particles/{name}"].attrs["made"] = str(path)
-        file["particles/link"] = file[f"particles/{name}"]
-        file["parameters/scene"] = str(path)
-    return hash_runs["hashes_of"](path, hash_runs["HASHED"])
+        file.attrs["runs_digest"] = str(path)
+        for name, value in {"seed": [0], "stopped": np.array([""], h5py.string_dtype()), **datasets}.items():
+            file[name] = value
+            file[name].attrs["made"] = str(path)
+        file["seed"].make_scale("seed")
+    return hash_runs["hashes_of"](path)
 
 
 def test_hashes_are_of_values_types_and_shapes_alone(hash_runs, tmp_path):
     values = np.array([[0.0, 1.0], [2.0, np.nan]])
-    first = hashes(hash_runs, tmp_path / "first.h5", id=values, position=values)
-    assert first == hashes(hash_runs, tmp_path / "second.h5", id=values, position=values)
-    assert first.keys() == {"particles/id", "particles/position", "particles/link"}
+    first = hashes(hash_runs, tmp_path / "first.h5", image=values, position=values)
+    assert first == hashes(hash_runs, tmp_path / "second.h5", image=values, position=values)
+    assert first.keys() == {"image", "position", "stopped"}
     others = [np.nextafter(values, 3.0), values.astype(np.float32), values.ravel(), np.where(values == 0, -0.0, values)]
     others += [np.array(["0", "1"], h5py.string_dtype()), np.array(["0", "2"], h5py.string_dtype())]
-    found = [hashes(hash_runs, tmp_path / "other.h5", id=values, position=other) for other in others]
-    assert len({one["particles/position"] for one in (first, *found)}) == 1 + len(others)
-    assert all(one["particles/position"] == one["particles/link"] for one in found)
-    assert {one["particles/id"] for one in found} == {first["particles/id"]}
+    found = [hashes(hash_runs, tmp_path / "other.h5", image=values, position=other) for other in others]
+    assert len({one["position"] for one in (first, *found)}) == 1 + len(others)
+    assert {one["image"] for one in found} == {first["image"]}
+
+
+def test_hashes_of_whole_runs_are_those_of_the_layout_before(hash_runs, tmp_path):
+    position, time, a = np.arange(24.0).reshape(3, 2, 2, 2), np.arange(5.0), np.arange(5)
+    with h5py.File(tmp_path / "tree.h5", "w") as file:
+        file.attrs["runs_digest"] = ""
+        tree = {"seed": [3, 7], "failed": [0, 0], "disks/position": position, "events/event_seed": [3, 3, 7, 7, 7]}
+        for name, value in (tree | {"events/event_time": time, "events/a": a}).items():
+            file[name] = value
+        file["seed"].make_scale("seed")
+    with h5py.File(tmp_path / "before.h5", "w") as file:
+        for path, value in {"h5md/creator": 0, "observables/run/failed": [0, 0], "particles/seed_00003/id": a}.items():
+            file[path] = value
+        for column, (seed, own) in enumerate({3: slice(2), 7: slice(2, None)}.items()):
+            file[f"particles/seed_{seed:05d}/position/value"] = position[:, column]
+            file[f"observables/events/seed_{seed:05d}/a"] = a[own]
+            file[f"observables/events/seed_{seed:05d}/time"] = time[own]
+            file[f"observables/events/seed_{seed:05d}/time"].make_scale("time")
+    found = [hash_runs["hashes_of"](tmp_path / name) for name in ("tree.h5", "before.h5")]
+    assert found[0] == found[1] and len(found[0]) == 7
 
 
 def test_a_comparison_names_each_dataset_that_differs(hash_runs):

@@ -168,15 +168,12 @@ def test_the_table_of_study_keys_has_the_defaults_of_the_reader():
 @pytest.mark.slow
 def test_the_reference_has_all_that_is_in_files():
     rows = "".join(re.findall(r"^\| .*\n", reference.files(), re.MULTILINE))
-    named = set(re.findall(r"`([\w/]+)`", rows))
-    written = {part for path in named for part in path.split("/")}
-    assert MEANING.keys() - written == set()
-    assert ARRAYS.keys() - written == set()
+    named = set(re.findall(r"`(\w+)`", rows))
+    assert MEANING.keys() | ARRAYS.keys() <= named
     for name in (*ALL_VARIABLES, *TRADEOFF_VARIABLES):
         base = next((name.removesuffix(end) for end in reference.ENDINGS if name.endswith(end)), name)
         assert name in named or base in named, name
     assert ALL_COORDINATES.keys() <= named
-    assert {"source_digest", "rerun"} <= named  # attributes
 
 
 # -- the gallery ----------------------------------------------------------------------------------------------------

@@ -87,7 +87,7 @@ def test_gas_is_as_theory_has_it(dataset):
 
 
 def test_densities_and_energies(dataset):
-    for name, along, width in (("velocity_density", "velocity", 0.1), ("speed_density", "speed", 0.1)):
+    for name, along, width in (("velocity_density", "velocity_bin", 0.1), ("speed_density", "speed_bin", 0.1)):
         sums = (dataset[name].sum(along, min_count=1) * width).values
         assert sums[np.isfinite(sums)] == pytest.approx(np.ones(3))
     energy = dataset.species_energy.sel(scene="periodic", species="gas", particles=16).squeeze()

@@ -290,7 +290,7 @@ def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(capsys, crowd
     _, out, _ = said(capsys, "inspect", "a.h5")
     assert "2 failed runs (seeds 0,2); 2 could not go on, seed 0: disks: only " in out and "nan" not in out
     _, out, _ = said(capsys, "inspect", "a.h5", "--seed", 2)
-    assert "FAILED, left out of every average: it could not go on: disks: only" in out and "nan" not in out
+    assert "1 failed run (seed 2); 1 could not go on, seed 2: disks: only" in out and "nan" not in out
     for words in (["movie"], ["export", "--to", "xyz"], ["export", "--to", "csv"]):
         status, _, err = said(capsys, words[0], "a.h5", *words[1:], "--seed", 2)
         assert status == WRONG_REQUEST and err.startswith("brownpipe: a.h5: seed 2: its run could not go on: disks: ")

@@ -10,15 +10,18 @@ import numpy as np
 import pytest
 import xarray
 
+import brownpipe
 from brownpipe import inspection, provenance, storage
 from brownpipe.engines import Engine, configured
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import StorageError
 from brownpipe.scene import parse_scene
-from brownpipe.storage import files, hdf5, layout
+from brownpipe.storage import files, trajectories
 
 COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
 ENSKOG = (("friction", "enskog"),)
+SEEDS = (0, 1, 2, 7)
+EVERYTHING = {"whole": SEEDS, "events": ((0, 12), (1, 3), (2, 0), (7, 1))}
 ERRORS = ("energy_drift", "worst_overlap", "momentum_residual")
 
 
@@ -36,7 +39,7 @@ def make_scene(particles=5, boundary="reflecting"):
     return parse_scene(mapping, "a.scene.yaml")
 
 
-def make_ensemble(scene, seeds=(0, 1, 2, 7), whole=(), events=()):
+def make_ensemble(scene, seeds=SEEDS, whole=(), events=()):
     """Records of the right shapes with random numbers in them."""
     rng, samples = np.random.default_rng(1), len(scene.times)
 
@@ -76,9 +79,9 @@ def make_dataset():
 
 CASES = {
     "tracer": (make_scene(), {}),
-    "whole runs and events": (make_scene(), {"whole": (7, 1), "events": ((0, 12), (2, 0))}),
-    "periodic": (make_scene(boundary="periodic"), {"whole": (2,)}),
-    "no disks": (make_scene(0), {"whole": (0,), "events": ((0, 0),)}),
+    "whole runs and events": (make_scene(), EVERYTHING),
+    "periodic": (make_scene(boundary="periodic"), {"whole": SEEDS}),
+    "no disks": (make_scene(0), {"whole": SEEDS, "events": [(seed, 0) for seed in SEEDS]}),
     "one seed": (make_scene(), {"seeds": (123456,), "whole": (123456,)}),
 }
 
@@ -93,7 +96,7 @@ def case(request):
 def full(tmp_path):
     """A file with everything in it."""
     scene, path = make_scene(boundary="periodic"), tmp_path / "full.h5"
-    storage.write_trajectories(path, scene, Engine("exact"), make_ensemble(scene, whole=(1,), events=((0, 9),)))
+    storage.write_trajectories(path, scene, Engine("exact"), make_ensemble(scene, **EVERYTHING))
     return path
 
 
@@ -142,54 +145,33 @@ def test_an_engine_of_another_version(tmp_path):
         assert "not of this one: cell_side: unknown key" in refusal(read, path)
 
 
-def test_every_dataset_is_filtered_and_explained(case, tmp_path):
+def test_every_variable_has_units_a_meaning_and_dimensions(case, tmp_path):
     storage.write_trajectories(tmp_path / "runs.h5", case[0], Engine("exact"), case[1])
-    seen = []
-
-    def look(name, item):
-        if isinstance(item, h5py.Dataset):
-            seen.append(name)
-            assert item.attrs["units"] and item.attrs["long_name"]
-            if item.ndim and item.size and item.dtype.kind in "iuf":
-                assert (item.compression, item.compression_opts) == ("gzip", 4)
-                assert item.shuffle
-
     with h5py.File(tmp_path / "runs.h5") as file:
-        file.visititems(look)
-        assert list(file["h5md"].attrs["version"]) == [1, 1]
-        for group in file["particles"].values():
-            assert group["box"].attrs["dimension"] == 2
-            assert len(group["box"].attrs["boundary"]) == len(group["box/edges"]) == 2
-            for element in group.keys() & {"position", "velocity", "image"}:
-                assert group[element].keys() >= {"step", "time", "value"}
-    assert len(seen) > 10
+        items = [item for name in ("/", *file) for item in ([file[name]] if name != "/" else [])]
+        items += [item for item in items if isinstance(item, h5py.Group) for item in item.values()]
+        variables = [item for item in items if isinstance(item, h5py.Dataset) and not item.name.endswith("/event")]
+        for item in variables:
+            assert item.attrs["units"] and item.attrs["long_name"]
+            assert item.is_scale or all(len(dim) == 1 for dim in item.dims), item
+            assert item.nbytes <= trajectories.SMALL or (item.compression, item.compression_opts) == ("gzip", 4)
+        assert len(variables) > 10
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("engine", ["h5netcdf", None])
-def test_xarray_names_dimensions(engine, full):
-    written = storage.read_trajectories(full).ensemble
-    expected = {
-        "particles/tracer/position": ("time", "seed", "component"),
-        "particles/tracer/image": ("time", "seed", "component"),
-        "particles/seed_00001/velocity": ("time", "disk", "component"),
-    }
-    for group, dims in expected.items():
-        with xarray.open_dataset(full, group=group, engine=engine) as found:
-            assert found["value"].dims == dims and set(found.coords) == set(dims)
-            assert np.array_equal(found["time"], written.times)
-            assert list(found["component"].values) == ["x", "y"]
-    with xarray.open_dataset(full, group="particles/tracer/position", engine=engine) as found:
-        assert np.array_equal(found["value"].sel(seed=7), written.tracer.position[:, 3])
-    with xarray.open_dataset(full, group="observables/run", engine=engine) as found:
-        assert int(found["pair_collisions"].sel(seed=2)) == written.observables["pair_collisions"][2]
-    with xarray.open_dataset(full, group="observables/events/seed_00000", engine=engine) as found:
-        assert found["impulse"].dims == ("time", "component")
-
-
-def test_chunks_span_all_times_of_the_tracers():
-    assert hdf5._chunks((101, 600, 2), 8, layout.TIME_FIRST) == (101, 162, 2)
-    assert hdf5._chunks((101, 100_000, 2), 8, (2, 1, 0)) == (1, 16384, 2)
+def test_xarray_shows_the_tree_of_brownpipe(engine, full):
+    runs = brownpipe.open(full)
+    with xarray.open_datatree(full, engine=engine) as found:
+        assert found.equals(runs) and dict(found.attrs) == runs.attrs
+        for node in runs.subtree:
+            shown = found[node.path].to_dataset()
+            for name, variable in node.to_dataset().variables.items():
+                assert (shown[name].dims, shown[name].attrs) == (variable.dims, variable.attrs)
+    assert runs.image.dims == ("time", "seed", "component")
+    assert runs.disks.velocity.dims == ("time", "seed", "disk", "component")
+    assert runs.events.impulse.dims == ("event", "component")
+    assert np.array_equal(runs.position.sel(seed=7), storage.read_trajectories(full).ensemble.tracer.position[:, 3])
 
 
 # -- datasets -------------------------------------------------------------------------------------------------------
@@ -237,7 +219,7 @@ sys.path[:0] = sys.argv[1:3]
 from test_storage import *
 time.sleep(1.1)  # a time stamp in seconds would show
 scene = make_scene()
-storage.write_trajectories("a/runs.h5", scene, Engine("exact"), make_ensemble(scene, whole=(1,), events=((0, 9),)))
+storage.write_trajectories("a/runs.h5", scene, Engine("exact"), make_ensemble(scene, **EVERYTHING))
 storage.write_dataset("a/study.nc", make_dataset())
 """
 
@@ -246,7 +228,10 @@ storage.write_dataset("a/study.nc", make_dataset())
 def test_same_bytes_in_another_process_place_and_time_zone(tmp_path):
     scene = make_scene()
     storage.write_trajectories(
-        tmp_path / "runs.h5", scene, Engine("exact"), make_ensemble(scene, whole=(1,), events=((0, 9),))
+        tmp_path / "runs.h5",
+        scene,
+        Engine("exact"),
+        make_ensemble(scene, **EVERYTHING),
     )
     storage.write_dataset(tmp_path / "study.nc", make_dataset())
     other = {"TZ": "Asia/Tokyo", "LANG": "C", "LC_ALL": "C", "PYTHONHASHSEED": "7", "HOME": str(tmp_path)}
@@ -309,7 +294,7 @@ def test_a_damaged_file_names_the_cure(full):
 
 def test_an_edited_file_is_refused(full):
     with h5py.File(full, "r+") as file:
-        file["parameters"].attrs["engine"] = "other"
+        file.attrs["engine"] = "other"
     assert "damaged" in refusal(storage.read_trajectories, full)
 
 

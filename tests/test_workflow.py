@@ -147,7 +147,7 @@ def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_ot
 
 def tracers(path):
     with h5py.File(path) as file:
-        return file["particles/tracer/position/value"][()]
+        return file["position"][()]
 
 
 # -- what is made again: by content, not by times or Snakemake's records --------------------------------------------

@@ -9,8 +9,8 @@ from brownpipe.cli import build_parser
 from brownpipe.engines import configured
 from brownpipe.observables import ARRAYS, OBSERVABLES
 from brownpipe.scene import parse_scene
-from brownpipe.storage.hdf5 import Node, Nodes
-from brownpipe.storage.layout import MEANING, parameter_nodes, run_nodes
+from brownpipe.storage import Trajectories
+from brownpipe.storage.layout import MEANING, described, dims_of, groups_of
 from brownpipe.tradeoff import variables as tradeoff
 from brownpipe.verbs import VERBS
 from markdown_text import code, plain, table
@@ -28,10 +28,6 @@ EXAMPLE = {  # a scene whose runs have every array of observables but that of ru
     "sample_interval": 0.5,
 }
 SEED = 17
-GROUPS = (  # with datasets
-    *("particles/tracer", f"particles/seed_{SEED:05d}", "observables/run", f"observables/events/seed_{SEED:05d}"),
-    "parameters",
-)
 
 
 # -- the command line -----------------------------------------------------------------------------------------------
@@ -68,20 +64,19 @@ def _arguments(parser: argparse.ArgumentParser) -> str:
 # -- files ----------------------------------------------------------------------------------------------------------
 
 
-TRAJECTORIES = f"""\
+TRAJECTORIES = """\
 # Files
 
-What `brownpipe simulate` writes (HDF5), and what `brownpipe aggregate` and `brownpipe tradeoff` write (netCDF4). Units
-are the reduced units of the scene. [The guide](guide.md#what-is-in-the-files) shows how to read these files.
+What `brownpipe simulate`, `brownpipe aggregate` and `brownpipe tradeoff` write: netCDF4, which is HDF5. Units are the
+reduced units of the scene. [The guide](guide.md#what-is-in-the-files) shows how to read these files.
 
 ## Trajectory files
 
-The contents of the file of one run, of seed {SEED}, with everything recorded (`--record all,events`) and all
-observables. A file of S seeds has S entries along `seed`; if all disks are recorded, it has a group of them for each
-seed.
+The groups of a file with everything recorded (`--record all,events`) and all observables, as `xarray.open_datatree` and
+`brownpipe.open` show them.
 """
 OTHERS = """\
-### In observables/run of some files only
+### In the root of some files only
 
 What only other engines report, runs that could not go on, or runs between walls; `seed` is the first dimension.
 """
@@ -95,18 +90,18 @@ runs, `_low` and `_high` are the ends of the 95 % interval. A variable is in a d
 
 def files() -> str:
     """Return the page of the contents of trajectory files and datasets."""
-    nodes = example_nodes()
-    found = {path.rpartition("/")[2] for path in nodes}
-    known = MEANING | {name: (array.units, array.long_name) for name, array in ARRAYS.items()}
-    others = [(code(name), plain(units), plain(text)) for name, (units, text) in known.items() if name not in found]
+    runs = example_runs()
+    groups = groups_of(runs.scene, runs.ensemble)
+    found = {name for variables in groups.values() for name in variables}
+    others = [_row("/", name) for name in {**MEANING, **ARRAYS} if name not in found]
+    head = ("variable", "dimensions", "unit", "meaning")
     return "\n".join(
         [
             TRAJECTORIES,
-            *(_datasets(group, nodes) for group in GROUPS),
+            *(f"### {path}\n\n{table(head, [_row(path, name) for name in groups[path]])}" for path in groups),
             OTHERS,
-            table(("name", "unit", "meaning"), others),
-            "### Attributes of groups\n",
-            table(("group", "attributes"), _groups(nodes)),
+            table(head, others),
+            f"### Attributes\n\n{', '.join(map(code, runs.attributes))}\n",
             DATASETS,
             _variables(ALL_VARIABLES, ALL_COORDINATES),
             "## Trade-off datasets\n",
@@ -115,34 +110,17 @@ def files() -> str:
     )
 
 
-def example_nodes() -> Nodes:
-    """Return the nodes of the trajectory file of one run, with everything recorded and measured."""
+def example_runs() -> Trajectories:
+    """Return one run with everything recorded and measured."""
     scene, engine = parse_scene(EXAMPLE, "example.yaml"), configured("exact")
     record = frozenset({"tracer", "all", "events"})
     ensemble = engine.simulate(scene, [SEED], record, observables=tuple(OBSERVABLES), average="runs")
-    return run_nodes(scene, ensemble) | parameter_nodes(scene, engine, ensemble, "", "")
+    return Trajectories(scene, engine, ensemble)
 
 
-def _datasets(group: str, nodes: Nodes) -> str:
-    """Return the section of a group: a table of its datasets, those of groups in it included."""
-    own = {path: node for path, node in nodes.items() if isinstance(node, Node) and node.value is not None}
-    rows = [
-        (code(path.removeprefix(f"{group}/")), *map(plain, (", ".join(node.dims), *described(node))))
-        for path, node in own.items()
-        if path.startswith(f"{group}/")
-    ]
-    return f"### {group}\n\n{table(('dataset', 'dimensions', 'unit', 'meaning'), rows)}"
-
-
-def described(node: Node) -> tuple[str, str]:
-    """Return unit and meaning of a dataset."""
-    return node.attributes["units"], node.attributes["long_name"]
-
-
-def _groups(nodes: Nodes) -> list[tuple[str, ...]]:
-    """Return a row for each group of a file that has attributes."""
-    groups = {path: node for path, node in nodes.items() if isinstance(node, Node) and node.value is None}
-    return [(code(path), ", ".join(map(code, node.attributes))) for path, node in groups.items() if node.attributes]
+def _row(path: str, name: str) -> tuple[str, ...]:
+    """Return the row of a variable: name, dimensions, unit and meaning."""
+    return code(name), *map(plain, (", ".join(dims_of(path, name)), *described(name).values()))
 
 
 def _variables(variables: Mapping[str, Variable], coordinates: Mapping[str, Variable]) -> str:

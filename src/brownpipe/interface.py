@@ -161,7 +161,7 @@ def analyse(
     width, count = (given.dr, given.count) if given else (None, None)
     times = validated(tuple[Positive, ...], plain(displacement_times), key="displacement_times")
     with progress.shown("analyse", silent=quiet):
-        sources = [each if isinstance(each, str | Path) else from_tree(each, with_events=False) for each in several]
+        sources = [each if isinstance(each, str | Path) else from_tree(each) for each in several]
         return aggregate(sources, windows, width, count, times)
 
 

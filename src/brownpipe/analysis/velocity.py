@@ -174,7 +174,7 @@ VARIABLES = {
         EACH, "length^2/time^3", "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer"
     ),
     "species_energy": Mean((*TIME, "species"), "energy", "kinetic energy per disk; kT in equilibrium"),
-    "velocity_density": Mean((*SPECIES, "velocity"), "1", "probability density of the velocity components"),
-    "speed_density": Mean((*SPECIES, "speed"), "1", "probability density of the speeds"),
+    "velocity_density": Mean((*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"),
+    "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
 }
 ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

@@ -38,8 +38,8 @@ def _rayleigh(u: np.ndarray) -> np.ndarray:
 
 
 SHOWN = {
-    "velocity_density": Quantity("velocity", ndtr, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
-    "speed_density": Quantity("speed", _rayleigh, "speeds", "speed $|v|\\,/\\,\\sqrt{kT/m}$"),
+    "velocity_density": Quantity("velocity_bin", ndtr, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
+    "speed_density": Quantity("speed_bin", _rayleigh, "speeds", "speed $|v|\\,/\\,\\sqrt{kT/m}$"),
 }
 
 
@@ -118,5 +118,5 @@ def table(cases: list[Dataset]) -> DataFrame:
         frame = frame_of(cases, ("species", dim), [name]).set_axis(columns, axis="columns")
         centres = cases[0][dim].values
         maxwell = dict(zip(centres, _expected(centres, name)[1], strict=True))
-        frames.append(frame.assign(of=dim, maxwell=frame.value.map(maxwell)))
+        frames.append(frame.assign(of=dim.removesuffix("_bin"), maxwell=frame.value.map(maxwell)))
     return concat(frames)

@@ -14,7 +14,7 @@ from brownpipe.scene import scene_yaml
 from brownpipe.storage import Trajectories
 from brownpipe.storage.datasets import dataset_in
 from brownpipe.storage.files import naming, read_sealed
-from brownpipe.storage.trajectories import is_trajectories, trajectories_in
+from brownpipe.storage.trajectories import trajectories_in
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 OF_TRAJECTORIES, OF_DATASETS = "trajectory files (of `brownpipe simulate`)", "datasets (of `brownpipe aggregate`)"
 
 
-def report(path: str | Path) -> str:
-    """Return what a trajectory file or dataset contains, as lines of text.
+def report(path: str | Path, seed: int | None = None) -> str:
+    """Return what a trajectory file or dataset contains, as lines of text; of a `seed`, all about its run.
 
     Raises StorageError if the file is damaged, WrongFileError if it is of neither kind, FigureError for a dataset that
-    is not as it was made.
+    is not as it was made, RequestError, which names the seeds of the file, if this one is not among them.
     """
-    contents = read_contents(path)
+    contents = read_contents(path) if seed is None else runs.only(path, trajectories_of(path, "--seed"), seed)
     table: list[str] = []
     if isinstance(contents, Trajectories):
         lines = runs.describe_trajectories(path, contents)
@@ -36,14 +36,6 @@ def report(path: str | Path) -> str:
         lines, table = results.describe_dataset(contents), ["", *results.table(contents)]
     size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
     return in_lines([f"{path}  {size}", *lines, "intact       yes: every byte as it was written", *table])
-
-
-def report_run(path: str | Path, seed: int) -> str:
-    """Return all about the run of one seed in a trajectory file, as lines of text.
-
-    Raises RequestError, which names the seeds of the file, if this one is not among them; other errors as of `report`.
-    """
-    return in_lines(runs.describe_run(path, trajectories_of(path, "--seed"), seed))
 
 
 def variables(path: str | Path) -> str:
@@ -72,4 +64,7 @@ def read_contents(path: str | Path) -> "Trajectories | Dataset":
     """Return the contents of a file of either kind; the file is read once."""
     with naming(path, "aggregate" if Path(path).suffix == ".nc" else "simulate"):
         image = read_sealed(path)
-        return trajectories_in(image) if is_trajectories(image) else dataset_in(image)
+        try:
+            return trajectories_in(image)
+        except WrongFileError:
+            return dataset_in(image)

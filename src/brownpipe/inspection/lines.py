@@ -22,13 +22,10 @@ def worst(values: np.ndarray, seeds: np.ndarray) -> str:
 def provenance(attributes: Mapping[str, str], source_now: str) -> list[str]:
     """Return the versions and the digest of the source that made a file, and whether this installation has the same.
 
-    source_now: digest of this installation's source. Attributes without versions, of datasets of earlier versions, give
-    no lines.
+    source_now: digest of this installation's source.
     """
     names = [name for name in attributes if name.endswith("_version")]
     versions = [f"{name.removesuffix('_version')} {attributes[name]}" for name in names]
-    if not versions:
-        return []
     digest = attributes.get("source_digest", "unknown")
     source = f"{digest[:DIGITS]}, {'' if digest == source_now else 'not '}that of this installation"
-    return [f"written by   {', '.join(versions)}", f"source       {source}"]
+    return [f"written by   {', '.join(versions) or 'unknown'}", f"source       {source}"]

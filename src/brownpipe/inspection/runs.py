@@ -1,4 +1,4 @@
-"""The runs of a trajectory file in words: all of them together, or a single one."""
+"""The runs of a trajectory file in words."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
-from brownpipe.engines.failures import reason_of, stopped_in_words
+from brownpipe.engines.failures import stopped_in_words
 from brownpipe.engines.state import Ensemble
 from brownpipe.errors import RequestError
+from brownpipe.formatting import counted
 from brownpipe.inspection.lines import provenance, worst
 from brownpipe.observables import ARRAYS
 from brownpipe.observables.displacement import displacement
@@ -17,7 +18,7 @@ from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage import Trajectories
-from brownpipe.storage.layout import MEANING
+from brownpipe.storage.layout import described
 
 HEALTH = {  # observable: name of its largest absolute value in the report
     "energy_drift": "worst energy drift",
@@ -26,83 +27,55 @@ HEALTH = {  # observable: name of its largest absolute value in the report
 }
 
 
+def only(path: str | Path, contents: Trajectories, seed: int) -> Trajectories:
+    """Return the run of one seed. Raises RequestError, which lists the seeds, if it is not among them."""
+    ensemble = contents.ensemble
+    if seed not in ensemble.seeds:
+        raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(ensemble.seeds)}")
+    return contents._replace(ensemble=run_of(ensemble, seed))
+
+
+def run_of(ensemble: Ensemble, seed: int) -> Ensemble:
+    """Return the run of one seed as an ensemble of its own."""
+    column = ensemble.seeds == seed
+    return ensemble._replace(
+        seeds=ensemble.seeds[column],
+        tracer=ensemble.tracer and ensemble.tracer.of(column),
+        observables={name: values[column] for name, values in ensemble.observables.items()},
+        whole={one: track for one, track in ensemble.whole.items() if one == seed},
+        events={one: log for one, log in ensemble.events.items() if one == seed},
+        stopped={one: reason for one, reason in ensemble.stopped.items() if one == seed},
+    )
+
+
 def describe_trajectories(path: str | Path, contents: Trajectories) -> list[str]:
-    """Return the lines of the report on a trajectory file."""
-    ensemble, header = contents.ensemble, contents.header
-    runs = len(ensemble.seeds)
+    """Return the lines of the report on the runs of a trajectory file; of a single one it says more."""
+    scene, engine, ensemble, _, header = contents
+    times, box = ensemble.times, scene.box
+    size, phi = f"{box.boundary} box {box.width:g} x {box.height:g}", scene.packing_fraction
     return [
-        *_setting(contents),
-        f"seeds        {seed_text(ensemble.seeds)} ({runs} {'run' if runs == 1 else 'runs'})",
-        _samples(ensemble),
+        f"scene        {scene.name}: {scene.particles} disks in a {size}, packing fraction {phi:.4g}",
+        f"engine       {engine.options}",
+        f"seeds        {seed_text(ensemble.seeds)} ({counted(len(ensemble.seeds), 'run')})",
+        f"samples      {len(times)} from t = {times[0]:g} to {times[-1]:g}",
         f"recorded     {_recorded(ensemble)}",
         f"health       {_health(ensemble)}",
         *equilibrium(contents),
-        *_statistics(ensemble.observables),
+        *_tracer(scene, ensemble),
+        *_numbers(ensemble),
         *_arrays(ensemble),
-        *provenance(header, source_digest(*modules_of("simulate", header["engine"]))),
+        *provenance(header, source_digest(*modules_of("simulate", engine.name))),
         f"run again    brownpipe inspect {shell_path(path)} --reproduce",
     ]
 
 
-def describe_run(path: str | Path, contents: Trajectories, seed: int) -> list[str]:
-    """Return the lines of the report on the run of one seed. Raises RequestError for a seed that is not in the file."""
-    ensemble, column = contents.ensemble, column_of(path, contents.ensemble, seed)
-    failed = ensemble.observables["failed"][column] > 0
-    lines = [
-        f"{path}, seed {seed}",
-        *_setting(contents),
-        _samples(ensemble),
-        f"recorded     {_recorded_of(ensemble, seed)}",
-        f"health       {_fate(ensemble, column) if failed else 'passed'}",
-    ]
-    if seed not in ensemble.stopped:
-        lines += [*_tracer(contents.scene, ensemble, column), *_numbers(ensemble.observables, column)]
-        lines += _arrays(ensemble, column)
-    return lines
-
-
-def _fate(ensemble: Ensemble, column: int) -> str:
-    """Return why a run failed, and what follows."""
-    if int(ensemble.seeds[column]) in ensemble.stopped:
-        return f"FAILED, left out of every average: {reason_of(ensemble, column)}"
-    return "FAILED its health check: left out of every average"
-
-
-def column_of(path: str | Path, ensemble: Ensemble, seed: int) -> int:
-    """Return the index of a seed in the ensemble. Raises RequestError, which lists the seeds, if it is none."""
-    columns = np.flatnonzero(ensemble.seeds == seed)
-    if not columns.size:
-        raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(ensemble.seeds)}")
-    return int(columns[0])
-
-
-def _setting(contents: Trajectories) -> list[str]:
-    """Return what was simulated, and by which engine."""
-    scene = contents.scene
-    box = f"{scene.box.boundary} box {scene.box.width:g} x {scene.box.height:g}"
-    return [
-        f"scene        {scene.name}: {scene.particles} disks in a {box}, packing fraction {scene.packing_fraction:.4g}",
-        f"engine       {contents.engine.options}",
-    ]
-
-
-def _samples(ensemble: Ensemble) -> str:
-    return f"samples      {len(ensemble.times)} from t = {ensemble.times[0]:g} to {ensemble.times[-1]:g}"
-
-
 def _recorded(ensemble: Ensemble) -> str:
     """Return whose tracks, and whether collisions, are in the file."""
+    collisions = counted(sum(len(log.time) for log in ensemble.events.values()), "collision")
     parts = [] if ensemble.tracer is None else ["positions of the tracer"]
-    parts += [f"all disks (seeds {seed_text(sorted(ensemble.whole))})"] if ensemble.whole else []
-    parts += [f"every collision (seeds {seed_text(sorted(ensemble.events))})"] if ensemble.events else []
+    parts += [f"all disks ({seeds_in_words(sorted(ensemble.whole))})"] if ensemble.whole else []
+    parts += [f"{collisions} ({seeds_in_words(sorted(ensemble.events))})"] if ensemble.events else []
     return "; ".join(parts or ["no trajectories"])
-
-
-def _recorded_of(ensemble: Ensemble, seed: int) -> str:
-    """Return for track, whole track and collisions of one run whether they are in the file."""
-    collisions = f"yes, {len(ensemble.events[seed].time)}" if seed in ensemble.events else "no"
-    tracer = "no" if ensemble.tracer is None else "yes"
-    return f"tracer: {tracer}; all disks: {'yes' if seed in ensemble.whole else 'no'}; collisions: {collisions}"
 
 
 def _health(ensemble: Ensemble) -> str:
@@ -135,60 +108,38 @@ def seeds_in_words(seeds: Sequence[int] | np.ndarray) -> str:
     return f"{'seed' if len(seeds) == 1 else 'seeds'} {brief_seed_text(seeds)}"
 
 
-def _statistics(observables: dict[str, np.ndarray]) -> Iterator[str]:
-    """Yield a table of the observables with one number per run, over the runs that did not fail."""
-    yield f"{'per run':<22} {'mean':>12} {'min':>12} {'max':>12}"
-    for name, values in observables.items():
-        if name in ARRAYS or name == "failed":
-            continue
-        values = values[observables["failed"] == 0]
-        if values.size:
-            yield f"  {name:<20} {np.mean(values):12.6g} {np.min(values):12.6g} {np.max(values):12.6g}"
-
-
-def _tracer(scene: Scene, ensemble: Ensemble, column: int) -> Iterator[str]:
-    """Yield where the tracer of a run was at the first and the last sample, and its squared displacement."""
-    if ensemble.tracer is None:
+def _tracer(scene: Scene, ensemble: Ensemble) -> Iterator[str]:
+    """Yield how far the tracer of a single run moved from the first to the last sample."""
+    if ensemble.tracer is None or len(ensemble.seeds) > 1 or ensemble.stopped:
         return
-    track = ensemble.tracer
-    position, image = (None if values is None else values[:, [column]] for values in (track.position, track.image))
+    position, _, image = ensemble.tracer
     moved = displacement(position, image, (scene.box.width, scene.box.height))[-1, 0]
-    first, last = (f"({x:.6g}, {y:.6g})" for x, y in position[[0, -1], 0])
-    yield f"tracer       from {first} at t = {ensemble.times[0]:g} to {last} at t = {ensemble.times[-1]:g}"
-    unwrapped = "" if image is None else ", images crossed included"
-    yield f"displaced    by ({moved[0]:.6g}, {moved[1]:.6g}){unwrapped}; squared displacement {np.sum(moved**2):.6g}"
+    yield f"displaced    by ({moved[0]:.6g}, {moved[1]:.6g}); squared displacement {np.sum(moved**2):.6g}"
 
 
-def _numbers(observables: dict[str, np.ndarray], column: int) -> Iterator[str]:
-    """Yield a table of the numbers that belong to one run, with units and meaning."""
-    yield "numbers of this run"
-    for name, values in observables.items():
-        if name not in ARRAYS and name != "failed":
-            units, long_name = MEANING.get(name, ("1", ""))
-            yield f"  {name:<20} {values[column]:12.6g} {units:<16} {long_name}".rstrip()
+def _numbers(ensemble: Ensemble) -> Iterator[str]:
+    """Yield a table of the observables with one number per run: of those that did not fail, or of a single run."""
+    names = [name for name in ensemble.observables if name not in ARRAYS and name != "failed"]
+    kept = ensemble.observables["failed"] == 0
+    if len(kept) > 1:
+        yield f"{'per run':<22} {'mean':>12} {'min':>12} {'max':>12}"
+    for name in names:
+        values = ensemble.observables[name]
+        if len(kept) > 1 and kept.any():
+            numbers = values[kept]
+            yield f"  {name:<20} {np.mean(numbers):12.6g} {np.min(numbers):12.6g} {np.max(numbers):12.6g}"
+        elif len(kept) == 1 and not ensemble.stopped:
+            units, meaning = described(name).values()
+            yield f"  {name:<20} {values[0]:12.6g} {units:<16} {meaning}"
 
 
-def _arrays(ensemble: Ensemble, column: int | None = None) -> list[str]:
-    """Return a heading and, for each array, a line with its name, meaning and shape; nothing if there are none.
-
-    The lines of a single run end with the value, for arrays over time that at the last sample.
-    """
+def _arrays(ensemble: Ensemble) -> list[str]:
+    """Return a heading and, for each array, a line with its name, meaning and shape; nothing if there are none."""
     arrays = {name: values for name, values in ensemble.observables.items() if name in ARRAYS}
     averaged = f" (displacements and autocorrelations: average over {ensemble.average})"
     lines = ["arrays" + (averaged if ensemble.average != "runs" else "")] if arrays else []
     for name, values in arrays.items():
-        array = ARRAYS[name]
-        sizes = zip(("seed", *array.dims), values.shape, strict=True)
-        shape = ", ".join(f"{dim} {size}" for dim, size in sizes if column is None or dim != "seed")
-        last = "" if column is None else _last(values[column], array.dims, ensemble.times)
-        lines.append(f"  {name:<30} {array.long_name}{f' ({shape})' if shape else ''}{last}")
+        sizes = zip(("seed", *ARRAYS[name].dims), values.shape, strict=True)
+        shape = ", ".join(f"{dim} {size}" for dim, size in sizes)
+        lines.append(f"  {name:<30} {ARRAYS[name].long_name} ({shape})")
     return lines
-
-
-def _last(values: np.ndarray, dims: tuple[str, ...], times: np.ndarray) -> str:
-    """Return the value of a number, the last value or values of an array over time; of other arrays nothing."""
-    if not dims:
-        return f": {values:.6g}"
-    if dims[0] != "time":
-        return ""
-    return f": {', '.join(f'{value:.6g}' for value in np.ravel(values[-1]))} at t = {times[-1]:g}"

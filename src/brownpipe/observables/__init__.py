@@ -1,8 +1,8 @@
 """Observables: what is measured in a run while all its disks are in memory, so that trajectories need not be stored.
 
 Each observable is a pure function of the tracks of one run that returns arrays. The arrays of all runs of a batch are
-stacked and stored as /observables/run/NAME, shape (S, ...). ARRAYS describes each array, `axes` gives the coordinates
-along its dimensions: T sample times, K species (the tracer is a species of its own), P pairs of species.
+stacked and stored under their names, shape (S, ...). ARRAYS describes each array, `axes` gives the coordinates along
+its dimensions: T sample times, K species (the tracer is a species of its own), P pairs of species.
 
 A new observable is a function in a module of this package, its record in OBSERVABLES, its arrays in ARRAYS and new
 dimensions in AXES. The command line, files, checkpoints, studies and forecasts take it from there.
@@ -66,12 +66,12 @@ AXES = {
     "species": Axis("1", "species of the disk", lambda scene: list(species_table(scene).name)),
     "quarter": Axis("1", "quarter of the run, between the samples next to its ends", lambda scene: QUARTERS),
     "species_pair": Axis("1", "species of the two disks", pairs.pair_names),
-    "velocity": Axis(
+    "velocity_bin": Axis(
         "sqrt(kT/mass)",
         "velocity component, centre of its bin; the outermost bins include all beyond",
         lambda scene: velocity.bin_centres("velocity"),
     ),
-    "speed": Axis(
+    "speed_bin": Axis(
         "sqrt(kT/mass)",
         "speed, centre of its bin; the last bin includes all beyond",
         lambda scene: velocity.bin_centres("speed"),
@@ -81,7 +81,9 @@ AXES = {
 }
 ARRAYS = {
     "square_displacement": RunArray(
-        ("time",), "length^2", "squared displacement of the tracer; for averages within the run see /parameters"
+        ("time",),
+        "length^2",
+        "squared displacement of the tracer; for averages within the run see the attribute `average`",
     ),
     "displacement_velocity": RunArray(
         ("time",),
@@ -103,8 +105,8 @@ ARRAYS = {
         lambda scene: len(bath_disks(scene)) > 0,
     ),
     "species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk"),
-    "velocity_counts": RunArray(("species", "velocity"), "1", "histogram of the velocity components"),
-    "speed_counts": RunArray(("species", "speed"), "1", "histogram of the speeds"),
+    "velocity_counts": RunArray(("species", "velocity_bin"), "1", "histogram of the velocity components"),
+    "speed_counts": RunArray(("species", "speed_bin"), "1", "histogram of the speeds"),
     "pair_counts": RunArray(("species_pair", "distance"), "1", "histogram of the distances of pairs of disks"),
     "pair_snapshots": RunArray((), "1", "number of samples that pair_counts is summed over"),
     "pair_expected": RunArray(

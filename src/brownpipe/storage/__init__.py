@@ -1,34 +1,23 @@
 """Storage of trajectories (HDF5) and datasets (netCDF4): written completely or not at all, and verified when read.
 
-A trajectory file holds a batch of runs, one for each of S seeds, in the layout of H5MD 1.1 in two dimensions. T sample
-times, N disks, E collisions:
+A trajectory file holds a batch of runs, one for each of S seeds, as a netCDF4 file of which xarray makes the `DataTree`
+that `brownpipe.open` and `brownpipe.simulate` return. T sample times, N disks, E collisions:
 
-    h5md/                            version [1, 1], author, creator
-    particles/
-        tracer/                      disk 0 of every run: the runs are the particles of this group
-            box/                     edges (2,), origin (2,); attributes dimension, boundary (none: walls, or periodic)
-            id (S,)                  the seeds
-            position/                value (T, S, 2), its scales time (T,), seed (S,), component (2,); step (T,)
-            image/                   as position/, in a periodic box; unwrapped position = position + image * edges
-        seed_00017/                  all disks of one run, if recorded
-            box/, id (N,), radius (N,), mass (N,)
-            position/, velocity/     value (T, N, 2), its scales time (T,), disk (N,), component (2,); step (T,)
-            image/                   as position/, in a periodic box
-    observables/
-        run/                         seed (S,); pair_collisions (S,), energy_drift (S,), ...: one number per run;
-                                     stopped (S,): why a run could not go on, if there is such a run; its numbers are
-                                     NaN, its counts 0;
-                                     arrays of observables (brownpipe.observables), if measured:
-                                     square_displacement (S, T), ... and their scales time (T,), species, species_pair,
-                                     velocity, speed, distance
-        events/seed_00017/           all collisions of one run, if recorded: time (E,), a (E,), b (E,), impulse (E, 2)
-    parameters/                      scene, settings (JSON); attributes: scene_name, particles, engine, seeds,
-                                     average (over runs, origins or disks), rerun (commands), versions,
-                                     source_digest
+    /           position (T, S, 2), and image in a periodic box: disk 0 of every run, if recorded;
+                pair_collisions (S,), energy_drift (S,), ...: one number per run;
+                stopped (S,): why a run could not go on, if there is such a run; its numbers are NaN, its counts 0;
+                arrays of observables (brownpipe.observables), if measured: square_displacement (S, T), ...;
+                coordinates time (T,), seed (S,), component (2,), and species, velocity_bin, distance, ... of arrays;
+                attributes scene (JSON), scene_name, particles, engine, settings (JSON), average (over runs, origins or
+                disks), variables (JSON: the numbers and arrays of the runs), command (that makes the runs again),
+                versions, source_digest, runs_digest
+    /disks      if recorded: position, velocity, image (T, S, N, 2) of all disks; radius, mass (N,)
+    /events     if recorded, the collisions of all runs: event_seed, event_time, a, b (E,), impulse (E, 2)
 
-Every dataset has attributes `units` (reduced units of the scene) and `long_name` (its meaning). Numbers are stored with
-gzip 4 and shuffle; a SHA-256 at the end of the file is verified when it is read (`files`). Nothing in a file depends on
-when, where or by whom it was written: the same runs give the same bytes.
+Unwrapped position = position + image * (width, height) of the box. Every variable has attributes `units` (reduced units
+of the scene) and `long_name` (its meaning). Numbers are stored with gzip 4 and shuffle; a SHA-256 at the end of the
+file is verified when it is read (`files`). Nothing in a file depends on when, where or by whom it was written: the same
+runs give the same bytes.
 
 A dataset says in its attributes what it was made from (`origin`) and by which source, versions and commit, so that the
 same installation gives the same bytes of the same runs.

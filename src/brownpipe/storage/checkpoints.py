@@ -3,11 +3,11 @@
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from brownpipe.errors import RequestError, StorageError
 from brownpipe.storage.files import read_sealed, sealed, write_file
-from brownpipe.storage.hdf5 import Node, from_bytes, to_bytes
 
 
 def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarray]) -> None:
@@ -16,9 +16,12 @@ def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarr
     `made_by` says which command and source made them: a flat mapping of names to texts and numbers.
     Raises StorageError if the file cannot be written; the earlier file is then still intact.
     """
-    nodes = {"checkpoint": Node(None, {})} | {f"checkpoint/{name}": Node(value, {}) for name, value in arrays.items()}
-    nodes["made_by"] = Node(json.dumps(made_by), {})
-    write_file(path, sealed(to_bytes(nodes, compress=False)))
+    with h5py.File.in_memory(block_size=2**20) as file:
+        file.attrs["checkpoint"] = json.dumps(made_by)
+        for name, value in arrays.items():
+            file[name] = value
+        file.flush()
+        write_file(path, sealed(file.id.get_file_image()))
 
 
 def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | None:
@@ -29,18 +32,17 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
     if not Path(path).exists():
         return None
     try:
-        nodes = from_bytes(read_sealed(path))
-        if "checkpoint" not in nodes:
-            raise StorageError("is a file of brownpipe, but not a checkpoint")
+        with h5py.File.in_memory(read_sealed(path)) as file:
+            if "checkpoint" not in file.attrs:
+                raise StorageError("is a file of brownpipe, but not a checkpoint")
+            stored, arrays = json.loads(file.attrs["checkpoint"]), {name: item[()] for name, item in file.items()}
     except StorageError as error:
         raise StorageError(f"{path}: {error}; delete it to begin anew") from error
-    stored = json.loads(nodes["made_by"].value)
     differing = [name for name in made_by if stored.get(name) != made_by[name]]
     if differing:
         cure = "repeat that command, delete this file to begin anew, or choose another --output"
         raise RequestError(f"{path}: is of a run with {_difference(differing[0], stored, made_by)}; {cure}")
-    arrays = ((name.removeprefix("checkpoint/"), node.value) for name, node in nodes.items())
-    return {name: value for name, value in arrays if name not in ("checkpoint", "made_by")}
+    return arrays
 
 
 def remove_checkpoint(path: str | Path) -> None:

@@ -11,14 +11,13 @@ import numpy as np
 from brownpipe.errors import WrongFileError
 from brownpipe.provenance import made_with
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.hdf5 import some_from_bytes
 from brownpipe.storage.origin import installation
+from brownpipe.storage.trajectories import SMALL, values_of
 
 if TYPE_CHECKING:
     import xarray
 
 CHECKPOINT = "is the checkpoint of unfinished runs; repeat the command that wrote it, and they continue from there"
-LARGE = 4096  # bytes of a variable that is compressed: a smaller one would grow
 
 
 def made_by(step: str) -> dict[str, str]:
@@ -31,7 +30,7 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
 
     Raises StorageError if the file cannot be written.
     """
-    large = [name for name, variable in dataset.variables.items() if variable.nbytes > LARGE]
+    large = [name for name, variable in dataset.variables.items() if variable.nbytes > SMALL]
     encoding = {name: {"zlib": True, "shuffle": True} for name in large if dataset[name].dtype.kind in "iuf"}
     image = dataset.drop_encoding().to_netcdf(engine="h5netcdf", encoding=encoding)
     write_file(path, sealed(bytes(image)))
@@ -51,9 +50,9 @@ def dataset_in(image: bytes) -> "xarray.Dataset":
     import xarray
 
     with h5py.File.in_memory(image) as file:
-        if "checkpoint" in file:
+        if "checkpoint" in file.attrs:
             raise WrongFileError(CHECKPOINT)
-        if "parameters" in file:
+        if "runs_digest" in file.attrs:
             raise WrongFileError("is a file of brownpipe, but not a dataset (of `brownpipe aggregate`)")
     with xarray.open_dataset(io.BytesIO(image), engine="h5netcdf") as dataset:
         return dataset.load().drop_encoding()
@@ -64,5 +63,5 @@ def read_values(path: str | Path, names: Iterable[str]) -> dict[str, np.ndarray]
 
     Raises StorageError and WrongFileError like `read_dataset`.
     """
-    with naming(path, "aggregate"):
-        return {name: node.value for name, node in some_from_bytes(read_sealed(path), names).items()}
+    with naming(path, "aggregate"), h5py.File.in_memory(read_sealed(path)) as file:
+        return {name: values_of(file[name]) for name in names if name in file}

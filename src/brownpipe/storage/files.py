@@ -17,7 +17,6 @@ from brownpipe.errors import BrownpipeError, StorageError, WrongFileError
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
 SEAL = re.compile(rb"# brownpipe-sha256:([0-9a-f]{64})\n")
 SEAL_LENGTH = len("# brownpipe-sha256:\n") + 64
-PLACE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.EEXIST, errno.ENOTDIR, errno.EISDIR)
 MALFORMED = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError)
 
 
@@ -56,7 +55,10 @@ def replacing(path: str | Path) -> Iterator[Path]:
             part.unlink(missing_ok=True)
         sync(path.parent)
     except OSError as error:
-        raise StorageError(f"{path}: not written: {_reason(error)}") from error
+        cure = (
+            "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "choose a place that can be written"
+        )
+        raise StorageError(f"{path}: not written: {error.strerror or error}; {cure}") from error
 
 
 def _write(path: Path, contents: bytes) -> None:
@@ -80,16 +82,6 @@ def sync(path: Path) -> None:
             raise
     finally:
         os.close(handle)
-
-
-def _reason(error: OSError) -> str:
-    """Return why a file was not written and, where it is known, what to do about it."""
-    said = error.strerror or str(error)
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return f"{said}; free some space and rerun"
-    if error.errno == errno.ENAMETOOLONG:
-        return f"{said}; choose a shorter one"
-    return f"{said}; choose a place that can be written" if error.errno in PLACE else said
 
 
 def sealed(contents: bytes) -> bytes:

@@ -1,35 +1,23 @@
-"""The groups and datasets of a trajectory file, as H5MD names them; they are drawn in `brownpipe.storage`."""
+"""The groups, names, dimensions, units and meanings of runs, in files and in memory; they are drawn in `storage`."""
 
-import json
-from typing import Any
-
-import h5py
 import numpy as np
 
-from brownpipe.engines import Engine
-from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.engines.state import Ensemble, Events, Track, blank
+from brownpipe.errors import StorageError
 from brownpipe.observables import ARRAYS, AXES, axes
-from brownpipe.provenance import versions
-from brownpipe.scene import Box, Scene
-from brownpipe.scene.seeds import seed_text
-from brownpipe.storage.hdf5 import Link, Node, Nodes
-from brownpipe.storage.rerun import rerun
+from brownpipe.scene import Scene
 
-TIME_FIRST = (2, 0, 1)  # a chunk of (T, S, 2) spans all times of a few runs
-
-MEANING = {  # dataset: units, long_name
-    "time": ("time", "time since the start of the run"),
-    "step": ("1", "index of the sample"),
+MEANING = {  # variable: units, long_name
     "seed": ("1", "seed of the run"),
     "disk": ("1", "index of the disk; 0 is the tracer"),
     "component": ("1", "Cartesian component"),
     "position": ("length", "position of the disk's centre"),
     "velocity": ("length/time", "velocity"),
-    "image": ("1", "periodic images crossed; unwrapped position = position + image * edges"),
+    "image": ("1", "periodic images crossed; unwrapped position = position + image * (width, height) of the box"),
     "radius": ("length", "radius"),
     "mass": ("mass", "mass"),
-    "edges": ("length", "width and height of the box"),
-    "origin": ("length", "lower left corner of the box"),
+    "event_seed": ("1", "seed of the run of the collision"),
+    "event_time": ("time", "time of the collision"),
     "a": ("1", "colliding disk"),
     "b": ("1", "its partner: a disk, or a wall: -1 left, -2 right, -3 bottom, -4 top"),
     "impulse": ("mass*length/time", "momentum transferred to disk a"),
@@ -51,135 +39,115 @@ MEANING = {  # dataset: units, long_name
         "not go on: exclude from averages",
     ),
     "stopped": ("1", "why the run could not go on; empty for a run that came to its end"),
-    "scene": ("1", "the scene as canonical JSON"),
-    "settings": ("1", "settings of the engine as JSON"),
 }
+SCALES = {"seed", "disk", "component", *AXES}  # coordinates: each along the dimension of its name
+LOG = dict(zip(("event_time", "a", "b", "impulse"), Events._fields, strict=True))  # variable: field of Events
+NO_OBSERVABLES = {*SCALES, *Track._fields, "stopped"}  # variables of the root
+
+Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the root first
 
 
-def run_nodes(scene: Scene, ensemble: Ensemble) -> Nodes:
-    """Return all nodes of a trajectory file but its parameters."""
-    nodes = _header()
-    if ensemble.tracer is not None:
-        nodes |= _particles("particles/tracer", scene, ensemble.times, ensemble.tracer, "seed", ensemble.seeds)
-    for seed, track in ensemble.whole.items():
-        group = f"particles/seed_{seed:05d}"
-        nodes |= _particles(group, scene, ensemble.times, track, "disk", np.arange(scene.particles))
-        nodes[f"{group}/radius"] = _dataset("radius", scene.radius, ("id",))
-        nodes[f"{group}/mass"] = _dataset("mass", scene.mass, ("id",))
-    nodes |= _observables(scene, ensemble)
-    for seed, events in ensemble.events.items():
-        nodes |= _events(f"observables/events/seed_{seed:05d}", events)
-    return nodes
+def described(name: str) -> dict[str, str]:
+    """Return the units and the meaning of a variable."""
+    arrays = {name: (array.units, array.long_name) for name, array in (AXES | ARRAYS).items()}
+    units, long_name = (MEANING | arrays).get(name, ("1", name.replace("_", " ")))
+    return {"units": units, "long_name": long_name}
 
 
-def _header() -> Nodes:
-    """Return what H5MD requires of every file."""
-    return {
-        "h5md": Node(None, {"version": np.array([1, 1])}),
-        "h5md/author": Node(None, {"name": "brownpipe"}),
-        "h5md/creator": Node(None, {"name": "brownpipe", "version": versions()["brownpipe_version"]}),
-        "particles": Node(None, {}),
-    }
+def dims_of(group: str, name: str) -> tuple[str, ...]:
+    """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
+    if name in SCALES:
+        return (name,)
+    if group == "/events":
+        return ("event", "component") if name == "impulse" else ("event",)
+    if name in Track._fields:
+        return ("time", "seed", "component") if group == "/" else ("time", "seed", "disk", "component")
+    if group == "/disks":
+        return ("disk",)
+    return ("seed", *ARRAYS[name].dims) if name in ARRAYS else ("seed",)
 
 
-def _dataset(name: str, value: Any, dims: tuple[str, ...] = (), chunk_axes: tuple[int, ...] | None = None) -> Node:
-    """Return a dataset with the units and the meaning that belong to its name."""
-    units, long_name = MEANING.get(name, ("1", name.replace("_", " ")))
-    return Node(value, {"units": units, "long_name": long_name}, dims, chunk_axes)
-
-
-def _particles(group: str, scene: Scene, times: np.ndarray, track: Track, dim: str, ids: np.ndarray) -> Nodes:
-    """Return a particles group of H5MD; `ids` are the values along `dim`, the dimension of the particles.
-
-    All elements (position, velocity, image) have the same steps and scales: those of the position, linked.
-    """
-    nodes = {group: Node(None, {})} | _box(f"{group}/box", scene.box)
-    nodes[f"{group}/id"] = _dataset(dim, ids, ("id",))
-    scales: Nodes = {"time": _dataset("time", times, ("time",)), dim: _dataset(dim, ids, (dim,))}
-    scales |= {"component": Link(f"{group}/box/component"), "step": _dataset("step", np.arange(len(times)), ("time",))}
-    links = {name: Link(f"{group}/position/{name}") for name in scales}
-    chunk_axes = TIME_FIRST if dim == "seed" else None
-    for element, value in track._asdict().items():
-        if value is None:
-            continue
-        nodes[f"{group}/{element}"] = Node(None, {})
-        for name, node in (scales if element == "position" else links).items():
-            nodes[f"{group}/{element}/{name}"] = node
-        nodes[f"{group}/{element}/value"] = _dataset(element, value, ("time", dim, "component"), chunk_axes)
-    return nodes
-
-
-def _box(group: str, box: Box) -> Nodes:
-    boundary = "periodic" if box.periodic else "none"
-    return {
-        group: Node(None, {"dimension": 2, "boundary": [boundary, boundary]}),
-        f"{group}/component": _components(),
-        f"{group}/edges": _dataset("edges", np.array([box.width, box.height]), ("component",)),
-        f"{group}/origin": _dataset("origin", np.array(box.origin), ("component",)),
-    }
-
-
-def _components() -> Node:
-    """Return the scale of the Cartesian components."""
-    return _dataset("component", np.array(["x", "y"], h5py.string_dtype()), ("component",))
-
-
-def _observables(scene: Scene, ensemble: Ensemble) -> Nodes:
-    """Return one number per run, and arrays, of every observable."""
-    group = "observables/run"
-    nodes: Nodes = {
-        "observables": Node(None, {}),
-        group: Node(None, {}),
-        f"{group}/seed": _dataset("seed", ensemble.seeds, ("seed",)),
-    }
-    for name, value in ensemble.observables.items():
-        if name not in ARRAYS:
-            nodes[f"{group}/{name}"] = _dataset(name, value, ("seed",))
+def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
+    """Return runs as the variables of each group; tracks of several whole runs, and collisions, are copied."""
+    arrays = ARRAYS.keys() & ensemble.observables
+    scales = {dim: np.asarray(values) for name in ARRAYS if name in arrays for dim, values in axes(scene, name).items()}
+    root = scales | {"time": ensemble.times, "seed": ensemble.seeds, "component": np.array(["x", "y"])}
+    root |= _recorded(ensemble.tracer) | ensemble.observables
     if ensemble.stopped:
-        reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
-        nodes[f"{group}/stopped"] = _dataset("stopped", np.array(reasons, h5py.string_dtype()), ("seed",))
-    nodes |= _arrays(group, scene, ensemble)
+        root["stopped"] = np.array([ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()])
+    groups = {"/": root}
+    if ensemble.whole:
+        sizes = {"disk": np.arange(scene.particles), "radius": scene.radius, "mass": scene.mass}
+        groups["/disks"] = sizes | _recorded(_side_by_side(ensemble))
     if ensemble.events:
-        nodes["observables/events"] = Node(None, {})
-    return nodes
+        logs = ensemble.events.values()
+        columns = {name: np.concatenate([getattr(log, field) for log in logs]) for name, field in LOG.items()}
+        groups["/events"] = {"event_seed": np.repeat([*ensemble.events], [len(log.time) for log in logs])} | columns
+    return groups
 
 
-def _arrays(group: str, scene: Scene, ensemble: Ensemble) -> Nodes:
-    """Return the arrays of observables (S, ...) and their scales; the times are those of the ensemble."""
-    arrays = {name: ARRAYS[name] for name in ensemble.observables if name in ARRAYS}
-    scales = {dim: values for name in arrays for dim, values in axes(scene, name).items()}
-    nodes: Nodes = {}
-    for dim, values in scales.items():
-        values = np.array(values, h5py.string_dtype()) if isinstance(values, list) else values
-        attributes = {"units": AXES[dim].units, "long_name": AXES[dim].long_name}
-        nodes[f"{group}/{dim}"] = Node(ensemble.times if dim == "time" else values, attributes, (dim,))
-    for name, array in arrays.items():
-        attributes = {"units": array.units, "long_name": array.long_name}
-        nodes[f"{group}/{name}"] = Node(ensemble.observables[name], attributes, ("seed", *array.dims))
-    return nodes
+def _recorded(track: Track | None) -> dict[str, np.ndarray]:
+    """Return position, velocity and image, as far as they are recorded."""
+    return {} if track is None else {name: values for name, values in track._asdict().items() if values is not None}
 
 
-def _events(group: str, events: Events) -> Nodes:
-    nodes: Nodes = {group: Node(None, {}), f"{group}/component": _components()}
-    for name, value in events._asdict().items():
-        nodes[f"{group}/{name}"] = _dataset(name, value, ("time", "component")[: value.ndim])
-    return nodes
+def _side_by_side(ensemble: Ensemble) -> Track:
+    """Return the tracks of all disks of all runs (T, S, N, 2); without values for runs that could not go on."""
+    seeds, first = ensemble.seeds.tolist(), next(iter(ensemble.whole.values()))
+    if len(seeds) == 1:
+        return Track(*(None if values is None else values[:, None] for values in first))
+    absent = Track(*(None if values is None else blank(values.shape, values.dtype) for values in first))
+    tracks = zip(*(ensemble.whole.get(seed, absent) for seed in seeds), strict=True)
+    return Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
 
 
-def parameter_nodes(scene: Scene, engine: Engine, ensemble: Ensemble, source: str, digest: str) -> dict[str, Node]:
-    """Return the group /parameters: scene, engine, versions, and the commands that make the runs again."""
-    attributes = {
-        "scene_name": scene.name,
-        "particles": scene.particles,
-        "engine": engine.name,
-        "seeds": seed_text(ensemble.seeds),
-        "average": ensemble.average,
-        "rerun": rerun(scene, engine, ensemble),
-        "source_digest": source,
-        "runs_digest": digest,
-    }
+def ensemble_of(scene: Scene, groups: Groups, average: str) -> Ensemble:
+    """Return the runs of such variables. Raises StorageError if their sizes are not those of scene and seeds."""
+    root = groups["/"]
+    _refuse_sizes(scene, groups)
+    seeds = root["seed"].tolist()
+    stopped = {seed: str(reason) for seed, reason in zip(seeds, root.get("stopped", ()), strict=False) if reason}
+    columns = {seed: column for column, seed in enumerate(seeds) if seed not in stopped}
+    whole = (
+        {seed: _track(groups["/disks"]).of(column) for seed, column in columns.items()} if "/disks" in groups else {}
+    )
+    return Ensemble(
+        seeds=root["seed"],
+        times=root["time"],
+        tracer=_track(root) if "position" in root else None,
+        observables={name: values for name, values in root.items() if name not in NO_OBSERVABLES},
+        whole=whole,
+        events=_events(groups["/events"], [*columns]) if "/events" in groups else {},
+        average=average,
+        stopped=stopped,
+    )
+
+
+def _refuse_sizes(scene: Scene, groups: Groups) -> None:
+    """Raise StorageError for arrays whose sizes are not those of the scene, its sample times and the seeds."""
+    sizes = {"time": len(scene.times), "seed": len(groups["/"]["seed"]), "disk": scene.particles, "component": 2}
+    for group, variables in groups.items():
+        for name, values in variables.items():
+            expected = (
+                sizes | {dim: len(along) for dim, along in axes(scene, name).items()} if name in ARRAYS else sizes
+            )
+            dims = dims_of(group, name)
+            shape = tuple(expected.get(dim, size) for dim, size in zip(dims, values.shape, strict=False))
+            if values.shape != shape or len(dims) != values.ndim:
+                raise StorageError(f"holds {name} of shape {values.shape}; its scene and seeds make it {shape}")
+
+
+def _track(variables: dict[str, np.ndarray]) -> Track:
+    return Track(*(variables.get(name) for name in Track._fields))
+
+
+def _events(variables: dict[str, np.ndarray], seeds: list[int]) -> dict[int, Events]:
+    """Return the collisions of each run, in the order in which they are listed."""
+    order = np.argsort(variables["event_seed"], kind="stable")
+    listed = variables["event_seed"][order]
+    first, end = (np.searchsorted(listed, seeds, side).tolist() for side in ("left", "right"))
+    columns = [variables[name][order] for name in LOG]
     return {
-        "parameters": Node(None, attributes | versions()),
-        "parameters/scene": _dataset("scene", scene.text),
-        "parameters/settings": _dataset("settings", json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False)),
+        seed: Events(*(column[begin:stop] for column in columns))
+        for seed, begin, stop in zip(seeds, first, end, strict=True)
     }

@@ -17,8 +17,7 @@ import numpy as np
 
 from brownpipe.provenance import NAME, PACKAGE
 from brownpipe.scene.seeds import seed_text
-from brownpipe.storage.rerun import simulate_command
-from brownpipe.storage.trajectories import Outline
+from brownpipe.storage.trajectories import Outline, simulate_command
 
 MOST_SCENE_TEXT = 100_000  # characters; a longer scene, of thousands of listed disks, is in the trajectory files only
 LONGEST_GIT = 10.0  # seconds
@@ -45,7 +44,7 @@ def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str
     scene, engine, record = outline.scene, outline.engine, record or ("tracer" if outline.tracer else "none")
     options = {"record": record, "observables": ",".join(outline.observables or ()), "average": outline.average}
     return {
-        "command": simulate_command(scene, engine, seeds, options),
+        "command": simulate_command(outline, seeds, record),
         "scene_name": scene.name,
         "scene_digest": scene.digest,
         "scene": json.loads(scene.text) if len(scene.text) <= MOST_SCENE_TEXT else None,
@@ -77,12 +76,9 @@ def _commit(package: Path) -> str | None:
     command = ["git", "--no-optional-locks", "-C", str(checkout), "status", "--porcelain=v2", "--branch", "--", "src"]
     env = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     try:
-        done = subprocess.run(command, env=env, timeout=LONGEST_GIT, stdin=subprocess.DEVNULL, capture_output=True)
-    except (FileNotFoundError, PermissionError, subprocess.SubprocessError):  # others, as too many open files, are told
+        done = subprocess.run(command, env=env, timeout=LONGEST_GIT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.SubprocessError):
         return None
-    said = done.stdout.decode(errors="replace")
-    commit = COMMIT.search(said)
-    if done.returncode or commit is None:
-        return None
-    modified = any(not line.startswith("#") for line in said.splitlines())
-    return f"{commit[1]}, modified" if modified else commit[1]
+    commit = COMMIT.search(done.stdout)
+    changes = [line for line in done.stdout.splitlines() if not line.startswith("#")]
+    return commit[1] + (", modified" if changes else "") if commit else None

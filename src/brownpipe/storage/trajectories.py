@@ -1,34 +1,30 @@
 """Trajectory files: a batch of runs of one scene by one engine; their layout is drawn in `brownpipe.storage`."""
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, recorded
-from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.engines.state import Ensemble
 from brownpipe.errors import RequestError, StorageError, WrongFileError
-from brownpipe.observables import ARRAYS, AXES, axes, observables_making
-from brownpipe.provenance import modules_of, source_digest
+from brownpipe.observables import observables_making
+from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.hdf5 import Node, from_bytes, some_from_bytes, to_bytes
-from brownpipe.storage.layout import parameter_nodes, run_nodes
+from brownpipe.storage.layout import NO_OBSERVABLES, SCALES, Groups, described, dims_of, ensemble_of, groups_of
 
-OUTLINE = (  # paths from which an Outline is made
-    "parameters",
-    "parameters/scene",
-    "parameters/settings",
-    "observables/run/seed",
-    "particles/tracer/position/time",
-    "observables/run/time",
-)
-WITHOUT_RESULTS = {"seed", "failed", "stopped"}  # all that is known of runs that could not go on
+GROUPS = ("/", "/disks", "/events")
+CHUNK_BYTES = 2**18
+SMALL = 4096  # bytes of a variable that is not compressed: it would grow
+NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable."  # as netCDF4 marks such a scale
+WITHOUT_RESULTS = {"failed"}  # all that is known of runs that could not go on
 NO_TRAJECTORIES = "is a file of brownpipe, but not a trajectory file (of `brownpipe simulate`)"
-LISTED = ("particles", "observables/run", "observables/events")  # groups whose names an Outline needs
+DEFAULTS = ("", "tracer", "runs")  # of the options --observables, --record and --average of `brownpipe simulate`
 
 
 class Trajectories(NamedTuple):
@@ -38,16 +34,35 @@ class Trajectories(NamedTuple):
     engine: Engine
     ensemble: Ensemble
     source: str = ""  # digest of the source code that made the runs
-    header: Mapping[str, str] = {}  # of the file: versions, and what else its /parameters says; empty without a file
+    header: Mapping[str, str] = {}  # texts in the attributes of the file: versions, and more; empty without a file
 
     @property
     def outline(self) -> "Outline":
         """The same without tracks and observables."""
         ensemble = self.ensemble
         record = _record(ensemble.tracer is not None, ensemble.whole, ensemble.events)
-        observables = _measured(ensemble.observables)
         setting = (self.scene, self.engine, ensemble.seeds, ensemble.times)
-        return Outline(*setting, record, self.source, observables, ensemble.average)
+        return Outline(*setting, record, self.source, _measured(ensemble.observables), ensemble.average)
+
+    @property
+    def attributes(self) -> dict:
+        """Those of the root: scene, engine, versions, the command that makes the runs again."""
+        outline, scene, engine = self.outline, self.scene, self.engine
+        record = ",".join(sorted(outline.record - {"tracer"})) or ("tracer" if outline.tracer else "none")
+        made = {
+            "title": f"{scene.name}: {len(outline.seeds)} runs",
+            "scene": scene.text,
+            "scene_name": scene.name,
+            "particles": scene.particles,
+            "engine": engine.name,
+            "settings": json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False),
+            "average": outline.average,
+            "variables": json.dumps(sorted(self.ensemble.observables)),
+            "command": simulate_command(outline, outline.seeds, record),
+            "source_digest": self.source,
+            "runs_digest": "",
+        }
+        return {**made, **versions(), **self.header}
 
 
 class Outline(NamedTuple):
@@ -69,6 +84,15 @@ class Outline(NamedTuple):
         return "tracer" in self.record
 
 
+def simulate_command(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str) -> str:
+    """Return the command that makes runs of these seeds (S,) again; `record` as --record takes it."""
+    options = {"record": record, "observables": ",".join(outline.observables or ()), "average": outline.average}
+    words = [f"--particles {outline.scene.particles}"] if outline.scene.species else []
+    words += [f"--seeds {seed_text(seeds)}", f"--engine {outline.engine.options}"]
+    words += [f"--{key} {value}" for key, value in options.items() if value not in DEFAULTS]
+    return f"brownpipe simulate {outline.scene.name}.yaml {' '.join(words)}"
+
+
 def write_trajectories(
     path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble, source: str | None = None, digest: str = ""
 ) -> None:
@@ -80,8 +104,45 @@ def write_trajectories(
     Raises StorageError if the file cannot be written.
     """
     source = source or source_digest(*modules_of("simulate", engine.name))
-    nodes = run_nodes(scene, ensemble) | parameter_nodes(scene, engine, ensemble, source, digest)
-    write_file(path, sealed(to_bytes(nodes)))
+    attributes = Trajectories(scene, engine, ensemble, source).attributes | {"runs_digest": digest}
+    write_file(path, sealed(_to_bytes(groups_of(scene, ensemble), attributes)))
+
+
+def _to_bytes(groups: Groups, attributes: dict) -> bytes:
+    """Return the bytes of an HDF5 file of these groups, which are emptied. The same groups give the same bytes."""
+    with h5py.File.in_memory(block_size=2**20) as file:
+        file.attrs.update(attributes)
+        for path, variables in groups.items():
+            group = file.require_group(path)
+            for name in sorted(variables, key=lambda name: (name not in SCALES, name)):
+                _write_variable(group, name, variables.pop(name))  # whole runs are copies: one variable at a time
+        file.flush()
+        return file.id.get_file_image()
+
+
+def _write_variable(group: h5py.Group, name: str, values: np.ndarray) -> None:
+    """Write a variable with units, meaning and the scales of its dimensions, which are in the group or in the root."""
+    kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
+    dims = dims_of(group.name, name)
+    filters = _filters(dims, values) if values.nbytes > SMALL and values.dtype.kind in "iuf" else {}
+    dataset = group.create_dataset(name, data=values.astype(kind, copy=False), **filters)
+    dataset.attrs.update(described(name))
+    if name in SCALES:
+        dataset.make_scale(name)
+        return
+    for axis, dim in enumerate(dims):
+        if dim not in group and dim not in group.file:  # collisions have no coordinates
+            group.create_dataset(dim, values.shape[axis : axis + 1], ">f4").make_scale(NO_COORDINATES)
+        dataset.dims[axis].attach_scale(group[dim] if dim in group else group.file[dim])
+
+
+def _filters(dims: tuple[str, ...], values: np.ndarray) -> dict:
+    """Return the options of h5py for compression: in a chunk as much of a run as CHUNK_BYTES hold, then more runs."""
+    chunks, items = dict.fromkeys(dims, 1), CHUNK_BYTES // values.itemsize
+    for dim, size in sorted(zip(dims[::-1], values.shape[::-1], strict=True), key=lambda pair: pair[0] == "seed"):
+        chunks[dim] = max(1, min(size, items))
+        items //= chunks[dim]
+    return {"chunks": tuple(chunks.values()), "compression": "gzip", "compression_opts": 4, "shuffle": True}
 
 
 def read_trajectories(path: str | Path) -> Trajectories:
@@ -96,18 +157,13 @@ def read_trajectories(path: str | Path) -> Trajectories:
 
 def trajectories_in(image: bytes) -> Trajectories:
     """Return the contents of a trajectory file, given its bytes; errors as of `read_trajectories`."""
-    if not is_trajectories(image):
-        raise WrongFileError(NO_TRAJECTORIES)
-    nodes = from_bytes(image)
-    scene, engine, header = _setting(nodes)
-    ensemble = _ensemble(nodes, scene)._replace(average=header["average"])
-    refuse_sizes(ensemble, scene)
+    with h5py.File.in_memory(image) as file:
+        scene, engine, header = _setting(file)
+        groups = {
+            path: {name: values_of(item) for name, item in _variables(file[path])} for path in GROUPS if path in file
+        }
+    ensemble = ensemble_of(scene, groups, header["average"])
     return Trajectories(scene, engine, ensemble, header["source_digest"], header)
-
-
-def is_trajectories(image: bytes) -> bool:
-    """Whether the bytes of an HDF5 file are those of a trajectory file."""
-    return "parameters" in some_from_bytes(image, ["parameters"])
 
 
 def read_outline(path: str | Path) -> Outline:
@@ -115,19 +171,16 @@ def read_outline(path: str | Path) -> Outline:
 
     Raises StorageError and WrongFileError like `read_trajectories`.
     """
-    with naming(path, "simulate"):
-        nodes = some_from_bytes(read_sealed(path), (*OUTLINE, *LISTED))
-        scene, engine, header = _setting(nodes)
-        tracks, runs, events = (nodes[group].value if group in nodes else () for group in LISTED)
-        times = nodes.get("particles/tracer/position/time", nodes.get("observables/run/time"))
+    with naming(path, "simulate"), h5py.File.in_memory(read_sealed(path)) as file:
+        scene, engine, header = _setting(file)
         return Outline(
             scene=scene,
             engine=engine,
-            seeds=nodes["observables/run/seed"].value,
-            times=scene.times if times is None else times.value,
-            record=_record("tracer" in tracks, {*tracks} - {"tracer"}, events),
+            seeds=values_of(file["seed"]),
+            times=values_of(file["time"]),
+            record=_record("position" in file, "disks" in file, "events" in file),
             source=header["source_digest"],
-            observables=_measured(runs),
+            observables=_measured([name for name, _ in _variables(file) if name not in NO_OBSERVABLES]),
             average=header["average"],
             digest=header["runs_digest"],
         )
@@ -175,68 +228,32 @@ def refuse_stopped(trajectories: Trajectories, path: str, seed: int | None) -> N
 # -- reading --------------------------------------------------------------------------------------------------------
 
 
-def _setting(nodes: dict[str, Node]) -> tuple[Scene, Engine, dict]:
-    """Return scene, engine and the attributes of /parameters.
+def values_of(dataset: h5py.Dataset) -> Any:
+    """Return the values of a dataset of HDF5: an array or a scalar, with texts as `str`."""
+    return dataset.asstr()[()] if h5py.check_string_dtype(dataset.dtype) else dataset[()]
+
+
+def _variables(group: h5py.Group) -> list[tuple[str, h5py.Dataset]]:
+    """Return the names and datasets of a group, without dimensions that have no coordinates."""
+    return [(name, item) for name, item in group.items() if "units" in item.attrs]
+
+
+def _setting(file: h5py.File) -> tuple[Scene, Engine, dict[str, str]]:
+    """Return scene, engine and the texts in the attributes of a trajectory file.
 
     Raises WrongFileError for another file of brownpipe, StorageError if this version refuses the scene or the engine.
     """
-    if "parameters" not in nodes:
+    if "runs_digest" not in file.attrs:
         raise WrongFileError(NO_TRAJECTORIES)
-    header = nodes["parameters"].attributes
-    mapping, settings = (json.loads(nodes[f"parameters/{name}"].value) for name in ("scene", "settings"))
+    header = {name: value for name, value in file.attrs.items() if isinstance(value, str) and name[0] != "_"}
     try:
-        scene = parse_scene(mapping, f"{header['scene_name']}.yaml")
-        return scene, recorded({"name": header["engine"], **settings}), header
+        scene, engine = setting_of(header)
+        return scene, engine, header
     except RequestError as error:
         raise StorageError(f"is of brownpipe {header['brownpipe_version']}, not of this one: {error}") from error
 
 
-def refuse_sizes(ensemble: Ensemble, scene: Scene) -> None:
-    """Raise StorageError for arrays whose sizes are not those of the scene, its sample times and the seeds."""
-    runs, times = len(ensemble.seeds), len(scene.times)
-    shapes = {name: (runs, *map(len, axes(scene, name).values())) for name in ARRAYS.keys() & ensemble.observables}
-    arrays = {name: (values, shapes.get(name, (runs,))) for name, values in ensemble.observables.items()}
-    tracks = {"tracer": (ensemble.tracer, runs)} if ensemble.tracer is not None else {}
-    tracks |= {f"seed {seed}": (track, scene.particles) for seed, track in ensemble.whole.items()}
-    for whose, (track, disks) in tracks.items():
-        parts = track._asdict().items()
-        arrays |= {f"{name} ({whose})": (part, (times, disks, 2)) for name, part in parts if part is not None}
-    for name, (values, shape) in arrays.items():
-        if values.shape != shape:
-            raise StorageError(f"holds {name} of shape {values.shape}; its scene and seeds make it {shape}")
-
-
-def _ensemble(nodes: dict[str, Node], scene: Scene) -> Ensemble:
-    """Return the runs; their times are those of the file, the scene's if it has neither tracks nor arrays."""
-    observables = {name: value for name, value in _children(nodes, "observables/run").items() if name not in AXES}
-    seeds, reasons = observables.pop("seed"), observables.pop("stopped", ())
-    stopped = {seed: reason for seed, reason in zip(seeds.tolist(), reasons, strict=False) if reason}
-    whole = {_seed(name): _track(nodes, f"particles/{name}") for name in _runs(nodes, "particles")}
-    events = {_seed(name): _log(nodes, f"observables/events/{name}") for name in _runs(nodes, "observables/events")}
-    tracer = _track(nodes, "particles/tracer") if "particles/tracer" in nodes else None
-    ends = ("/position/time", "observables/run/time")
-    times = next((node.value for path, node in nodes.items() if path.endswith(ends)), scene.times)
-    return Ensemble(seeds, times, tracer, observables, whole, events, stopped=stopped)
-
-
-def _children(nodes: dict[str, Node], group: str) -> dict:
-    """Return the values of the datasets in a group by name, None for groups in it."""
-    return {path.rpartition("/")[2]: node.value for path, node in nodes.items() if path.rpartition("/")[0] == group}
-
-
-def _runs(nodes: dict[str, Node], group: str) -> list[str]:
-    """Return the names of the groups of single runs, seed_00017, ascending."""
-    return sorted((name for name in _children(nodes, group) if name.startswith("seed_")), key=_seed)
-
-
-def _seed(name: str) -> int:
-    return int(name.removeprefix("seed_"))
-
-
-def _track(nodes: dict[str, Node], group: str) -> Track:
-    values = (nodes.get(f"{group}/{element}/value") for element in Track._fields)
-    return Track(*(node and node.value for node in values))
-
-
-def _log(nodes: dict[str, Node], group: str) -> Events:
-    return Events(*(nodes[f"{group}/{name}"].value for name in Events._fields))
+def setting_of(attributes: Mapping) -> tuple[Scene, Engine]:
+    """Return the scene and the engine that the attributes of runs name. Raises RequestError if they are none."""
+    scene = parse_scene(json.loads(attributes["scene"]), f"{attributes['scene_name']}.yaml")
+    return scene, recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})

@@ -46,7 +46,7 @@ def inspect(arguments: Namespace) -> int:
     elif arguments.variables:
         show(*inspection.variables(arguments.file).split("\n"))
     elif arguments.seed is not None:
-        show(*inspection.report_run(arguments.file, arguments.seed).split("\n"))
+        show(*inspection.report(arguments.file, arguments.seed).split("\n"))
     elif Path(arguments.file).suffix.lower() in products.SUFFIXES:
         show(*products.describe_product(arguments.file))
     else:
