@@ -70,8 +70,8 @@ class Case(NamedTuple):
 
 # -- scenes ---------------------------------------------------------------------------------------------------------
 
-THERMAL = {"temperature": 1.6}
-AT_REST = {"temperature": 0.0}
+THERMAL = {"temperature": 1.6, "zero_momentum": False}
+AT_REST = {"temperature": 0.0, "zero_momentum": False}
 PINNED = {"time": 1.0, "tracer": "pinned"}
 FREE = {"time": 1.0, "tracer": "free"}
 NOTE = (0.3, 1.0, [0.0, 0.0])  # tracer of the note: radius, mass, position

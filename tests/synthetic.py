@@ -93,8 +93,8 @@ def _distributions(dataset, rng):
         **_estimate("contact_value", pair, _spread(dataset, (3,), contact), 0.02, rng),
         **_estimate("contact_value_rate", pair, _spread(dataset, (3,), contact), 0.006, rng),
         "contact_distance": (pair, _spread(dataset, (3,), CONTACT)),
-        "velocity": ("velocity", v),
-        "speed": ("speed", u),
+        "velocity_bin": ("velocity_bin", v),
+        "speed_bin": ("speed_bin", u),
         "distance": ("distance", r),
     }
 
@@ -104,7 +104,9 @@ def _density(dim, dataset, density, rng):
     counts = density * np.array([[3e3], [4e5]]) * 0.1
     mean = np.where(counts > 0.5, density, 0.0)
     error = mean / np.sqrt(np.maximum(counts, 0.5))
-    return _estimate(f"{dim}_density", (*EACH, "species", dim), _spread(dataset, error.shape, mean), error, rng)
+    return _estimate(
+        f"{dim}_density", (*EACH, "species", f"{dim}_bin"), _spread(dataset, error.shape, mean), error, rng
+    )
 
 
 def _thermodynamics(dataset, rng):

@@ -717,10 +717,10 @@ def test_stationary_is_what_has_one_temperature_and_had_time():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--observables", "msd"], "some.yaml: --observables msd: 'msd' is unknown; must be of square_displacement,"),
+        (["--observables", "msd"], "some: observables: 'msd' is unknown; must be of square_displacement,"),
         (
             ["--average", "disks"],
-            "some.yaml: --average disks: disks needs square_displacement or velocity_autocorrelation",
+            "some: average: disks needs square_displacement or velocity_autocorrelation",
         ),
     ],
 )

@@ -311,7 +311,8 @@ def test_a_failed_job_says_why(tmp_path):
     folder = write_study(tmp_path / "study")
     crowd = "particles: [170]\nseeds: 1\nscenes: scenes/hot.yaml\n"  # they would fit, but not at random
     (folder / "study.yaml").write_text(crowd)
-    (folder / "scenes" / "hot.yaml").write_text(SCENE.replace("[-3.0, 3.0]", "[-1.5, 1.5]"))
+    dense = SCENE.replace("[-3.0, 3.0]", "[-1.5, 1.5]").replace("disks:", "disks:\n  placement: random")
+    (folder / "scenes" / "hot.yaml").write_text(dense)
     printed = snakemake(folder, "--cores", "1", fails=True)
     assert printed.splitlines()[-1].startswith("    brownpipe: hot, N = 170, seed 0: disks: ")  # below all else
     assert "brownpipe: the rule simulate failed: brownpipe simulate scenes/hot.yaml --particles 170" in printed

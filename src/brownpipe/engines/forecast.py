@@ -19,7 +19,7 @@ import numpy as np
 from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.friction import DENSEST
-from brownpipe.engines.placement import lattice_gaps
+from brownpipe.engines.lattice import lattice_gaps
 from brownpipe.engines.saturation import is_grown, share_stuck
 from brownpipe.engines.units import PATH_PER_BLOCK
 from brownpipe.errors import RequestError

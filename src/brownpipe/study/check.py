@@ -17,7 +17,7 @@ from brownpipe.engines.friction import (
     followed,
     window_caution,
 )
-from brownpipe.engines.placement import lattice_gaps
+from brownpipe.engines.lattice import lattice_gaps
 from brownpipe.engines.saturation import is_grown, placement_caution
 from brownpipe.engines.settling import settling_caution, settling_in_words
 from brownpipe.errors import RequestError
