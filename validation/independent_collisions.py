@@ -13,8 +13,9 @@ import math
 
 import numpy as np
 
-import brownpipe as bp
+from brownpipe import simulate
 from brownpipe.engines.friction import bath_of, friction_rate, partners_of
+from brownpipe.scene import Scene, read_scene
 
 SCENES = ("harrison2020", "harrison2020_thermal")
 PARTICLES, TRACERS, EXACT_RUNS = 150, 60_000, 20_000
@@ -22,7 +23,7 @@ STEP = 5e-4  # time, in which a tracer has at most one collision: 0.5 % of them 
 FASTEST = 8.0  # relative speed, in standard deviations of a component of the bath's velocities
 
 
-def msd_of_independent_collisions(scene: bp.Scene, rng: np.random.Generator) -> tuple[float, float]:
+def msd_of_independent_collisions(scene: Scene, rng: np.random.Generator) -> tuple[float, float]:
     """Return the MSD at the end [length^2] and its standard error."""
     bath, (species,) = bath_of(scene), partners_of(scene).contact_value
     mass, speed = bath.mass[0] / scene.mass[0], math.sqrt(bath.temperature / bath.mass[0])
@@ -46,7 +47,7 @@ def msd_of_independent_collisions(scene: bp.Scene, rng: np.random.Generator) -> 
     return mean_and_error((moved**2).sum(axis=1))
 
 
-def msd_of_langevin(scene: bp.Scene) -> float:
+def msd_of_langevin(scene: Scene) -> float:
     """Return the MSD at the end [length^2] of the Langevin equation without walls, in closed form."""
     gamma, thermal = friction_rate(scene, "enskog"), bath_of(scene).temperature / scene.mass[0]
     decay = -math.expm1(-gamma * scene.duration)
@@ -54,15 +55,15 @@ def msd_of_langevin(scene: bp.Scene) -> float:
     return 2 * initial_speed(scene) ** 2 * (decay / gamma) ** 2 + noise
 
 
-def initial_speed(scene: bp.Scene) -> float:
+def initial_speed(scene: Scene) -> float:
     """Return the standard deviation of a component of the tracer's initial velocity [length/time]."""
     velocities = scene.velocities
     return velocities.standard_deviation or math.sqrt(velocities.temperature / scene.mass[0])
 
 
-def msd_of_exact_runs(scene: bp.Scene) -> tuple[float, float]:
+def msd_of_exact_runs(scene: Scene) -> tuple[float, float]:
     """Return the MSD at the end [length^2] and its standard error."""
-    position = bp.simulate(scene.replace(sample_interval=scene.duration), seeds=EXACT_RUNS).position.values
+    position = simulate(scene.replace(sample_interval=scene.duration), seeds=EXACT_RUNS).position.values
     return mean_and_error(((position[-1] - position[0]) ** 2).sum(axis=1))
 
 
@@ -73,7 +74,7 @@ def mean_and_error(values: np.ndarray) -> tuple[float, float]:
 def main() -> None:
     """Print the three MSDs of each scene."""
     for name in SCENES:
-        scene = bp.read_scene(f"config/scenes/{name}.yaml", PARTICLES)
+        scene = read_scene(f"config/scenes/{name}.yaml", PARTICLES)
         exact, error = msd_of_exact_runs(scene)
         independent, its_error = msd_of_independent_collisions(scene, np.random.default_rng(2020))
         langevin = msd_of_langevin(scene)
