@@ -75,7 +75,10 @@ def test_windows_begin_when_motion_is_diffusive():
 @pytest.mark.parametrize(("window", "ring"), [((0.2, 4.0), True), (None, False)])
 def test_a_window_before_is_marked(window, ring):
     long = scene(duration=4.0 if ring else 60.0)
-    text = summary(bp.analyse(bp.simulate(long, seeds=8), fit_windows=window and [window]))
+    result = bp.analyse(bp.simulate(long, seeds=8), fit_windows=window and [window])
+    (label,) = [line.get_label() for line in bp.plot(result, "msd").axes[0].lines if "slope" in str(line.get_label())]
+    assert label.endswith(" °") == ring
+    text = summary(result)
     assert (" °" in text) == ring
     assert ("° the fit window [0.2, 4] begins before 3/gamma of the tracer" in text) == ring
 

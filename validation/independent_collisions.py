@@ -19,7 +19,7 @@ from brownpipe.scene import Scene, read_scene
 
 SCENES = ("harrison2020", "harrison2020_thermal")
 PARTICLES, TRACERS, EXACT_RUNS = 150, 60_000, 20_000
-STEP = 5e-4  # time, in which a tracer has at most one collision: 0.5 % of them are missed
+STEP = 5e-4  # time, in which a tracer has at most one collision: 0.3 % of them are missed
 FASTEST = 8.0  # relative speed, in standard deviations of a component of the bath's velocities
 
 
@@ -79,8 +79,8 @@ def main() -> None:
         independent, its_error = msd_of_independent_collisions(scene, np.random.default_rng(2020))
         langevin = msd_of_langevin(scene)
         print(f"{name}: exact {exact:.4f} +- {error:.4f}, independent collisions {independent:.4f} +- {its_error:.4f},")
-        print(f"    langevin {langevin:.4f}: {100 * (langevin / independent - 1):+.1f} % of independent collisions,")
-        print(f"    which are {100 * (independent / exact - 1):+.1f} % of exact runs")
+        print(f"    langevin {langevin:.4f}: {100 * (langevin / independent - 1):+.1f} % from independent collisions,")
+        print(f"    which are {100 * (independent / exact - 1):+.1f} % from exact runs")
 
 
 if __name__ == "__main__":

@@ -34,8 +34,8 @@ def main(argv: list[str] | None = None) -> int:
         os.environ["OPENBLAS_NUM_THREADS"] = "1"  # no verb gains from more
         gc.set_threshold(GARBAGE)
         status = _status(sys.argv[1:])
-    gc.freeze()  # nor when it ends: a quarter of the start of a verb, a fifth of figures
     interrupts.leave()
+    gc.freeze()  # nor when it ends: a quarter of the start of a verb, a fifth of figures
     return status
 
 

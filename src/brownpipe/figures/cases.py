@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, SupportsFloat
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
+from brownpipe.engines.friction import window_caution
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -96,6 +97,12 @@ def title_of(case: Dataset) -> str:
 def _suffix(case: Dataset) -> str:
     engine = "" if case.engine == "exact" else f", {case.engine.item()}"
     return engine + (", not equilibrated" if drifts(case) else "")
+
+
+def early_mark(fit: Dataset) -> str:
+    """Return a ring for a fit whose window begins before the tracer's motion is diffusive; "" for others."""
+    window = (fit.window_start.item(), fit.window_end.item())
+    return " °" if window_caution(window, {"": fit.diffusive_from.item()}) else ""
 
 
 def drifts(case: Dataset) -> bool:

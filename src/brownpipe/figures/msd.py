@@ -9,7 +9,7 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe import theory
-from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
+from brownpipe.figures.cases import early_mark, fits_of, has, over_time, plus_minus, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, MODEL, band, columns, heads, highest, log_axis
 from brownpipe.figures.tables import frame_of
 
@@ -72,7 +72,9 @@ def _line(axes: Axes, fit: Dataset, end: float) -> None:
     slope = float(fit.slope)
     intercept = float(fit.intercept)
     window = np.array([float(fit.window_start), float(fit.window_end)])
-    label = f"least squares over {fit.window.item()}: slope {plus_minus(slope, fit.slope_standard_error)}"
+    label = (
+        f"least squares over {fit.window.item()}: slope {plus_minus(slope, fit.slope_standard_error)}{early_mark(fit)}"
+    )
     whole = np.array([max(0.0, -intercept / slope) if slope > 0 else 0.0, end])
     axes.plot(whole, intercept + slope * whole, color=FIT, linewidth=0.7)
     axes.plot(window, intercept + slope * window, color=FIT, linewidth=1.5, label=label)

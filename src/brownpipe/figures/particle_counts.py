@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import by_series, fits_of, over_time
+from brownpipe.figures.cases import by_series, early_mark, fits_of, over_time
 from brownpipe.figures.style import GREY, SERIES, apart, band, grid, heads, highest, points, shades
 from brownpipe.figures.tables import PARTS, label_of
 
@@ -52,8 +52,8 @@ def _diffusion(axes: Axes, cases: list[Dataset]) -> None:
     all_fits = [fit for case in cases for fit in fits_of(case)]
     for window, (colour, _, marker) in zip(cases[0].window.values, cycle(SERIES), strict=False):
         fits = [fit for fit in all_fits if fit.window == window]
-        counts = [fit.particles.item() for fit in fits]
-        points(axes, counts, fits, "diffusion_coefficient", color=colour, fmt=marker, label=f"window {window}")
+        counts, mark = [fit.particles.item() for fit in fits], max(map(early_mark, fits), default="")
+        points(axes, counts, fits, "diffusion_coefficient", color=colour, fmt=marker, label=f"window {window}{mark}")
 
 
 def _extent(cases: list[Dataset]) -> tuple[float, float]:

@@ -13,7 +13,16 @@ from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
 from brownpipe.engines.failures import stopped_in_words
 from brownpipe.engines.friction import window_caution
-from brownpipe.figures.cases import at_last_distribution, cases_of, drifts, has, over_time, plus_minus, title_of
+from brownpipe.figures.cases import (
+    at_last_distribution,
+    cases_of,
+    drifts,
+    early_mark,
+    has,
+    over_time,
+    plus_minus,
+    title_of,
+)
 from brownpipe.figures.tables import aligned, label_of
 from brownpipe.quoting import in_lines
 from brownpipe.scene.seeds import brief_seed_text
@@ -88,7 +97,7 @@ def estimates_of(case: Dataset) -> list[str]:
     estimates = [(over_time(case).isel(time=-1), "msd"), (case.isel(window=0), "diffusion_coefficient")]
     star = " *" * drifts(case)
     msd, d = (plus_minus(part[name], part[f"{name}_standard_error"]) + star for part, name in estimates)
-    return [msd, d + " °" * (_early_fit([case]) is not None)]
+    return [msd, d + early_mark(case.isel(window=0))]
 
 
 def _early_fit(cases: Sequence[Dataset]) -> str | None:
