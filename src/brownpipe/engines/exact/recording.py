@@ -58,6 +58,26 @@ def quarter_arrays(scene: Scene, frame: Frame, times: np.ndarray) -> dict[str, n
     return {"quarter": ends, "species": species, "totals": np.zeros((len(ends), 2 + kinds))}
 
 
+def quarter_of(recorder: ws.Recorder, w: ws.Workspace) -> ws.Recorder:
+    """Return the recorder for samples up to the next end of a quarter, or for all if there is none.
+
+    The kernel takes no totals itself: even where it never did, this made every collision 2 to 3 % slower.
+    """
+    ends = recorder.quarter[recorder.quarter >= w.progress[ws.SAMPLE]]
+    return recorder._replace(block=recorder.block[: ends[0] + 1]) if len(ends) else recorder
+
+
+def take_totals(recorder: ws.Recorder, w: ws.Workspace) -> None:
+    """Write pair collisions and virial so far, and the kinetic energy of each species now, at the end of a quarter."""
+    (row,) = np.flatnonzero(recorder.quarter == w.progress[ws.SAMPLE] - 1)
+    totals = recorder.totals[row]
+    totals[:2] = w.count[ws.PAIRS], w.tally[ws.VIRIAL]
+    if len(recorder.species):
+        vx, vy = w.disk.reshape(-1, ws.ROW)[:, [ws.VX, ws.VY]].T
+        half_mass = 0.5 if w.mass is None else 0.5 * w.mass
+        totals[2:] = np.bincount(recorder.species, half_mass * (vx * vx + vy * vy), len(totals) - 2)
+
+
 def quarters(scene: Scene, frame: Frame, totals: np.ndarray) -> dict[str, np.ndarray]:
     """Return what K runs report by quarters, given their totals (K, 5 or 0, ...), in the scene's units; {} if nothing.
 

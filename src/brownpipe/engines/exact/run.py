@@ -18,7 +18,7 @@ from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
-from brownpipe.engines.exact.recording import each_report, ending_of, joined, logged, new_recorder
+from brownpipe.engines.exact.recording import each_report, ending_of, joined, logged, new_recorder, quarter_of, take_totals
 from brownpipe.engines.insertion import insert_nothing
 from brownpipe.engines.recording import SAMPLES, EndedRun, tracer_samples, whole_track
 from brownpipe.engines.state import Events, State
@@ -147,10 +147,11 @@ def _to_last_sample(
     scene, frame = prepared.scene, prepared.frame
     before, events, estimated = _block_and_time(w), 0, w.calendar.width
     few = most = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
+    quarter = quarter_of(recorder, w)
     while True:
         w.progress[ws.STOP] = saving.due()
         done, elapsed = events_so_far(w), time_since_start(w)
-        outcome = advance(w, recorder, most)
+        outcome = advance(w, quarter, most)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
             events += most if outcome == ws.PAUSED else len(recorder.log_time)
             w = with_fitting_buckets(w, events_so_far(w) - done, time_since_start(w) - elapsed, estimated)
@@ -162,8 +163,14 @@ def _to_last_sample(
         if len(recorder.log_time):
             logs.append(logged(recorder, w, frame))
             w.progress[ws.LOGGED] = 0
-        if outcome in (ws.DONE, ws.CELL_FULL):
-            return outcome == ws.DONE
+        if outcome == ws.CELL_FULL:
+            return False
+        if outcome == ws.DONE:
+            if len(recorder.quarter):
+                take_totals(recorder, w)
+            if w.progress[ws.SAMPLE] == len(recorder.block):
+                return True
+            quarter = quarter_of(recorder, w)
         if outcome == ws.BLOCK_OVER:
             saving.store(_state_of(w, recorder, start, logs))
 

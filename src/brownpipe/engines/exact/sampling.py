@@ -6,7 +6,7 @@ import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.audit import audit
-from brownpipe.engines.exact.disks import mass_of, position
+from brownpipe.engines.exact.disks import position
 from brownpipe.engines.kernels import kernel
 
 
@@ -53,30 +53,13 @@ def write_motion(
 
 
 @kernel
-def take_totals(mass: np.ndarray | None, w: ws.Workspace, r: ws.Recorder, row: int) -> None:
-    """Write pair collisions and virial so far, and the kinetic energy of each species now, to a row of the totals."""
-    totals = r.totals
-    totals[row, 0], totals[row, 1] = w.count[ws.PAIRS], w.tally[ws.VIRIAL]
-    totals[row, 2:] = 0.0
-    for i in range(len(r.species)):
-        vx, vy = w.disk[ws.ROW * i + ws.VX], w.disk[ws.ROW * i + ws.VY]
-        totals[row, 2 + r.species[i]] += 0.5 * mass_of(mass, i) * (vx * vx + vy * vy)
-
-
-@kernel
 def take_sample(w: ws.Workspace, r: ws.Recorder, now: float) -> None:
-    """Record the next sample, and audit the disks recorded; at the last sample audit all disks.
-
-    At the end of a quarter of the run record the totals, too.
-    """
+    """Record the next sample, and audit the disks recorded; at the last one of the recorder audit all disks."""
     sample = w.progress[ws.SAMPLE]
     w.progress[ws.SAMPLE] = sample + 1
     if len(w.disk) == 0:
         return
     write_motion(w, r.tracer, now, r.position, r.velocity, r.image, sample, 0)
-    for row in range(len(r.quarter)):
-        if r.quarter[row] == sample:
-            take_totals(w.mass, w, r, row)
     whole = r.whole_position.shape[1] > 0
     is_last = sample == len(r.block) - 1
     first, end = (0, len(w.disk) // ws.ROW) if whole or is_last else (r.tracer, r.tracer + 1)
