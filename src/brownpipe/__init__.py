@@ -11,9 +11,9 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from brownpipe.interface import Scene, analyse, open, plot, read_scene, save, simulate
+    from brownpipe.interface import Scene, analyse, open, plot, read_scene, save, scan, simulate
 
-__all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "simulate"]
+__all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "scan", "simulate"]
 
 
 def __getattr__(name: str) -> Any:

@@ -31,6 +31,7 @@ from brownpipe.scene import parse_scene
 from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import NotNegative, Positive, plain, validated
 from brownpipe.scene.seeds import read_seeds
+from brownpipe.scene.variation import Vary, combinations, variant
 from brownpipe.storage import Trajectories, from_tree, refuse_foreign, to_tree, write_dataset, write_trajectories
 from brownpipe.study import forecast_of_runs
 from brownpipe.study.study import Rings
@@ -38,7 +39,7 @@ from brownpipe.study.study import Rings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "simulate"]
+__all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "scan", "simulate"]
 
 
 def Scene(  # noqa: N802  # makes what its name says, like a class
@@ -153,10 +154,7 @@ def analyse(
     a variable means. Raises AnalysisError for runs that do not belong together, or for times outside them.
     """
     several = list(runs) if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord) else [runs]
-    windows = validated(tuple[tuple[NotNegative, NotNegative], ...] | None, plain(fit_windows), key="fit_windows")
-    for window in windows or ():
-        if not window[0] < window[1]:
-            raise RequestError(f"fit_windows: must be two times [t0, t1] with t0 < t1, not {list(window)}")
+    windows = _windows(fit_windows)
     given = validated(Rings | None, plain(rings), key="rings")
     width, count = (given.dr, given.count) if given else (None, None)
     times = validated(tuple[Positive, ...], plain(displacement_times), key="displacement_times")
@@ -165,11 +163,38 @@ def analyse(
         return aggregate(sources, windows, width, count, times)
 
 
+def scan(
+    scene: SceneRecord | str | Path,
+    vary: Mapping[str, Sequence | Mapping],
+    seeds: int | str | Collection[int] = 1,
+    *,
+    together: bool = False,
+    fit_windows: Sequence[Sequence[float]] | None = None,
+    quiet: bool = False,
+    **options: Any,
+) -> Dataset:
+    """Return the analysis of runs of a scene with all combinations of values of some of its keys.
+
+    vary: values by key, such as {"disks.tracer.mass": [1, 10, 100], "packing_fraction": [0.1, 0.3]}, or
+    {"from": 1, "to": 100, "count": 5, "spacing": "log"} in place of a list.
+    together: the first values of all keys, then the second ones, ..., instead of all combinations.
+    fit_windows: as of `analyse`. options: as of `simulate`, with the same seeds for all values.
+
+    Each key is a dimension: `result.diffusion_coefficient.sel(tracer_mass=10)`. Raises what `simulate` does.
+    """
+    base = scene if isinstance(scene, SceneRecord) else read_scene(scene)
+    values = validated(Vary, plain(vary), key="vary")
+    keys = base.model_dump(exclude_unset=True)
+    scenes = [variant(keys, "scene", one, name=base.name) for one in combinations(values, together)]
+    runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in scenes]
+    return aggregate(runs, _windows(fit_windows), vary=[*values], vary_together=together)
+
+
 def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) -> "Figure":
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation, velocity_distribution,
-    pair_distribution, energy, thermodynamics, particle_counts or health.
+    pair_distribution, energy, thermodynamics, scan or health.
     particles: show the runs with this many disks; by default each scene's largest number.
 
     Notebooks show it by themselves. Raises FigureError if the dataset has no data for it.
@@ -224,6 +249,15 @@ def _words(name: str, value: Any) -> str:
     if not isinstance(value, Iterable):
         raise RequestError(f"{name}: must be a name or a list of names, not {value!r}")
     return ",".join(str(word).strip() for word in (value.split(",") if isinstance(value, str) else value))
+
+
+def _windows(value: Any) -> tuple[tuple[float, float], ...] | None:
+    """Return fit windows, None for those by default."""
+    windows = validated(tuple[tuple[NotNegative, NotNegative], ...] | None, plain(value), key="fit_windows")
+    for window in windows or ():
+        if not window[0] < window[1]:
+            raise RequestError(f"fit_windows: must be two times [t0, t1] with t0 < t1, not {list(window)}")
+    return windows
 
 
 def _seeds(value: Any) -> Sequence[int]:

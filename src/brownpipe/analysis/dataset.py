@@ -36,6 +36,7 @@ from brownpipe.analysis.variables import (
     Variable,
     with_uncertainties,
 )
+from brownpipe.analysis.varied import over_keys
 from brownpipe.engines.failures import HEALTH
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError
@@ -63,6 +64,8 @@ def aggregate(
     dr: float | None = None,
     rings: int | None = None,
     displacement_times: Sequence[float] = (),
+    vary: Sequence[str] = (),
+    vary_together: bool = False,
 ) -> "xarray.Dataset":
     """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
@@ -76,6 +79,7 @@ def aggregate(
         run to its end.
     dr, rings: width [length] and number of the rings of the displacement distribution, by default from the data.
     displacement_times: its times [time], by default the end of each run.
+    vary, vary_together: keys in which the scenes differ, each a dimension (`varied.over_keys`).
 
     Raises AnalysisError for files that do not belong together, for windows and times that coincide or that no run
     reaches, and what `storage.read_trajectories` raises for broken files.
@@ -101,7 +105,8 @@ def aggregate(
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
     attributes = ATTRIBUTES | {"msd_of": " or ".join(sorted({_followed(one) for one in outlines}))} | made
-    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS, kept=EACH)
+    dataset = joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS, kept=EACH)
+    return over_keys(dataset, [outline.scene for outline in outlines], vary, vary_together)
 
 
 def _followed(outline: Outline) -> str:
@@ -144,15 +149,20 @@ def _results(case: Case, group: Group, before: int, total: int) -> Part:
     while sum(len(runs.seeds) for runs in first) < RUNS_FOR_RINGS and (runs := next(blocks, None)) is not None:
         first.append(runs)
     case = case._replace(edges=rings_of(case, first))
+    of_runs: dict[str, np.ndarray] = {}
     for runs in chain(first, blocks):
         parts = zip(*(estimator.columns(case, runs) for estimator in ESTIMATORS), strict=True)
-        averages = add_runs(averages, runs.seeds, Columns(*(dict(ChainMap(*part)) for part in parts)))
+        columns = Columns(*(dict(ChainMap(*part)) for part in parts))
+        averages = add_runs(averages, runs.seeds, columns)
+        for name, values in displacement.of_each_run(columns).items():
+            of_runs.setdefault(name, np.full(len(group.seeds), np.nan))[np.isin(group.seeds, runs.seeds)] = values
     averages = with_estimates(averages)
     failed, *numbers = np.concatenate(health, axis=1)
     part: Part = dict(zip(EACH, ([label] for label in group.files[0].key), strict=True))
     part |= {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
     part |= {"runs": np.count_nonzero(failed == 0), "failed_runs": np.count_nonzero(failed)}
     part["run_status"] = np.where(failed == 0, KEPT, FAILED)
+    part |= of_runs
     if stopped:
         part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
     for estimator in ESTIMATORS:

@@ -104,6 +104,13 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns({"msd": squared, "lines": per_run_lines(squared, case.times, case.options.windows)})
 
 
+def of_each_run(columns: Columns) -> dict[str, np.ndarray]:
+    """Return the square displacement of each run at its end, and its slope/4 in the first window, (n,)."""
+    if "msd" not in columns.means:
+        return {}
+    return {"run_msd": columns.means["msd"][:, -1], "run_diffusion_coefficient": columns.means["lines"][:, 0, 0] / 4}
+
+
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     windows, times = case.options.windows, case.times
     values: dict[str, ArrayLike] = {
@@ -126,7 +133,7 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     }
 
 
-WINDOW = (*EACH, "window")
+WINDOW, SEED = (*EACH, "window"), (*EACH, "seed")
 
 VARIABLES = {
     "msd": Mean(TIME, AREA, f"mean squared displacement {FOLLOWED}"),
@@ -139,6 +146,8 @@ VARIABLES = {
         "standard error of the slope by least squares for independent points; not valid here, as all points of "
         "the MSD come from the same runs",
     ),
+    "run_msd": Variable(SEED, AREA, "squared displacement of a run at its end"),
+    "run_diffusion_coefficient": Variable(SEED, RATE, "slope/4 of a run's squared displacement in the first window"),
     "diffusion_coefficient": Mean(WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
 }
 COORDINATES = {

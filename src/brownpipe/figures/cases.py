@@ -5,11 +5,13 @@ A case is one scene with one particle count and one engine: the dataset without 
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, SupportsFloat
 
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
+from brownpipe.analysis.varied import labels_of_cases
 from brownpipe.engines.friction import window_caution
 
 if TYPE_CHECKING:
@@ -19,9 +21,9 @@ if TYPE_CHECKING:
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
-    """Return every case that has runs, ordered by scene, particle count and engine."""
-    labels = [(s, n, e) for s in dataset.scene.values for n in dataset.particles.values for e in dataset.engine.values]
-    cases = [dataset.sel(scene=s, particles=n, engine=e) for s, n, e in labels]
+    """Return every case that has runs, ordered by scene, varied keys, particle count and engine."""
+    dims = labels_of_cases(dataset)
+    cases = [dataset.sel(dict(zip(dims, one, strict=True))) for one in product(*(dataset[dim].values for dim in dims))]
     return [case for case in cases if int(case.runs) + int(case.failed_runs) > 0]
 
 
@@ -36,7 +38,7 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
     A scene that lacks the requested count is left out.
     """
     selected = []
-    for in_scene in _grouped(cases, lambda case: case.scene.item()).values():
+    for in_scene in _grouped(cases, lambda case: scene_of(case)).values():
         count = particles or max(int(case.particles) for case in in_scene)
         selected += [case for case in in_scene if case.particles == count]
     return selected
@@ -44,7 +46,7 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
 
 def by_series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
     """Group the cases that differ in particle count alone, under scene, engine and whether their runs drift."""
-    return _grouped(cases, lambda case: case.scene.item() + _suffix(case))
+    return _grouped(cases, lambda case: scene_of(case) + _suffix(case))
 
 
 def _grouped(cases: list[Dataset], name: Callable[[Dataset], str]) -> dict[str, list[Dataset]]:
@@ -89,9 +91,19 @@ def fits_of(case: Dataset) -> list[Dataset]:
     return parts_of(case, "window", "slope")
 
 
+def scene_of(case: Dataset) -> str:
+    """Return the scene of a case, with its values of varied keys."""
+    keys = labels_of_cases(case)[1:-2]
+    return ", ".join([case.scene.item(), *(f"{name} = {_short(case[name].item())}" for name in keys)])
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else f"{value}"
+
+
 def title_of(case: Dataset) -> str:
     """Return scene, particle count, the label of the engine unless it is the exact one, and whether its runs drift."""
-    return f"{case.scene.item()}, N = {case.particles.item()}{_suffix(case)}"
+    return f"{scene_of(case)}, N = {case.particles.item()}{_suffix(case)}"
 
 
 def _suffix(case: Dataset) -> str:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 # What a study must have for a figure, as refusals name it
 FOLLOWED = "a disk to follow"
 COLLISIONS = "disks, and an engine that counts their collisions"
-SEVERAL_COUNTS = "two particle counts or more"
+SCAN = "two particle counts or more, or a varied key"
 TRACKED = "record: tracer"
 SPREADING = "record: tracer, or square_displacement among the observables"
 
@@ -35,7 +35,7 @@ FIGURES = {
         Figure("pair_distribution", ("the observable pair_distribution",), ("pair_distribution",)),
         Figure("energy", ("the observable species_energy",), ("species_energy",)),
         Figure("thermodynamics", (COLLISIONS,), ("collision_rate",), every_count=True),
-        Figure("particle_counts", (SEVERAL_COUNTS, SPREADING), ("msd",), every_count=True),
+        Figure("scan", (SCAN, SPREADING), ("msd",), every_count=True),
         Figure("health", every_count=True),
     )
 }

@@ -8,8 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import cases_of, has, one_count
-from brownpipe.figures.catalogue import FIGURES, SEVERAL_COUNTS
+from brownpipe.figures.cases import cases_of, has, one_count, scene_of
+from brownpipe.figures.catalogue import FIGURES, SCAN
 from brownpipe.figures.style import drawing, image_bytes
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def cases_shown(
         _, needs, variables, every_count = FIGURES[name]
         selected = [case for case in cases if has(case, *variables)]
         selected = selected if every_count else one_count(selected, particles)
-        if SEVERAL_COUNTS in needs and len({int(case.particles) for case in selected}) < 2:
+        if SCAN in needs and len({(scene_of(case), int(case.particles)) for case in selected}) < 2:
             selected = []
         if names and not selected:
             needed = "; ".join(needs) or "runs"

@@ -21,6 +21,7 @@ from brownpipe.figures.cases import (
     has,
     over_time,
     plus_minus,
+    scene_of,
     title_of,
 )
 from brownpipe.figures.tables import aligned, label_of
@@ -73,7 +74,7 @@ def answer(dataset: Dataset) -> Answer:
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
     rows = [("scene", "N", "engine", "runs", heading_of_msd(cases), "D", *TESTS)]
     for case, of_case, no in zip(cases, p, rejected, strict=True):
-        names = (case.scene.item(), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
+        names = (scene_of(case), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
         rows.append((*names, *estimates_of(case), *map(_verdict, of_case, no)))
     tests = int(np.count_nonzero(np.isfinite(p)))
     hidden = {*(() if tests else TESTS), *(("engine",) if len({row[2] for row in rows}) == 2 else ())}  # one engine
@@ -102,7 +103,7 @@ def estimates_of(case: Dataset) -> list[str]:
 
 def _early_fit(cases: Sequence[Dataset]) -> str | None:
     """Return one line on cases whose first fit window begins before motion is diffusive; None if there are none."""
-    starts = {f"{case.scene.item()}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
+    starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
     return window_caution((cases[0].window_start.values[0], cases[0].window_end.values[0]), starts)
 
 
@@ -159,7 +160,7 @@ def drifting(cases: list[Dataset]) -> Iterator[str]:
             values = (case[name].values for name in ("drift", "drift_standard_error", "drift_p_value"))
             found = drift.Drift(case["quantity"].values.tolist(), *values)
             words = drift.in_words(found, case.time_to_try.item())
-            yield f"* {case.scene.item()}, N = {case.particles.item()}: {words}"
+            yield f"* {scene_of(case)}, N = {case.particles.item()}: {words}"
         elif not has(case, "drift_p_value"):
             yield f"{title_of(case)}: {drift.TOO_FEW}"
 

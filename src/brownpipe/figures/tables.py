@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from brownpipe.analysis.variables import EACH
+from brownpipe.analysis.varied import labels_of_cases
 from brownpipe.figures.cases import has
 
 if TYPE_CHECKING:
@@ -24,15 +24,16 @@ def frame_of(cases: Iterable[Dataset], dims: Sequence[str], names: Iterable[str]
     import pandas
 
     cases = [*cases]
-    shown = [name for name in names if any(has(case, name) for case in cases)]
+    labels = labels_of_cases(cases[0])
+    shown = [name for name in names if name not in labels and any(has(case, name) for case in cases)]
     shown = [f"{name}{part}" for name in shown for part in PARTS if f"{name}{part}" in cases[0]]
-    frames = [case[shown].expand_dims(EACH).to_dataframe([*EACH, *dims])[shown].dropna(how="all") for case in cases]
+    frames = [case[shown].expand_dims(labels).to_dataframe([*labels, *dims])[shown].dropna(how="all") for case in cases]
     return pandas.concat(frames).reset_index()
 
 
 def label_of(case: Dataset) -> dict[str, str | int]:
     """Return scene, particle count and engine, by which the rows of a case begin."""
-    return {name: case[name].item() for name in EACH}
+    return {name: case[name].item() for name in labels_of_cases(case)}
 
 
 def to_csv(table: DataFrame) -> bytes:

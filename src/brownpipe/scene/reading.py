@@ -27,6 +27,7 @@ WORDS = {  # of pydantic, and the same in messages here
     "a valid boolean": "true or false",
     "a valid string": "a text",
     "a valid tuple": "a list",
+    "a valid dictionary": "a mapping",
 }
 TINY = 1e-100  # a bound that only the range of floating-point numbers sets
 BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}

@@ -19,6 +19,7 @@ from brownpipe.quoting import shell_path
 from brownpipe.scene import sample_times
 from brownpipe.scene.packing import ROUND_OFF, most_disks, overlap
 from brownpipe.scene.reading import (
+    NAME,
     NO_MINUS_ZERO,
     AtLeastOne,
     Count,
@@ -44,6 +45,8 @@ SLOWEST_SQUARE = 1e-300  # smallest kT/m except 0
 ONLY_WITH_SPECIES = ("particles", "velocities", "equilibrate")  # keys
 STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
 
+# With the values of varied keys (`variation`): `fluid,tracer_mass=10`.
+SceneName = Annotated[str, Field(pattern=rf"^{NAME.pattern}(,\w+=[\w.-]{{1,64}})*$")]
 Mass = Annotated[Positive, Field(ge=1 / HEAVIEST, le=HEAVIEST)]
 Velocity = Annotated[float, Field(strict=True, ge=-FASTEST, le=FASTEST, allow_inf_nan=False), NO_MINUS_ZERO]
 Width = Annotated[float, Field(strict=True, ge=0, le=FASTEST, allow_inf_nan=False), NO_MINUS_ZERO]
@@ -464,7 +467,7 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
         mapping = document.with_values({"particles": particles})
     scene = validated(Scene, mapping, where)
     stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
-    scene._resolve(name=validated(Name, stem, where, key))
+    scene._resolve(name=validated(SceneName, stem, where, key))
     return scene
 
 

@@ -4,7 +4,9 @@ What a step is made from stands as a digest in the name of a file beside its res
 due, whatever times of modification say.
 """
 
+import json
 import os
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -103,13 +105,21 @@ def files_of(study: Study) -> list[StoredFile]:
 
 def commands(study: Study) -> dict[str, str]:
     """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of its folder."""
-    scenes = {path.stem: shell_path(os.path.relpath(path)) for path in study.scenes}
+    scenes = {
+        name: " ".join([shell_path(os.path.relpath(path)), *(f"--set {_assignment(*one)}" for one in values.items())])
+        for name, (path, values) in study.varied.items()
+    }
     measured = f" --observables {','.join(study.observables)} --average {study.average}" if study.observables else ""
     return {
         runs.key: f"{scenes[runs.case.name]} --particles {runs.case.particles} --engine {runs.engine.options}"
         f" --record {study.record}{measured} --planned {runs.digest}"
         for runs in run_sets(study)
     }
+
+
+def _assignment(key: str, value: object) -> str:
+    """Return KEY=VALUE for a shell."""
+    return shlex.quote(f"{key}={json.dumps(value)}")
 
 
 def listed_runs(study: Study) -> list[str]:
@@ -121,7 +131,7 @@ def digests(study: Study) -> dict[str, str]:
     """Return the first digits of a SHA-256 over all that each step of the workflow after `simulate` is made from."""
     runs = [*listed_runs(study), study.tolerance, study.target, study.fit_windows[0]]
     rings = study.rings and [study.rings.dr, study.rings.count]
-    analysis = [study.fit_windows, study.displacement_times, rings]
+    analysis = [study.fit_windows, study.displacement_times, rings, [*study.vary], study.vary_together]
     found = {step: source_digest(*modules) for step, modules in STEPS.items()}
     aggregate = digest_of(runs, analysis, found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])

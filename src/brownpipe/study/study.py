@@ -15,6 +15,7 @@ from pydantic import (
     Discriminator,
     Field,
     GetPydanticSchema,
+    StrictBool,
     Tag,
     ValidationInfo,
     create_model,
@@ -27,10 +28,11 @@ from brownpipe.engines.exact import EXACT
 from brownpipe.engines.friction import default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
-from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
-from brownpipe.scene import Scene, parse_scene
+from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SCAN, SPREADING, TRACKED
+from brownpipe.scene import Scene
 from brownpipe.scene.reading import AtLeastOne, Count, NotNegative, Positive, Record, alone, key, refuse
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
+from brownpipe.scene.variation import Vary, combinations, variant
 from brownpipe.scene.yaml_file import read_yaml
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
@@ -120,6 +122,10 @@ class Study(Record):
 
     scenes: Texts = key("scene files, relative to the folder of the study file")
     particles: Counts | None = key("numbers of disks; every scene is run with each (default: its own)", None)
+    vary: Vary = key("keys of the scenes, such as disks.tracer.mass, and their values: a list, or from, to, count", {})
+    vary_together: StrictBool = key(
+        "first values of all varied keys, then second ones, ...; not all combinations", False
+    )
     shown_particles: Count | None = key("the number of disks in figures of a single one (default: the largest)", None)
     engines: Engines = key("engines, with their settings if any", ("exact",))
     seeds: Seeds | None = key("a count (2400: seeds 0 to 2399), a range (100-199), or a list of both", None)
@@ -137,7 +143,8 @@ class Study(Record):
     allow_failed: Count = key("runs of the study that may fail", 0)
     if TYPE_CHECKING:  # no keys: what is read with them
         name: str  # the stem of the study file
-        cases: tuple[Scene, ...]  # each scene with each particle count
+        cases: tuple[Scene, ...]  # each scene with each combination of varied keys and each particle count
+        varied: dict[str, tuple[Path, dict[str, Any]]]  # scene file and values of varied keys, by the scene's name
         uses: tuple[EngineUse, ...]  # the engines in their cases, in the order of the study file
 
     @model_validator(mode="after")
@@ -153,19 +160,27 @@ class Study(Record):
         return self
 
     def _read_scenes(self, folder: Path) -> None:
-        """Read every scene with every particle count, or with its own."""
+        """Read every scene with all values of varied keys and every particle count, or with its own."""
         paths: dict[str, Path] = {}
         cases: list[Scene] = []
+        varied: dict[str, tuple[Path, dict[str, Any]]] = {}
+        try:
+            variants = combinations(self.vary, self.vary_together)
+        except RequestError as error:
+            refuse(str(error).removeprefix("vary: "), "vary")
         for k, text in enumerate(self.scenes):
             if Path(text).stem in paths:
                 refuse(f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k)
             path = paths[Path(text).stem] = folder / text
             try:
                 mapping = read_yaml(path)
-                cases += [parse_scene(mapping, str(path), count) for count in self.particles or (None,)]
+                for values in variants:
+                    of_counts = [variant(mapping, str(path), values, count) for count in self.particles or (None,)]
+                    cases += of_counts
+                    varied[of_counts[0].name] = path, values
             except RequestError as error:
-                refuse(str(error), "scenes", k)
-        self._resolve(scenes=tuple(paths.values()), cases=tuple(cases))
+                refuse(str(error), *(("vary",) if self.vary else ("scenes", k)))
+        self._resolve(scenes=tuple(paths.values()), cases=tuple(cases), varied=varied)
 
     def _read_engines(self) -> None:
         """Read the engines, each fit for its scenes; none with the same settings runs a case twice."""
@@ -216,7 +231,7 @@ class Study(Record):
         conditions = {f"the observable {name}": name in measured for name in measures.OBSERVABLES} | {
             FOLLOWED: max(counts) > 0,
             COLLISIONS: any(use.case.particles and use.engine.definition.counts_collisions for use in self.uses),
-            SEVERAL_COUNTS: len(set(counts) - {0}) > 1,
+            SCAN: len(set(counts) - {0}) > 1 or len(self.varied) > len(self.scenes),
             TRACKED: is_tracked,
             SPREADING: is_tracked or "square_displacement" in measured,
         }
@@ -257,6 +272,11 @@ class Study(Record):
     def recording(self) -> tuple[set[str], tuple[str, ...], str]:
         """What each run records, what it measures, and the average: the last arguments of `Engine.forecast`."""
         return {self.record}, self.observables, self.average
+
+    @property
+    def varied_keys(self) -> tuple[list[str], bool]:
+        """The varied keys, and whether their values belong together: the last arguments of `analysis.aggregate`."""
+        return [*self.vary], self.vary_together
 
     @property
     def tradeoff_cases(self) -> list[str]:

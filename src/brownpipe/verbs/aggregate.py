@@ -49,7 +49,7 @@ def aggregate(arguments: Namespace) -> int:
     inputs = [getattr(file, "path", file) for file in files]
     output = writable(arguments.output, *inputs, suffixes=NETCDF)
     with progress.shown("aggregate"):
-        dataset = analysis.aggregate(files, windows, width, count, times or ())
+        dataset = analysis.aggregate(files, windows, width, count, times or (), *(study.varied_keys if study else ()))
     write_dataset(output, dataset)
     if study is not None:
         list_runs(study, arguments)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.verbs.output import HDF5, refuse_if_too_large, say, show, writable
-from brownpipe.verbs.values import SCENE, add_particles, several, typed
+from brownpipe.verbs.values import SCENE, add_particles, assignment, several, typed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,6 +28,8 @@ def add_arguments(add: Callable) -> None:
 
     add("scene", metavar="SCENE", help="scene file (YAML)")
     add_particles(add)
+    replaced = "another value of a key of the scene, like disks.tracer.mass=10 or packing_fraction=0.3; may be repeated"
+    add("--set", action="append", type=assignment, default=[], metavar="KEY=VALUE", help=replaced)
     add("--seeds", default="0", help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)")
     first, *others = DEFINITIONS.values()
     names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
@@ -64,8 +66,9 @@ def simulate(arguments: Namespace) -> int:
     from brownpipe.engines import read_record
     from brownpipe.engines.failures import failures
     from brownpipe.engines.saturation import growth_caution
-    from brownpipe.scene import read_scene
     from brownpipe.scene.seeds import read_seeds
+    from brownpipe.scene.variation import variant
+    from brownpipe.scene.yaml_file import read_yaml
     from brownpipe.storage.store import runs_digest
     from brownpipe.study import forecast_of_runs
 
@@ -73,7 +76,7 @@ def simulate(arguments: Namespace) -> int:
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
     seeds = read_seeds(arguments.seeds)
-    scene = read_scene(arguments.scene, arguments.particles)
+    scene = variant(read_yaml(arguments.scene), arguments.scene, dict(arguments.set), arguments.particles)
     measures: dict[str, Any] = {"observables": tuple(arguments.observables), "average": arguments.average}
     cost = forecast_of_runs(engine, scene, seeds, record, *measures.values())
     digest = runs_digest(scene, engine, record, **measures)

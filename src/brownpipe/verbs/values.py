@@ -52,10 +52,22 @@ def key_value(text: str) -> tuple[str, object]:
     key, sign, value = text.partition("=")
     if not (sign and key.isidentifier()):
         raise ArgumentTypeError(f"must be KEY=VALUE, with a key of the study, like seeds=100, not {text!r}")
+    return key, _json_or_text(value)
+
+
+def _json_or_text(value: str) -> object:
     try:
-        return key, json.loads(value)
+        return json.loads(value)
     except (ValueError, RecursionError):
-        return key, value
+        return value
+
+
+def assignment(text: str) -> tuple[str, object]:
+    """Return the path and the value of KEY=VALUE, a key of a scene."""
+    path, sign, value = text.partition("=")
+    if not (sign and path.replace(".", "").isidentifier()):
+        raise ArgumentTypeError(f"must be KEY=VALUE, with a key of the scene, like disks.tracer.mass=10, not {text!r}")
+    return path, _json_or_text(value)
 
 
 def add_particles(add: Callable, help: str = "number of disks instead of the scene's") -> None:

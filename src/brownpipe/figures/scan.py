@@ -1,0 +1,146 @@
+"""Figure `scan`: MSD at the end, D, pressure and collision rate against a varied key, or the number of disks."""
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle, pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pandas import DataFrame
+from xarray import Dataset
+
+from brownpipe.analysis.varied import labels_of_cases
+from brownpipe.figures.cases import early_mark, fits_of, has, over_time
+from brownpipe.figures.style import DASHED, SERIES, WIDTH, grid, heads, log_axis, points
+from brownpipe.figures.tables import PARTS, label_of
+
+LOGARITHMIC = 30.0  # ratio of the largest value to the smallest, beyond which an axis is logarithmic
+MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
+END, D = "msd", "diffusion_coefficient"
+OF_RUNS = {END: "run_msd", D: "run_diffusion_coefficient"}  # the same of each run
+PANELS = {  # title, label of the axis, Enskog's theory
+    END: ("MSD at the end of the runs", "$\\langle r^2 \\rangle$", ""),
+    D: ("diffusion coefficient, 95 % intervals", "$D$ = slope/4", "enskog_diffusion"),
+    "compressibility": ("compressibility factor", "$Z$", "enskog_compressibility"),
+    "collision_rate": ("collision rate", "collisions per disk and unit time", "enskog_collision_rate"),
+}
+
+
+def draw(cases: list[Dataset]) -> Figure:
+    """Draw a panel per quantity: its values along the axis of the scan, a series for each value of what else differs.
+
+    Of a single series D is shown for every fit window, of several for the first one.
+    """
+    axis = axis_of(cases)
+    series = series_of(cases, axis)
+    names = [name for name in PANELS if any(has(case, name) for case in cases)]
+    figure, axes = grid(-(-len(names) // 2), 2, WIDTH, 3.6 + 0.38 * max(0, len(series) - 1))
+    for panel in axes.flat[len(names) :]:
+        panel.remove()
+    for panel, name in zip(axes.flat, names, strict=False):
+        _panel(panel, axis, _shown(series, name), name)
+        unit = cases[0][axis].attrs.get("units", "1")
+        panel.set_xlabel("number of disks $N$" if axis == "particles" else _words(axis) + f" [{unit}]" * (unit != "1"))
+        panel.set_ylabel(PANELS[name][1])
+    heads(axes.flat[: len(names)], [PANELS[name][0] for name in names])
+    return figure
+
+
+def axis_of(cases: Sequence[Dataset]) -> str:
+    """Return the axis of a scan: the first varied key with several numbers, or else the number of disks."""
+    keys = labels_of_cases(cases[0])[1:-2]
+    return next((key for key in keys if _differs(cases, key) and cases[0][key].dtype.kind in "iuf"), "particles")
+
+
+def _differs(cases: Sequence[Dataset], name: str) -> bool:
+    return len({case[name].item() for case in cases}) > 1
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def series_of(cases: Sequence[Dataset], axis: str) -> dict[str, list[Dataset]]:
+    """Return the cases that differ along the axis alone, ascending along it, by the values of what else differs."""
+    differing = [name for name in labels_of_cases(cases[0]) if name != axis and _differs(cases, name)]
+    series: dict[str, list[Dataset]] = {}
+    for case in sorted(cases, key=lambda case: case[axis].item()):
+        values = [f"{_words(name)} {case[name].item()}" for name in differing]
+        series.setdefault(", ".join(values).replace("scene ", "").replace("engine ", ""), []).append(case)
+    return series
+
+
+def _shown(series: Mapping[str, list[Dataset]], name: str) -> dict[str, list[Dataset]]:
+    """Return the cases of each series at the end of their runs, or at a fit window, where they have a value."""
+    if name == END:
+        return {label: [over_time(case).isel(time=-1) for case in cases] for label, cases in series.items()}
+    if name != D:
+        return {label: [case for case in cases if has(case, name)] for label, cases in series.items()}
+    if len(series) > 1:
+        first = {label: [fit for case in cases for fit in fits_of(case)[:1]] for label, cases in series.items()}
+        return {label + max(map(early_mark, fits), default=""): fits for label, fits in first.items()}
+    fits = [fit for cases in series.values() for case in cases for fit in fits_of(case)]
+    windows = dict.fromkeys(fit.window.item() for fit in fits)
+    by_window = {f"window {name}": [fit for fit in fits if fit.window == name] for name in windows}
+    return {label + max(map(early_mark, fits)): fits for label, fits in by_window.items()}
+
+
+def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str) -> None:
+    """Draw a quantity of each series with 95 % intervals, and theory as a dashed line."""
+    theory, values = PANELS[name][2], []
+    drawn: list[list[float]] = []
+    for (label, cases), (colour, _, marker) in zip(series.items(), cycle(SERIES), strict=False):
+        x = [case[axis].item() for case in cases]
+        points(axes, x, cases, name, color=colour, fmt=marker, label=label)
+        values += [float(case[f"{name}{part}"]) for case in cases for part in PARTS if part != "_standard_error"]
+        expected = [float(case[theory]) for case in cases] if theory and all(theory in case for case in cases) else []
+        if np.isfinite(expected).any() and expected not in drawn:  # that of one series for all fit windows
+            axes.plot(x, expected, color=colour, linestyle=DASHED, linewidth=1, label="_" if drawn else "Enskog")
+            drawn.append(expected)
+    _scale(axes, "x", [case[axis].item() for cases in series.values() for case in cases])
+    _scale(axes, "y", values)
+
+
+def _scale(axes: Axes, name: str, values: Sequence[float]) -> None:
+    """Make an axis logarithmic if the values on it are positive and span more than LOGARITHMIC."""
+    low, high = np.nanmin(values), np.nanmax(values)
+    if 0 < LOGARITHMIC * low < high:
+        log_axis(axes, name, low / MARGIN, high * MARGIN)
+
+
+def table(cases: list[Dataset]) -> DataFrame:
+    """Return one row per case and fit window: D and the quantities of the case, theory, and differences.
+
+    A difference is that from the case before along the axis, whose runs with the same seeds begin alike: its standard
+    error is that of the mean difference of these pairs of runs.
+    """
+    axis, rows = axis_of(cases), []
+    for series in series_of(cases, axis).values():
+        for before, case in pairwise([None, *series]):
+            at_end = over_time(case).isel(time=-1)
+            of_case = {
+                f"{name}{part}": float(at_end[f"{name}{part}"])
+                for name in PANELS
+                if name != D and has(case, name)
+                for part in PARTS
+                if f"{name}{part}" in case
+            }
+            of_case |= {theory: float(case[theory]) for _, _, theory in PANELS.values() if theory and has(case, theory)}
+            of_case |= _differences(before, case)
+            for fit in (case.isel(window=k) for k in range(case.sizes["window"])):
+                window = {name: fit[name].item() for name in ("window_start", "window_end")}
+                rows.append(
+                    label_of(case) | window | {f"{D}{part}": fit[f"{D}{part}"].item() for part in PARTS} | of_case
+                )
+    return DataFrame(rows)
+
+
+def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
+    """Return the differences of means from the case before, over runs with the same seeds, and their errors."""
+    found: dict[str, float] = {}
+    for name, of_runs in OF_RUNS.items():
+        if before is not None and has(case, of_runs) and has(before, of_runs):
+            pairs = (case[of_runs] - before[of_runs]).dropna("seed").values
+            error = pairs.std(ddof=1) / np.sqrt(len(pairs)) if len(pairs) > 1 else np.nan
+            found |= {f"{name}_difference": pairs.mean(), f"{name}_difference_standard_error": error}
+    return found

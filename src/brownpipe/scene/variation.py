@@ -1,0 +1,151 @@
+"""Scenes of which some keys take several values: `vary` of a study, `brownpipe simulate --set`, `brownpipe.scan`.
+
+A key is a path such as `disks.tracer.mass`, `disks.species.bath.count` (a species by its name) or `duration`;
+`packing_fraction` scales the box, with the place of the tracer in it.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
+
+from brownpipe.errors import RequestError
+from brownpipe.scene.reading import Number, Positive, Record, key, refuse, validated
+from brownpipe.scene.scene import Scene, parse_scene
+
+PACKING_FRACTION = "packing_fraction"
+GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
+UNITS = {
+    "mass": "mass",
+    "radius": "length",
+    "temperature": "energy",
+    "standard_deviation": "length/time",
+    "time": "time",
+    "duration": "time",
+    "sample_interval": "time",
+}
+DIGITS = 12  # of a value in names and coordinates: 0.3 is 0.3, although the box is calculated from it
+
+Span: Any = create_model(  # type: ignore[call-overload]  # of keys of which `from` is none of Python's names
+    "Span",
+    __base__=Record,
+    __doc__="Values at equal steps, or at equal factors (log).",
+    **{
+        "from": (Number, key("the first value")),
+        "to": (Number, key("the last value")),
+        "count": (Annotated[int, Field(strict=True, ge=2, le=10_000)], key("how many")),
+        "spacing": (Literal["linear", "log"], key("equal steps or equal factors", "linear")),
+    },
+)
+
+
+def _spanned(span: Any) -> tuple[float, ...]:
+    """Return the values of a span."""
+    first, last, count, spacing = dict(span).values()
+    if spacing == "log" and not first * last > 0:
+        refuse("must be different from 0 and of one sign for spacing: log", "from")
+    return tuple((np.geomspace if spacing == "log" else np.linspace)(first, last, count).tolist())
+
+
+Values = Annotated[
+    Annotated[Span, AfterValidator(_spanned), Tag("{span}")]
+    | Annotated[tuple[Any, ...], Field(min_length=1), Tag("{list}")],
+    Discriminator(lambda value: "{span}" if isinstance(value, Mapping) else "{list}"),
+]
+Vary = dict[str, Values]
+
+
+def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
+    """Return the values by key of each variant: all combinations, or the first of each key, the second, ...
+
+    Raises RequestError for equal values, and for lists of different lengths where values belong together.
+    """
+    if any(value in values[:k] for values in vary.values() for k, value in enumerate(values)):
+        raise RequestError("vary: must be values that differ")
+    if together and len({len(values) for values in vary.values()}) > 1:
+        raise RequestError("vary: must be lists of the same length, as their values belong together")
+    rows = zip(*vary.values(), strict=True) if together else product(*vary.values())
+    return [dict(zip(vary, row, strict=True)) for row in rows]
+
+
+def variant(
+    mapping: Mapping, where: str, values: Mapping[str, Any], particles: int | None = None, name: str = ""
+) -> Scene:
+    """Return the scene of a mapping, as `parse_scene` does, with these values by key, which its name tells.
+
+    Raises RequestError for anything wrong.
+    """
+    changed: dict[str, Any] = dict(mapping)
+    for path, value in values.items():
+        if path != PACKING_FRACTION:
+            whole = round(value) if path.endswith("count") and isinstance(value, float) else value
+            changed = _with_value(changed, path.split("."), whole, f"{where}: {path}")
+    document = mapping if isinstance(mapping, Document) else Document(mapping)
+    document = document.with_values({key: value for key, value in changed.items() if value is not document.get(key)})
+    words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
+    name = ",".join([name or Path(where).stem, *words])
+    scene = parse_scene(document, where, particles, name)
+    return _at(scene, values[PACKING_FRACTION], where) if PACKING_FRACTION in values else scene
+
+
+def _with_value(part: Any, path: Sequence[str], value: Any, where: str) -> Any:
+    """Return a copy of a mapping, or of a list of species, with another value at a path."""
+    if not path:
+        return value
+    if not isinstance(part, list | tuple):
+        part = part if isinstance(part, Mapping) else {}
+        return {**part, path[0]: _with_value(part.get(path[0]), path[1:], value, where)}
+    names = [item.get("name") if isinstance(item, Mapping) else None for item in part]
+    if path[0] not in names or len(path) < 2:
+        known = " or ".join(str(name) for name in names if name)
+        raise RequestError(f"{where}: must name a species ({known}) and one of its keys")
+    index = names.index(path[0])
+    return [*part[:index], _with_value(part[index], path[1:], value, where), *part[index + 1 :]]
+
+
+def _at(scene: Scene, packing_fraction: Any, where: str) -> Scene:
+    """Return a scene whose box is scaled to a packing fraction."""
+    wanted = validated(Annotated[Positive, Field(le=1)], packing_fraction, where, PACKING_FRACTION)
+    if scene.listed:
+        raise RequestError(f"{where}: {PACKING_FRACTION}: must be of disks that are placed, not of a list of them")
+    if scene.packing_fraction == 0:
+        raise RequestError(f"{where}: {PACKING_FRACTION}: there are no disks")
+    factor = math.sqrt(scene.packing_fraction / wanted)
+    given = scene.model_dump(exclude_unset=True)
+    given["box"] |= {side: [factor * end for end in given["box"][side]] for side in "xy"}
+    tracer = given["disks"].get("tracer") or {}
+    if tracer.get("position"):
+        tracer["position"] = [factor * x for x in tracer["position"]]
+    return parse_scene(given, where, name=scene.name)
+
+
+def short_name(path: str) -> str:
+    """Return the name of a varied key in datasets and folders: `tracer_mass` of `disks.tracer.mass`."""
+    return "_".join(word for word in path.split(".") if word not in GROUPS)
+
+
+def value_of(scene: Scene, path: str) -> Any:
+    """Return the value of a varied key in a scene: a number, or a text."""
+    if path == PACKING_FRACTION:
+        return float(_word(scene.packing_fraction))
+    found: Any = scene.as_mapping()
+    for word in path.split("."):
+        found = found[word] if isinstance(found, dict) else next(item for item in found if item["name"] == word)
+    is_number = isinstance(found, int | float) and not isinstance(found, bool)
+    return type(found)(float(_word(found))) if is_number else _word(found)
+
+
+def unit_of(path: str) -> str:
+    """Return the unit of a varied key."""
+    return UNITS.get(path.split(".")[-1], "1")
+
+
+def _word(value: Any) -> str:
+    """Return a value as a part of a name of a folder."""
+    if isinstance(value, list | tuple):
+        return "-".join(map(_word, value))
+    return f"{value:.{DIGITS}g}".replace("+", "") if isinstance(value, int | float) else str(value)
