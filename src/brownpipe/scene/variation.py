@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import Number, Positive, Record, key, refuse, validated
 from brownpipe.scene.scene import Scene, parse_scene
+from brownpipe.scene.yaml_file import Document
 
 PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out

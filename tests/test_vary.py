@@ -1,0 +1,229 @@
+"""Keys of a scene that take several values: `vary` of a study, `simulate --set`, `bp.scan`, and the figure `scan`."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+import brownpipe as bp
+from brownpipe.cli import main
+from brownpipe.errors import RequestError
+from brownpipe.figures.cases import cases_of
+from brownpipe.figures.scan import axis_of, series_of, table
+from brownpipe.scene import parse_scene
+from brownpipe.scene.variation import combinations, variant
+from brownpipe.study import read_study
+from brownpipe.study.run_sets import batches_of, commands, run_sets
+
+FLUID = {
+    "box": {"x": [0.0, 8.0], "y": [-4.0, 4.0], "boundary": "periodic"},
+    "disks": {
+        "tracer": {"radius": 0.5, "mass": 1.0, "position": [2.0, 1.0]},
+        "species": [{"name": "bath", "count": 15, "radius": 0.5, "mass": 1.0}],
+    },
+    "velocities": {"temperature": 1.0},
+    "duration": 4.0,
+    "sample_interval": 0.25,
+}
+MASS, PHI = "disks.tracer.mass", "packing_fraction"
+VARY = {MASS: [1.0, 10.0, 100.0], PHI: [0.1, 0.2]}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with a scene and a study that varies two keys of it, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+    Path("fluid.yaml").write_text(yaml.safe_dump(FLUID))
+    write_study()
+    return tmp_path
+
+
+def write_study(**keys):
+    Path("study.yaml").write_text(yaml.safe_dump({"scenes": "fluid.yaml", "seeds": 6, "vary": VARY} | keys))
+
+
+@pytest.fixture(scope="module")
+def result():
+    return bp.scan(bp.Scene(**FLUID, name="fluid"), VARY, seeds=12, quiet=True)
+
+
+@pytest.mark.parametrize(
+    ("values", "edited"),
+    [
+        ({MASS: 10.0}, lambda keys: keys["disks"]["tracer"].update(mass=10.0)),
+        ({"disks.species.bath.count": 5}, lambda keys: keys["disks"]["species"][0].update(count=5)),
+        ({"velocities.temperature": 2.0}, lambda keys: keys["velocities"].update(temperature=2.0)),
+        ({"equilibrate.time": 2.0}, lambda keys: keys.update(equilibrate={"time": 2.0})),
+        (
+            {"duration": 2.0, "box.x": [0.0, 9.0]},
+            lambda keys: (keys.update(duration=2.0), keys["box"].update(x=[0, 9.0])),
+        ),
+    ],
+)
+def test_a_variant_is_the_scene_with_these_values_in_its_file(values, edited):
+    keys = json.loads(json.dumps(FLUID))
+    edited(keys)
+    assert variant(FLUID, "fluid.yaml", values).text == parse_scene(keys, "fluid.yaml").text
+
+
+def test_names_of_variants_tell_the_values():
+    assert variant(FLUID, "a/fluid.yaml", {MASS: 10, PHI: 0.3}).name == "fluid,tracer_mass=10,packing_fraction=0.3"
+    assert variant(FLUID, "fluid.yaml", {}).name == "fluid"
+
+
+@given(st.floats(1e-3, 0.5))
+def test_packing_fraction_scales_the_box_and_the_place_of_the_tracer(phi):
+    scene = variant(FLUID, "fluid.yaml", {PHI: phi})
+    factor = scene.box.width / 8.0
+    assert scene.packing_fraction == pytest.approx(phi, rel=1e-12)
+    assert scene.box.height / scene.box.width == pytest.approx(1.0)
+    assert scene.disks.tracer.position == pytest.approx((2.0 * factor, 1.0 * factor))
+    assert scene.radius.tolist() == [0.5] * 16
+
+
+@pytest.mark.parametrize(
+    ("span", "values"),
+    [
+        ({"from": 1.0, "to": 3.0, "count": 3}, [1.0, 2.0, 3.0]),
+        ({"from": 1, "to": 100, "count": 3, "spacing": "log"}, [1.0, 10.0, 100.0]),
+        ([5, 1], [5, 1]),
+    ],
+)
+def test_values_are_listed_or_at_equal_steps(folder, span, values):
+    write_study(vary={MASS: span})
+    assert [case.mass[0] for case in read_study("study.yaml").cases] == pytest.approx(values)
+
+
+def test_combinations_are_all_or_side_by_side():
+    assert combinations({"a": (1, 2), "b": (3, 4)}, False) == [
+        {"a": 1, "b": 3},
+        {"a": 1, "b": 4},
+        {"a": 2, "b": 3},
+        {"a": 2, "b": 4},
+    ]
+    assert combinations({"a": (1, 2), "b": (3, 4)}, True) == [{"a": 1, "b": 3}, {"a": 2, "b": 4}]
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"vary": {MASS: [-1.0]}}, ["vary: fluid.yaml with disks replaced: disks.tracer.mass: must be > 0, not -1"]),
+        ({"vary": {"disks.tracer.mas": [1.0]}}, ["disks.tracer.mas: unknown key", "did you mean mass?"]),
+        ({"vary": {"disks.species.b.mass": [1.0]}}, ["disks.species.b.mass: must name a species (bath)"]),
+        ({"vary": {PHI: [1.5]}}, ["packing_fraction: must be <= 1, not 1.5"]),
+        ({"vary": {MASS: [1.0, 1.0]}}, ["vary: must be values that differ"]),
+        ({"vary": {MASS: 3.0}}, ["vary.disks.tracer.mass: must be a list, not 3"]),
+        ({"vary": {MASS: {"from": 1, "to": 3}}}, ["vary.disks.tracer.mass.count: missing"]),
+        ({"vary": {MASS: {"from": 0, "to": 3, "count": 3, "spacing": "log"}}}, ["different from 0"]),
+        ({"vary": {MASS: [1, 2], PHI: [0.1]}, "vary_together": True}, ["vary: must be lists of the same length"]),
+        ({"vary": 3}, ["vary: must be a mapping, not 3"]),
+    ],
+)
+def test_a_wrong_value_is_refused_before_anything_runs(folder, keys, said, capsys):
+    write_study(**keys)
+    assert main(["check", "study.yaml"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("brownpipe: study.yaml: line ") and all(part in line for part in said)
+
+
+@pytest.mark.parametrize(
+    ("vary", "said"),
+    [
+        ({"disks.tracer.mas": [1]}, "disks.tracer.mas: unknown key"),
+        ({MASS: [1, 1]}, "vary: must be values that differ"),
+        ({MASS: 2}, "vary.disks.tracer.mass: must be a list, not 2"),
+        ([MASS], "vary: must be a mapping"),
+    ],
+)
+def test_python_refuses_wrong_values(vary, said):
+    with pytest.raises(RequestError, match=said.replace(".", r"\.")):
+        bp.scan(bp.Scene(**FLUID), vary, quiet=True)
+
+
+def test_a_value_added_later_runs_only_itself(folder):
+    before = {runs.folder for runs in run_sets(read_study("study.yaml"))}
+    write_study(vary={MASS: [1.0, 10.0, 30.0, 100.0], PHI: [0.1, 0.2]})
+    added = [runs for runs in run_sets(read_study("study.yaml")) if runs.folder not in before]
+    assert len(before) == 6
+    assert {runs.case.name.split(",")[1] for runs in added} == {"tracer_mass=30"} and len(added) == 2
+    assert before < {runs.folder for runs in run_sets(read_study("study.yaml"))}
+
+
+def test_the_command_of_a_job_makes_its_runs(folder):
+    """`simulate --set` makes a file that has the study's digest, and the positions of a scene file with the value."""
+    study = read_study("study.yaml")
+    runs = run_sets(study)[3]
+    (first, last), words = batches_of(runs)[0], commands(study)[runs.key]
+    import shlex
+
+    assert main(["simulate", *shlex.split(words), "--seeds", f"{first}-{last}", "--output", "of_job.h5"]) == 0
+    edited = variant(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2})
+    expected = bp.simulate(parse_scene(json.loads(edited.text), "x.yaml"), 6, quiet=True)
+    assert np.array_equal(bp.open("of_job.h5").position, expected.position)
+
+
+@pytest.mark.slow
+def test_the_dataset_of_a_study_is_that_of_python_and_each_part_that_of_its_scene(folder):
+    study = read_study("study.yaml")
+    for runs in run_sets(study):
+        words = commands(study)[runs.key].replace("'", "").split()
+        runs.folder.mkdir(parents=True)
+        assert main(["simulate", *words, "--seeds", "0-5", "--output", str(runs.folder / "0-5.h5")]) == 0
+    assert main(["aggregate", "--study", "study.yaml", "--output", "study.nc"]) == 0
+    assert main(["inspect", "study.nc", "--allow-failed", "0"]) == 0
+    dataset = xarray.open_dataset("study.nc")
+    assert dict(dataset.sizes).items() >= {"scene": 1, "tracer_mass": 3, "packing_fraction": 2}.items()
+    assert dataset.tracer_mass.attrs == {"units": "mass", "long_name": MASS}
+    same = bp.scan("fluid.yaml", VARY, seeds=6, quiet=True)
+    xarray.testing.assert_equal(dataset.msd, same.msd)
+    single = bp.analyse(bp.simulate(variant(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2}), 6, quiet=True))
+    part = dataset.sel(tracer_mass=10, packing_fraction=0.2)
+    for name in ("msd", "diffusion_coefficient", "diffusion_coefficient_low", "collision_rate", "runs"):
+        assert np.array_equal(part[name].squeeze(), single[name].squeeze(), equal_nan=True), name
+
+
+def test_keys_together_share_a_dimension():
+    vary = {MASS: [1.0, 4.0, 9.0], "disks.tracer.radius": [0.5, 0.6, 0.7]}
+    result = bp.scan(bp.Scene(**FLUID), vary, seeds=2, together=True, quiet=True)
+    assert result.sizes["tracer_mass"] == 3 and "tracer_radius" not in result.dims
+    assert result.tracer_radius.dims == ("tracer_mass",) and result.tracer_radius.values.tolist() == [0.5, 0.6, 0.7]
+
+
+def test_series_are_along_the_first_key(result):
+    cases = cases_of(result)
+    assert axis_of(cases) == "tracer_mass"
+    series = series_of(cases, "tracer_mass")
+    assert [*series] == ["packing fraction 0.1", "packing fraction 0.2"]
+    assert [case.tracer_mass.item() for case in series["packing fraction 0.2"]] == [1.0, 10.0, 100.0]
+
+
+def test_differences_are_of_runs_with_the_same_seeds(result):
+    rows = table(cases_of(result))
+    first_window = rows.drop_duplicates(["tracer_mass", "packing_fraction"]).set_index(
+        ["packing_fraction", "tracer_mass"]
+    )
+    pairs = (
+        (result.run_msd.sel(tracer_mass=10.0) - result.run_msd.sel(tracer_mass=1.0))
+        .sel(packing_fraction=0.2)
+        .values.ravel()
+    )
+    row = first_window.loc[0.2, 10.0]
+    assert row["msd_difference"] == pytest.approx(pairs.mean())
+    assert row["msd_difference_standard_error"] == pytest.approx(pairs.std(ddof=1) / math.sqrt(12))
+    assert math.isnan(first_window.loc[0.2, 1.0]["msd_difference"])
+    assert row["msd"] - first_window.loc[0.2, 1.0]["msd"] == pytest.approx(row["msd_difference"])
+
+
+def test_axes_are_logarithmic_where_values_span_more_than_a_factor_of_30(result):
+    figure = bp.plot(result, "scan")
+    assert [panel.get_xscale() for panel in figure.axes] == ["log"] * len(figure.axes)
+    drawn = [line for panel in figure.axes[1:2] for line in panel.lines if len(line.get_xdata()) == 3]
+    assert len(drawn) == 2 * 2  # measured and Enskog, for two packing fractions
+    narrow = bp.plot(result.sel(tracer_mass=[1.0, 10.0]), "scan")
+    assert narrow.axes[0].get_xscale() == "linear"
