@@ -18,7 +18,15 @@ from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
-from brownpipe.engines.exact.recording import each_report, ending_of, joined, logged, new_recorder, quarter_of, take_totals
+from brownpipe.engines.exact.recording import (
+    each_report,
+    ending_of,
+    joined,
+    logged,
+    new_recorder,
+    quarter_of,
+    take_totals,
+)
 from brownpipe.engines.insertion import insert_nothing
 from brownpipe.engines.recording import SAMPLES, EndedRun, tracer_samples, whole_track
 from brownpipe.engines.state import Events, State
