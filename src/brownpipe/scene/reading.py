@@ -28,7 +28,7 @@ WORDS = {  # of pydantic, and the same in messages here
     "a valid string": "a text",
     "a valid tuple": "a list",
 }
-TINY = 1e-100  # a bound that only the range of floating-point numbers sets
+TINY = 1e-99  # a bound below it is there for the range of floating-point numbers alone
 BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 NO_MINUS_ZERO = AfterValidator(lambda value: value + 0.0)
@@ -124,7 +124,7 @@ def _place_and_problem(error: ValidationError) -> tuple[list[str | int], str]:
     if kind == "string_pattern_mismatch":
         problem = "must be a name: letters, digits, '.', '_', '-', the first a letter or digit, at most 64"
     for name in BOUNDS.keys() & context.keys():
-        far_below = name == "ge" and value <= 0 < context[name] < TINY
+        far_below = value <= 0 < context[name] < TINY
         problem = "must be > 0" if far_below else f"must be {BOUNDS[name]} {context[name]:.10g}"
     for theirs, ours in WORDS.items():
         problem = problem.replace(theirs, ours)
