@@ -15,9 +15,10 @@ from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.scene.seeds import ranges, read_seeds, seed_text
 from brownpipe.storage.store import stored_batches, without
-from brownpipe.study import from_command_line, read_study
+from brownpipe.study import read_study
 from brownpipe.study.run_sets import LARGEST, batches, batches_of, commands, files_of, run_sets
 from brownpipe.study.study import Rings
+from brownpipe.study.workflow import from_command_line
 
 CONFIG = Path(__file__).parent.parent / "config"
 

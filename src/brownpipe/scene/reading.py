@@ -140,7 +140,7 @@ def plain(value: Any) -> Any:
         value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+    return [plain(item) for item in value] if isinstance(value, list | tuple | range | set | frozenset) else value
 
 
 def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:

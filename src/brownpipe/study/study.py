@@ -3,8 +3,9 @@
 Its fields are the keys of study files, with their bounds.
 """
 
+import json
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
@@ -28,16 +29,32 @@ from brownpipe.engines.friction import default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
+from brownpipe.provenance import digest_of
+from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.scene.reading import AtLeastOne, Count, NotNegative, Positive, Record, alone, key, refuse
+from brownpipe.scene.reading import (
+    AtLeastOne,
+    Count,
+    Name,
+    NotNegative,
+    Positive,
+    Record,
+    alone,
+    key,
+    refuse,
+    validated,
+)
+from brownpipe.scene.scene import is_study
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
-from brownpipe.scene.yaml_file import read_yaml
+from brownpipe.scene.yaml_file import Document, read_yaml
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
 MOST_RINGS = 100_000
 MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
+PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
+REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of these keys
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
 
 
@@ -295,3 +312,28 @@ def forecast_of_runs(
 def _repetition(name: str, runs: int) -> str:
     why = f"as the disks of {name} are listed one by one and leave nothing to chance"
     return f"must be one seed, {why}; found {runs}"
+
+
+def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
+    """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
+
+    `overrides` replaces top-level keys; seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError,
+    one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
+    """
+    mapping, overrides = read_yaml(path), overrides or {}
+    if isinstance(mapping, Document):
+        if not is_study(mapping) and mapping.keys() & {"box", "disks", "duration"}:
+            cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
+            raise RequestError(f"{path}: is a scene, not a study; {cure}")
+        gone = {
+            REPLACED[new]: None for new in overrides.keys() & REPLACED if overrides[new] and REPLACED[new] in mapping
+        }
+        mapping = mapping.with_values({**gone, **overrides}) if overrides else mapping
+    name = validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
+    return validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
+
+
+def variant(overrides: Mapping[str, Any]) -> str:
+    """Return what the name of a study gets for keys that are replaced, so that its results stand in another folder."""
+    words = {key: value if isinstance(value, str) else json.dumps(value) for key, value in sorted(overrides.items())}
+    return "".join(f"+{key}={word if PLAIN.fullmatch(word) else digest_of(word)}" for key, word in words.items())
