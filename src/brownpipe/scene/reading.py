@@ -5,7 +5,7 @@ It names the file, its line, the key, the allowed values and the value found.
 
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, NoReturn, Self
 
 import numpy as np
@@ -75,11 +75,25 @@ def key(meaning: str, default: Any = ..., **more: Any) -> Any:
     return Field(default, description=meaning, **more)
 
 
+def converted(convert: Callable[[Any], Any], schema: Any) -> BeforeValidator:
+    """Read what a function makes of a value; `schema` is the type of what may be given."""
+    return BeforeValidator(convert, json_schema_input_type=schema)
+
+
 def alone(name: str, schema: Any) -> BeforeValidator:
     """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
-    return BeforeValidator(
-        lambda value: value if isinstance(value, Mapping | Record) else {name: value}, json_schema_input_type=schema
-    )
+    return converted(lambda value: value if isinstance(value, Mapping | Record) else {name: value}, schema)
+
+
+def distinct(kind: Any, least: int = 0) -> Any:
+    """Return the type of a list of values that differ, at least so many."""
+    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_refuse_equal)]
+
+
+def _refuse_equal(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if any(value in values[:k] for k, value in enumerate(values)):
+        refuse("must be values that differ")
+    return values
 
 
 def refuse(problem: str, *path: str | int) -> NoReturn:

@@ -33,7 +33,8 @@ def _seeds(value: Any) -> Sequence[int]:
     found = [RANGE.fullmatch(word.strip()) for part in parts for word in str(part).split(",")]
     ends = [(int(part[1]), int(part[2] or part[1])) for part in found if part]
     if None in found or not ends:
-        _must_be("a count like 2400, a range like 0-2399, or a list of seeds and ranges", value)
+        counted = "a count like 2400, a range like 0-2399, or a list of seeds and ranges"
+        _must_be("seeds like 17, 0-2399 or 3,5,9" if isinstance(value, str) else counted, value)
     if any(first > last for first, last in ends):
         _must_be("ranges that ascend, like 0-2399", value)
     if sum(last - first + 1 for first, last in ends) > MOST_SEEDS:

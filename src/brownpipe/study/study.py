@@ -10,17 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Discriminator,
-    Field,
-    GetPydanticSchema,
-    Tag,
-    ValidationInfo,
-    create_model,
-    model_validator,
-)
+from pydantic import Discriminator, Field, GetPydanticSchema, Tag, ValidationInfo, create_model, model_validator
 
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
@@ -40,6 +30,8 @@ from brownpipe.scene.reading import (
     Positive,
     Record,
     alone,
+    converted,
+    distinct,
     key,
     refuse,
     validated,
@@ -65,17 +57,9 @@ def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, 
 
 def one_or_more(kind: Any, least: int = 1) -> Any:
     """Return the type of a list of values that differ; a single value stands for a list of one."""
-    listed = BeforeValidator(
-        lambda value: value if isinstance(value, list | tuple) else [value],
-        json_schema_input_type=kind | Annotated[list[kind], Field(min_length=least)],
-    )
-    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_distinct), listed]
-
-
-def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    if any(value in values[:k] for k, value in enumerate(values)):
-        refuse("must be values that differ")
-    return values
+    schema = kind | Annotated[list[kind], Field(min_length=least)]
+    listed = converted(lambda value: value if isinstance(value, list | tuple) else [value], schema)
+    return Annotated[distinct(kind, least), listed]
 
 
 def _share(value: Any) -> Any:
@@ -95,15 +79,11 @@ def _engine_kind(name: str) -> Any:
 
 
 Text = Annotated[str, Field(min_length=1)]
-Tolerance = Annotated[
-    float,
-    Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1),
-    BeforeValidator(_share, json_schema_input_type=float | str),
-]
+Tolerance = Annotated[float, Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1), converted(_share, float | str)]
 Target = Annotated[str, As(Literal[TARGETS])]
 Batch = Annotated[
     Annotated[AtLeastOne, Field(le=MOST_SEEDS)] | None,
-    BeforeValidator(lambda value: None if value == "auto" else value, json_schema_input_type=int | Literal["auto"]),
+    converted(lambda value: None if value == "auto" else value, int | Literal["auto"]),
 ]
 EngineKey: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Discriminator(_engine_name)]  # noqa: UP007  # as many as there are
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
@@ -113,7 +93,7 @@ Observables = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(measures.O
 Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
-Windows = Annotated[tuple[tuple[NotNegative, NotNegative], ...], Field(min_length=1), AfterValidator(_distinct)]
+Windows = Annotated[tuple[tuple[float, float], ...], As(distinct(tuple[NotNegative, NotNegative], 1))]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
 
 
