@@ -1,6 +1,6 @@
 """Studies: many runs of many scenes, their workload, and the number of runs and the engine that a tolerance needs.
 
-`check` describes a study; `run_count` turns its tolerance into a number of runs; `plan` chooses an engine.
+`check` describes a study; `plan` turns a tolerance into a number of runs, and chooses an engine.
 """
 
 from brownpipe.study.study import Study, forecast_of_runs, read_study
