@@ -27,7 +27,7 @@ def test_finds_an_overlap_where_all_pairs_do(disks, periodic):
         return np.hypot(*apart) - radius[a] - radius[b]
 
     gaps = {pair: gap(*pair) for pair in combinations(range(len(disks)), 2)}
-    found = overlap(position, radius, np.array([[0, 0], [1, 1]]) if periodic else None)
+    found = overlap(position, radius, ((0, 1), (0, 1)) if periodic else None)
     if found is None:
         assert all(value > -1e-12 for value in gaps.values())
     else:
@@ -39,7 +39,7 @@ def test_finds_an_overlap_where_all_pairs_do(disks, periodic):
 def test_passes_a_hexagonal_packing_in_contact():
     i, j = np.divmod(np.arange(60 * 52), 60)
     position = np.stack([0.2 * (j + i % 2 / 2), 0.1 * math.sqrt(3) * i], axis=1)
-    box = np.array([[0, 0], [60 * 0.2, 52 * 0.1 * math.sqrt(3)]])
+    box = ((0, 60 * 0.2), (0, 52 * 0.1 * math.sqrt(3)))
     radius = np.full(len(i), 0.1)
     assert overlap(position, radius, box) is None
     radius[77] += 1e-9

@@ -3,13 +3,14 @@
 import numpy as np
 
 ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
+Sides = tuple[tuple[float, float], tuple[float, float]]  # (x_low, x_high), (y_low, y_high) [length]
 
 
-def overlap(position: np.ndarray, radius: np.ndarray, box: np.ndarray | None = None) -> tuple[int, int, float] | None:
+def overlap(position: np.ndarray, radius: np.ndarray, box: Sides | None = None) -> tuple[int, int, float] | None:
     """Return the two disks that overlap most and the (negative) gap between their edges, None if no two overlap.
 
-    position: (N, 2), radius: (N,) [length]. box: lower and upper corner (2, 2) if it is periodic, else None; its sides
-    are at least twice the largest diameter. Overlaps within round-off do not count.
+    position: (N, 2), radius: (N,) [length]. box: its sides if it is periodic, at least twice the largest diameter, else
+    None. Overlaps within round-off do not count.
 
     A disk of radius R that overlaps another one, no larger, is nearer to it than 2 R: a k-d tree finds both.
     """
@@ -17,8 +18,11 @@ def overlap(position: np.ndarray, radius: np.ndarray, box: np.ndarray | None = N
         return None
     from scipy.spatial import KDTree  # takes 0.2 s
 
-    sides = None if box is None else box[1] - box[0]
-    tree = KDTree(position if sides is None else (position - box[0]) % sides, boxsize=sides)
+    sides, inside = None, position
+    if box is not None:
+        low, high = np.array(box, float).T
+        sides, inside = high - low, (position - low) % (high - low)
+    tree = KDTree(inside, boxsize=sides)
     near = tree.query_ball_point(tree.data, 2 * radius)
     a, b = np.repeat(np.arange(len(radius)), [len(disks) for disks in near]), np.concatenate(near).astype(int)
     apart = position[a] - position[b]

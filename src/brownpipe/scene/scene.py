@@ -234,7 +234,7 @@ class Scene(Record):
         self._resolve(particles=len(disks), equilibrate=Equilibration(time=0.0, tracer="free"))
         for k, disk in enumerate(disks):
             self._check_disk(disk, "disks", k)
-        box = np.array([self.box.x, self.box.y]).T if self.box.periodic else None
+        box = (self.box.x, self.box.y) if self.box.periodic else None
         if pair := overlap(np.array([disk.position for disk in disks]), self.radius, box):
             a, b, gap = pair
             at = f"disk {a} at {list(disks[a].position)} and disk {b} at {list(disks[b].position)}"
