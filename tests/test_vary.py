@@ -17,7 +17,7 @@ from brownpipe.errors import RequestError
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.scan import axis_of, series_of, table
 from brownpipe.scene import parse_scene
-from brownpipe.scene.variation import combinations, variant
+from brownpipe.scene.variation import combinations, scene_with
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import batches_of, commands, run_sets
 
@@ -69,17 +69,17 @@ def result():
 def test_a_variant_is_the_scene_with_these_values_in_its_file(values, edited):
     keys = json.loads(json.dumps(FLUID))
     edited(keys)
-    assert variant(FLUID, "fluid.yaml", values).text == parse_scene(keys, "fluid.yaml").text
+    assert scene_with(FLUID, "fluid.yaml", values).text == parse_scene(keys, "fluid.yaml").text
 
 
 def test_names_of_variants_tell_the_values():
-    assert variant(FLUID, "a/fluid.yaml", {MASS: 10, PHI: 0.3}).name == "fluid,tracer_mass=10,packing_fraction=0.3"
-    assert variant(FLUID, "fluid.yaml", {}).name == "fluid"
+    assert scene_with(FLUID, "a/fluid.yaml", {MASS: 10, PHI: 0.3}).name == "fluid,tracer_mass=10,packing_fraction=0.3"
+    assert scene_with(FLUID, "fluid.yaml", {}).name == "fluid"
 
 
 @given(st.floats(1e-3, 0.5))
 def test_packing_fraction_scales_the_box_and_the_place_of_the_tracer(phi):
-    scene = variant(FLUID, "fluid.yaml", {PHI: phi})
+    scene = scene_with(FLUID, "fluid.yaml", {PHI: phi})
     factor = scene.box.width / 8.0
     assert scene.packing_fraction == pytest.approx(phi, rel=1e-12)
     assert scene.box.height / scene.box.width == pytest.approx(1.0)
@@ -163,7 +163,7 @@ def test_the_command_of_a_job_makes_its_runs(folder):
     import shlex
 
     assert main(["simulate", *shlex.split(words), "--seeds", f"{first}-{last}", "--output", "of_job.h5"]) == 0
-    edited = variant(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2})
+    edited = scene_with(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2})
     expected = bp.simulate(parse_scene(json.loads(edited.text), "x.yaml"), 6, quiet=True)
     assert np.array_equal(bp.open("of_job.h5").position, expected.position)
 
@@ -182,7 +182,7 @@ def test_the_dataset_of_a_study_is_that_of_python_and_each_part_that_of_its_scen
     assert dataset.tracer_mass.attrs == {"units": "mass", "long_name": MASS}
     same = bp.scan("fluid.yaml", VARY, seeds=6, quiet=True)
     xarray.testing.assert_equal(dataset.msd, same.msd)
-    single = bp.analyse(bp.simulate(variant(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2}), 6, quiet=True))
+    single = bp.analyse(bp.simulate(scene_with(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2}), 6, quiet=True))
     part = dataset.sel(tracer_mass=10, packing_fraction=0.2)
     for name in ("msd", "diffusion_coefficient", "diffusion_coefficient_low", "collision_rate", "runs"):
         assert np.array_equal(part[name].squeeze(), single[name].squeeze(), equal_nan=True), name

@@ -31,7 +31,7 @@ from brownpipe.scene import parse_scene
 from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import NotNegative, Positive, plain, validated
 from brownpipe.scene.seeds import read_seeds
-from brownpipe.scene.variation import Vary, combinations, variant
+from brownpipe.scene.variation import Vary, combinations, scene_with
 from brownpipe.storage import Trajectories, from_tree, refuse_foreign, to_tree, write_dataset, write_trajectories
 from brownpipe.study import forecast_of_runs
 from brownpipe.study.study import Rings
@@ -121,7 +121,9 @@ def simulate(
     chosen = requested(engine, {key: plain(value) for key, value in settings.items()}, str)
     recorded = read_record(_words("record", record), "record")
     names = tuple(filter(None, _words("observables", observables).split(",")))
-    numbers = _seeds(seeds)
+    if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
+        seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
+    numbers = read_seeds(plain(seeds))
     forecast_of_runs(chosen, scene, numbers, recorded, names, average)
     for remark in filter(None, (chosen.definition.caution(scene), growth_caution(scene, len(numbers)))):
         warnings.warn(remark, stacklevel=2)
@@ -185,7 +187,7 @@ def scan(
     base = scene if isinstance(scene, SceneRecord) else read_scene(scene)
     values = validated(Vary, plain(vary), key="vary")
     keys = base.model_dump(exclude_unset=True)
-    scenes = [variant(keys, "scene", one, name=base.name) for one in combinations(values, together)]
+    scenes = [scene_with(keys, "scene", one, name=base.name) for one in combinations(values, together)]
     runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in scenes]
     return aggregate(runs, _windows(fit_windows), vary=[*values], vary_together=together)
 
@@ -258,15 +260,6 @@ def _windows(value: Any) -> tuple[tuple[float, float], ...] | None:
         if not window[0] < window[1]:
             raise RequestError(f"fit_windows: must be two times [t0, t1] with t0 < t1, not {list(window)}")
     return windows
-
-
-def _seeds(value: Any) -> Sequence[int]:
-    """Return the seeds of a count, a text, a range, a list, a set or an array."""
-    if isinstance(value, range) and value and value.step == 1 and value[0] >= 0:
-        value = f"{value[0]}-{value[-1]}"
-    elif isinstance(value, range | set | frozenset):
-        value = [*value]
-    return read_seeds(plain(value))
 
 
 def _refuse_suffix(path: str | Path, what: str, suffixes: tuple[str, ...]) -> None:

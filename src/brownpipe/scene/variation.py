@@ -73,7 +73,7 @@ def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict
     return [dict(zip(vary, row, strict=True)) for row in rows]
 
 
-def variant(
+def scene_with(
     mapping: Mapping, where: str, values: Mapping[str, Any], particles: int | None = None, name: str = ""
 ) -> Scene:
     """Return the scene of a mapping, as `parse_scene` does, with these values by key, which its name tells.

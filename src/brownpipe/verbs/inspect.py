@@ -42,15 +42,14 @@ def inspect(arguments: Namespace) -> int:
     if arguments.reproduce:
         return _reproduce(arguments)
     if arguments.scene:
-        show(*inspection.scene_text(arguments.file).splitlines())
+        lines = inspection.scene_text(arguments.file).splitlines()
     elif arguments.variables:
-        show(*inspection.variables(arguments.file).split("\n"))
-    elif arguments.seed is not None:
-        show(*inspection.report(arguments.file, arguments.seed).split("\n"))
-    elif Path(arguments.file).suffix.lower() in products.SUFFIXES:
-        show(*products.describe_product(arguments.file))
+        lines = inspection.variables(arguments.file).split("\n")
+    elif arguments.seed is None and Path(arguments.file).suffix.lower() in products.SUFFIXES:
+        lines = products.describe_product(arguments.file)
     else:
-        show(*inspection.report(arguments.file).split("\n"))
+        lines = inspection.report(arguments.file, arguments.seed).split("\n")
+    show(*lines)
     return DONE
 
 

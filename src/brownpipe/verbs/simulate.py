@@ -67,7 +67,7 @@ def simulate(arguments: Namespace) -> int:
     from brownpipe.engines.failures import failures
     from brownpipe.engines.saturation import growth_caution
     from brownpipe.scene.seeds import read_seeds
-    from brownpipe.scene.variation import variant
+    from brownpipe.scene.variation import scene_with
     from brownpipe.scene.yaml_file import read_yaml
     from brownpipe.storage.store import runs_digest
     from brownpipe.study import forecast_of_runs
@@ -76,7 +76,7 @@ def simulate(arguments: Namespace) -> int:
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
     seeds = read_seeds(arguments.seeds)
-    scene = variant(read_yaml(arguments.scene), arguments.scene, dict(arguments.set), arguments.particles)
+    scene = scene_with(read_yaml(arguments.scene), arguments.scene, dict(arguments.set), arguments.particles)
     measures: dict[str, Any] = {"observables": tuple(arguments.observables), "average": arguments.average}
     cost = forecast_of_runs(engine, scene, seeds, record, *measures.values())
     digest = runs_digest(scene, engine, record, **measures)
