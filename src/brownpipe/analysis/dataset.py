@@ -22,7 +22,7 @@ from brownpipe.analysis import (
 )
 from brownpipe.analysis.displacement import labels
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
-from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs, with_estimates
+from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs
 from brownpipe.analysis.outer_join import Part, joined
 from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_of, reported, select
 from brownpipe.analysis.variables import (
@@ -147,7 +147,6 @@ def _results(case: Case, group: Group, before: int, total: int) -> Part:
     for runs in chain(first, blocks):
         parts = zip(*(estimator.columns(case, runs) for estimator in ESTIMATORS), strict=True)
         averages = add_runs(averages, runs.seeds, Columns(*(dict(ChainMap(*part)) for part in parts)))
-    averages = with_estimates(averages)
     failed, *numbers = np.concatenate(health, axis=1)
     part: Part = dict(zip(EACH, ([label] for label in group.files[0].key), strict=True))
     part |= {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from brownpipe.analysis import resampling
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, TIME, Mean, Variable, with_interval
+from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, TIME, Mean, Variable
 from brownpipe.observables import displacement as of_a_run
 
 
@@ -118,11 +118,12 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
     return {
         **values,
-        **with_interval("msd_over_4t", scaled(msd, over_4t)),
-        **with_interval("slope", slope),
-        **with_interval("intercept", intercept),
+        "msd": msd,
+        "msd_over_4t": scaled(msd, over_4t),
+        "slope": slope,
+        "intercept": intercept,
         "naive_slope_error": [naive_slope_error(times, msd.mean, window) for window in windows],
-        **with_interval("diffusion_coefficient", scaled(slope, 0.25)),
+        "diffusion_coefficient": scaled(slope, 0.25),
     }
 
 

@@ -16,7 +16,7 @@ from brownpipe.analysis.conditions import accessible_half_width
 from brownpipe.analysis.displacement import labels, per_run_lines, squared_of, tracer_square_displacement
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Mean, Variable, with_interval
+from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Mean, Variable
 from brownpipe.elementary import exp, log
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
@@ -99,13 +99,13 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
         counts.append(np.bincount(ring, minlength=size))
         shared.append([np.bincount(ring, one, size) for one in (squared[:, k], *slopes.T)])
     sums = {"rings": np.array(counts), "shared": np.array(shared)}
-    return Columns({"r2": r2, "r4": r2**2}, {"r6": r2 * r2 * r2}, sums)
+    return Columns({"r2": r2, "r4": r2**2, "r6": r2 * r2 * r2}, sums)
 
 
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "r2" not in averages:
         return _axes(case)
-    edges, counts = case.edges, averages.counts["rings"]
+    edges, counts = case.edges, averages.totals["rings"]
     low, high = resampling.wilson_interval(counts, averages.runs)
     of_shape = kurtosis(averages)
     p_values = [goodness.kurtosis_p_value(value, averages.runs) for value in of_shape.mean]
@@ -119,7 +119,7 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "displacement_counts_high": _on_axis(edges, high),
         "displacement_overflow": [row[len(own) - 1] for row, own in zip(counts, edges, strict=True)],
         "kurtosis_p_value": p_values,
-        **with_interval("kurtosis", of_shape),
+        "kurtosis": of_shape,
     }
 
 
@@ -146,11 +146,12 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     mean is not positive.
     """
     at, edges, half_width = chosen_times(case)[k], case.edges[k], accessible_half_width(case.scene)
-    t, counts = case.times[at], averages.counts["rings"][k][: len(edges)]
+    t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
     means = np.array([averages.mean("msd")[at], *averages.mean("lines")[0]])
     means = np.where((means > 0.0) & (t > 0.0), means, np.nan)
-    variances = np.array([averages.variance("msd")[at], *averages.variance("lines")[0]]) / means**2
-    shared = averages.counts["shared"][k][:, : len(edges)] / means[:, None] - counts
+    variances = [resampling.variance_of(averages.of(name)) for name in ("msd", "lines")]
+    variances = np.array([variances[0][at], *variances[1][: len(means) - 1]]) / means**2
+    shared = averages.totals["shared"][k][:, : len(edges)] / means[:, None] - counts
     over = np.array([4 * t or 1.0, *np.full(len(means) - 1, 4.0)])
     models = [(d, None, *of_source) for d, *of_source in zip(means / over, shared, variances, strict=True)]
     if np.isfinite(half_width):
@@ -202,12 +203,12 @@ def kurtosis(averages: Averages, names: tuple[str, str, str] = ("r2", "r4", "r6"
     Of the powers tried this one has the best coverage for a normal distribution: 95, 91, 93 and 94 % of 600 ensembles
     of 20, 50, 100 and 400 runs; the kurtosis itself has 90, 88, 91 and 94 %, plain percentiles 83 to 92 %.
     """
-    squared = names[:2]
-    cube, variance = _inverse_cube(*map(averages.mean, names), *map(averages.variance, squared))
-    drawn, drawn_variance = _inverse_cube(*map(averages.drawn, names), *map(averages.drawn_variance, squared))
+    sums = [averages.of(name) for name in names]
+    cube, variance = _inverse_cube(*map(resampling.mean_of, sums), *map(resampling.variance_of, sums[:2]))
+    drawn = _inverse_cube(*map(resampling.drawn_mean, sums), *map(resampling.drawn_variance, sums[:2]))
     error = np.sqrt(variance / (averages.runs - 1)) if averages.runs > 1 else np.full_like(cube, np.nan)
     degrees = resampling.degrees(averages.sums)
-    of_cube = resampling.studentized(averages.runs, cube, error, drawn - cube, drawn_variance / degrees)
+    of_cube = resampling.studentized(averages.runs, cube, error, drawn[0] - cube, drawn[1] / degrees)
     with np.errstate(over="ignore"):  # an interval that reaches 0 has no upper end
         low, high = (_inverse_root(np.maximum(end, 0.0)) for end in (of_cube.high, of_cube.low))
     mean = _inverse_root(cube)

@@ -141,7 +141,7 @@ def _percent(change: float, error: float) -> str:
 def _columns(case: Case, runs: RunBlock) -> Columns:
     found = quarters_of(case.scene, case.times, runs.observables) if is_tested(case.scene, case.engine) else {}
     changes = {f"{COLUMN}{name}": _change(of) for name, of in found.items()}
-    return Columns(changes, {f"{MEAN}{name}": of.mean(axis=1) for name, of in found.items()})
+    return Columns(changes, {f"{MEAN}{name}": of.mean(axis=1).sum() for name, of in found.items()})
 
 
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -150,9 +150,8 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
     names = [name.removeprefix(COLUMN) for name in averages.places if name.startswith(COLUMN)]
     if names:
-        changes = [averages.estimate(f"{COLUMN}{name}") for name in names]
-        change, error = (np.array([getattr(one, part) for one in changes]) for part in ("mean", "standard_error"))
-        means = np.array([averages.mean(f"{MEAN}{name}") for name in names])
+        change, error, *_ = np.transpose([averages.estimate(f"{COLUMN}{name}") for name in names])
+        means = np.array([averages.totals[f"{MEAN}{name}"] / averages.runs for name in names])
         found = _tested(names, change, error, means, averages.runs)
         values |= dict(zip(("quantity", "drift", "drift_standard_error", "drift_p_value"), found, strict=True))
     return values

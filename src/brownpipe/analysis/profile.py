@@ -8,8 +8,9 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.pairs import contact_weights, truncation, widened
+from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, Mean, with_interval
+from brownpipe.analysis.variables import EACH, Mean
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.profile import bins
 from brownpipe.observables.species import species_table
@@ -38,11 +39,11 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     return Columns({"density_profile": profile, "contact_density": contact, "contact_density_following": following})
 
 
-def _derived(case: Case, averages: Averages) -> dict[str, np.ndarray]:
+def _derived(case: Case, averages: Averages) -> dict[str, Estimate]:
     if "contact_density" not in averages:
         return {}
     error = truncation(averages.estimate("contact_density_following"))
-    return with_interval("contact_density", widened(averages.estimate("contact_density"), error))
+    return {"contact_density": widened(averages.estimate("contact_density"), error)}
 
 
 SPECIES = (*EACH, "species")

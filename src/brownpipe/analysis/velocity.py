@@ -12,7 +12,7 @@ from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
-from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable, with_interval
+from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable
 from brownpipe.engines.friction import partners_of
 from brownpipe.observables import ARRAYS, AXES, displacement
 from brownpipe.scene import Scene
@@ -152,8 +152,8 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "velocity_autocorrelation" not in averages or len(case.times) < 3:
         return {}
-    slope = with_interval("vacf_initial_slope", initial_slope(case, averages))
-    return {**slope, "vacf_initial_slope_expected": expected_slope(case, averages)}
+    slope, expected = initial_slope(case, averages), expected_slope(case, averages)
+    return {"vacf_initial_slope": slope, "vacf_initial_slope_expected": expected}
 
 
 SPECIES = (*EACH, "species")
