@@ -1,7 +1,6 @@
 """Tests of eq. (18): true ensembles are rejected as often as stated, wrong ones with the stated power."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -106,20 +105,6 @@ def test_a_d_fitted_to_the_counts_costs_one_degree_of_freedom():
     assert test.p == pytest.approx(chi2.sf(test.statistic, test.degrees_of_freedom), rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    "law", [(18, 1.0, 1.0), (18, 0.0, 3.5), (0, 0.7, 2.0), (1, 0.0, 0.0), (-1, 1.3, 0.0), (5, 8.0, 0.2)]
-)
-def test_the_tail_is_that_of_the_sum(law):
-    """Against 400,000 sums of squares, within 4.5 standard errors."""
-    ones, first, second = law
-    rng, n = np.random.default_rng(3), 400_000
-    sums = first * rng.standard_normal(n) ** 2 + second * rng.standard_normal(n) ** 2 * (ones >= 0)
-    sums += rng.chisquare(ones, n) if ones > 0 else 0.0
-    for x in np.quantile(sums, (0.2, 0.9, 0.99)):
-        chance = goodness.upper_tail(x, *law)
-        assert abs(np.mean(sums > x) - chance) < 4.5 * math.sqrt(chance * (1 - chance) / n) + 1e-6
-
-
 def test_the_moments_of_greenwoods_statistic():
     """Of two parts u and 1 - u of 1, by integration: S = u^2 + (1 - u)^2, twice half of it."""
     mean, variance, skewness = goodness._greenwood(2)
@@ -128,7 +113,6 @@ def test_the_moments_of_greenwoods_statistic():
     assert (mean, variance) == pytest.approx((s.mean(), s.var()), rel=1e-8)
     assert skewness == pytest.approx(((s - s.mean()) ** 3).mean() / s.var() ** 1.5, rel=1e-6)
     assert goodness._greenwood(10**8)[2] == pytest.approx(10 / 10**4, rel=1e-3)
-    assert Fraction(4 * 99, 101**2 * 102 * 103) * 2500 == pytest.approx(goodness._greenwood(100)[1], rel=1e-12)
 
 
 @pytest.mark.slow

@@ -96,7 +96,6 @@ SAME = {  # where they are used, and why no stored number depends on them
     "engines/exact/layout.py: math.log2": "rounded up to a power of two",
     "analysis/resampling.py: math.exp": "rounded to integers",
     "analysis/resampling.py: weights @ steps": "sums of integers below 2^24",
-    "analysis/goodness.py: first ** 3": "of fractions",
 }
 
 
