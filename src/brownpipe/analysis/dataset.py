@@ -9,12 +9,12 @@ import numpy as np
 
 from brownpipe import stages
 from brownpipe.analysis import (
+    averaged,
     conditions,
     displacement,
     distribution,
     drift,
     non_gaussian,
-    orientation,
     pairs,
     profile,
     thermodynamics,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     import xarray
 
 SINGLE = conditions, displacement, distribution, non_gaussian, velocity  # of single disks, above all the tracer
-COLLECTIVE = pairs, orientation, profile, thermodynamics, drift
+COLLECTIVE = averaged, pairs, profile, thermodynamics, drift
 ESTIMATORS = [module.ESTIMATOR for module in (*SINGLE, *COLLECTIVE)]
 TABLES = [VARIABLES, *(estimator.variables for estimator in ESTIMATORS)]
 ALL_VARIABLES = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
@@ -92,16 +92,11 @@ def aggregate(
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
     parts = [_results(*given, total) for given in zip(cases, groups, before, strict=True)]
     drift.adjust(parts)
-    seeds = np.unique(np.concatenate([group.seeds for group in groups]))
-    for part, group in zip(parts, groups, strict=True):
-        ends = [other.seeds[[0, -1]] for other in groups if other.outline.engine == group.outline.engine]
-        asked = (seeds >= np.min(ends)) & (seeds <= np.max(ends))
-        part["missing_seeds"] = np.count_nonzero(asked) - len(group.seeds)
     times = [*options.displacement_times]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
     attributes = ATTRIBUTES | {"msd_of": " or ".join(sorted({_followed(one) for one in outlines}))} | made
-    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS, kept=EACH)
+    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS)
 
 
 def _followed(outline: Outline) -> str:

@@ -6,11 +6,15 @@ estimated otherwise from the same runs, by <r^2>/4t or the slope of the MSD: a m
 error delta. To first order the standardised counts are then Z_k - delta B_k with B_k = (dE_k/d ln D)/sqrt(E_k), where
 Z and delta are jointly normal. The covariance of Z_k and Z_l is 1 for k = l, less sqrt(E_k E_l)/n; that of Z_k and
 delta is C_k, the sum over the runs of bin k of (s_i/<s> - 1), over n sqrt(E_k); and delta has the variance
-v = var(s)/(n <s>^2). So if the model holds, X^2 has the mean K - 1 + tr M and the variance
-2 (K - 1 + 2 tr M + tr M^2), where M = v B B' - B C' - C B'. A multiple of chi-square with these two moments is taken
-for its distribution (F. E. Satterthwaite, Biometrics Bull. 2, 110 (1946)). It is exact for a D that is known or fitted
-to the counts. H. Chernoff and E. L. Lehmann, Ann. Math. Stat. 25, 579 (1954), treat a D fitted to single runs by
-maximum likelihood. See docs/theory.md, section 5.
+v = var(s)/(n <s>^2). So if the model holds,
+
+    X^2 ~ chi2(K - 3) + l_1 chi2(1) + l_2 chi2(1),
+
+where l_1 - 1 and l_2 - 1 are the eigenvalues of v B B' - B C' - C B', a matrix of rank two. A chi-square, shifted and
+scaled to the same mean, variance and skewness, is taken for this sum (J. P. Imhof, Biometrika 48, 419 (1961), eq. 4.1,
+after E. S. Pearson); it is exact for a D that is known or fitted to the counts. H. Chernoff and E. L. Lehmann, Ann.
+Math. Stat. 25, 579 (1954), treat a D fitted to single runs by maximum likelihood. See
+docs/theory.md, section 5.
 """
 
 from typing import NamedTuple
@@ -58,20 +62,20 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
     freedom = len(expected) - 1 - (source is not KNOWN)
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
-    trace = square = 0.0
+    weights = np.ones(2)
     if source is not KNOWN:
         runs, root = expected.sum(), np.sqrt(expected)
-        b, c, v = (
-            _pooled(source.change, pools) / root,
-            _pooled(source.shared, pools) / root / runs,
-            source.variance / runs,
-        )
+        b, c = _pooled(source.change, pools) / root, _pooled(source.shared, pools) / root / runs
         bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
-        trace, square = v * bb - 2 * bc, (v * bb) ** 2 - 4 * v * bb * bc + 2 * (bb * cc + bc**2)
+        middle = source.variance / runs * bb / 2 - bc
+        apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
+        weights = np.maximum([1 + middle + apart, 1 + middle - apart], 0.0)
     statistic = ((observed - expected) ** 2 / expected).sum()
-    mean, half_variance = len(expected) - 1 + trace, len(expected) - 1 + 2 * trace + square
-    p = gammaincc(mean**2 / half_variance / 2, statistic * mean / half_variance / 2)
-    return ChiSquare(statistic, freedom, float(p))
+    powers = weights, weights * weights, weights * weights * weights
+    first, second, third = (len(expected) - 3 + power.sum() for power in powers)
+    degrees = (second / third) ** 2 * second
+    scaled = degrees + (statistic - first) * np.sqrt(degrees / second)
+    return ChiSquare(statistic, freedom, float(gammaincc(degrees / 2, max(scaled, 0.0) / 2)))
 
 
 def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = KNOWN, level: float = LEVEL) -> float:

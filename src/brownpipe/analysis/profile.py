@@ -1,4 +1,4 @@
-"""Density profile in front of the walls, and its value at contact, the force on the walls over kT and their length.
+"""Density at contact with the walls: the force on the walls over kT and their length.
 
 K species, B bins of distance, n runs. See docs/theory.md, section 3.
 """
@@ -36,7 +36,7 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
         return Columns()
     profile = np.asarray(runs.observables["density_profile"], float)
     contact, following = ((profile * weights).sum(axis=-1) for weights in wall_weights(case.scene))
-    return Columns({"density_profile": profile, "contact_density": contact, "contact_density_following": following})
+    return Columns({"contact_density": contact, "contact_density_following": following})
 
 
 def _derived(case: Case, averages: Averages) -> dict[str, Estimate]:
@@ -47,10 +47,10 @@ def _derived(case: Case, averages: Averages) -> dict[str, Estimate]:
 
 
 SPECIES = (*EACH, "species")
-DENSITY = "1/length^2"
 
 VARIABLES = {
-    "density_profile": Mean((*SPECIES, "wall_distance"), DENSITY, "number density by distance from the walls"),
-    "contact_density": Mean(SPECIES, DENSITY, "number density at the walls, extrapolated from up to 0.2 diameters"),
+    "contact_density": Mean(
+        SPECIES, "1/length^2", "number density at the walls, extrapolated from up to 0.2 diameters"
+    ),
 }
 ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

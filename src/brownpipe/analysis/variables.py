@@ -105,9 +105,6 @@ VARIABLES = {  # numbers and health of the runs; every estimator has a table of 
         np.int64,
         0,
     ),
-    "missing_seeds": Variable(
-        EACH, "1", "number of seeds, from the first to the last of this engine, without a run", (), np.int64, 0
-    ),
     "energy_drift": Variable(SEED, "1", "relative change of the energy over the run"),
     "worst_overlap": Variable(SEED, "1", "deepest overlap, in contact distances"),
     "momentum_residual": Variable(SEED, "1", "relative residual of the momentum balance, wall impulses included"),

@@ -69,7 +69,7 @@ def measure(
     stand_ins = {scene: [*others] for scene, others in instead_of.items()}
     options = {"instead_of": stand_ins, "fit_window": window}
     made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in groups), options)
-    return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES, kept=COORDINATES))
+    return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES))
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
