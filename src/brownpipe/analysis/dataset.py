@@ -20,7 +20,7 @@ from brownpipe.analysis import (
     thermodynamics,
     velocity,
 )
-from brownpipe.analysis.displacement import labels
+from brownpipe.analysis.displacement import labels as labels_of
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs
 from brownpipe.analysis.outer_join import Part, joined
@@ -90,7 +90,7 @@ def aggregate(
     cases = [Case(one.scene, one.engine, one.times, options, one.average) for one in outlines]
     _refuse_unfit(options, cases)
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
-    parts = [_results(*given, total) for given in zip(cases, groups, before, strict=True)]
+    parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
     drift.adjust(parts)
     times = [*options.displacement_times]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
@@ -107,7 +107,7 @@ def _followed(outline: Outline) -> str:
 
 def _refuse_unfit(options: Options, cases: Sequence[Case]) -> None:
     """Refuse windows and times that coincide, windows that end after every run, and times that no run samples."""
-    names, last = labels(options.windows), max(case.times[-1] for case in cases)
+    names, last = labels_of(options.windows), max(case.times[-1] for case in cases)
     if len(set(names)) < len(names):
         raise AnalysisError(f"fit windows {', '.join(names)}: must differ in their first six digits")
     for name, (_, end) in zip(names, options.windows, strict=True):
@@ -121,8 +121,11 @@ def _refuse_unfit(options: Options, cases: Sequence[Case]) -> None:
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
 
-def _results(case: Case, group: Group, before: int, total: int) -> Part:
-    """Return the values of all variables for a case, from its group; `before` of the `total` runs are analysed."""
+def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
+    """Return the values of all variables for a case, from its group; `before` of the `total` runs are analysed.
+
+    Those of the displacement distributions come as a part for each time, since each may have rings of its own.
+    """
     averages, health, stopped = NO_RUNS, list[np.ndarray](), dict[int, str]()
 
     def good_runs() -> Iterator[RunBlock]:
@@ -143,8 +146,8 @@ def _results(case: Case, group: Group, before: int, total: int) -> Part:
         parts = zip(*(estimator.columns(case, runs) for estimator in ESTIMATORS), strict=True)
         averages = add_runs(averages, runs.seeds, Columns(*(dict(ChainMap(*part)) for part in parts)))
     failed, *numbers = np.concatenate(health, axis=1)
-    part: Part = dict(zip(EACH, ([label] for label in group.files[0].key), strict=True))
-    part |= {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
+    labels: Part = {name: [label] for name, label in zip(EACH, group.files[0].key, strict=True)}
+    part = labels | {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
     part |= {"runs": np.count_nonzero(failed == 0), "failed_runs": np.count_nonzero(failed)}
     part["run_status"] = np.where(failed == 0, KEPT, FAILED)
     if stopped:
@@ -152,4 +155,5 @@ def _results(case: Case, group: Group, before: int, total: int) -> Part:
     for estimator in ESTIMATORS:
         part |= estimator.estimate(case, averages)
     dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
-    return part | {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
+    part |= {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
+    return [part, *(labels | of_time for of_time in distribution.at_each_time(case, averages))]

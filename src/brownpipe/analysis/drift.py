@@ -161,9 +161,7 @@ QUANTITY = (*EACH, "quantity")
 VARIABLES = {
     "time_to_try": Variable(EACH, "time", "equilibrate.time to try if the runs drift"),
     "drift": Variable(QUANTITY, "1", "relative change from the first to the last quarter of the runs", ERROR),
-    "drift_p_value": Variable(
-        QUANTITY, "1", "probability of such a change in equilibrium, adjusted for all of the dataset (Holm)"
-    ),
+    "drift_p_value": Variable(QUANTITY, "1", "p-value of the change in equilibrium, adjusted for the dataset (Holm)"),
 }
 COORDINATES = {"quantity": Variable(("quantity",), None, "quantity that may drift")}
 ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES)

@@ -59,12 +59,6 @@ MEANING = "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 f
 
 VARIABLES = {
     "non_gaussian_parameter": Mean(TIME, "1", MEANING),
-    "non_gaussian_parameter_controlled": Variable(
-        TIME,
-        "1",
-        f"{MEANING}, with that of the first sample after 0 as control variate: for normal initial velocities and a"
-        " first sample well within the mean free time",
-        ERROR,
-    ),
+    "non_gaussian_parameter_controlled": Variable(TIME, "1", f"{MEANING}; control variate: the first after 0", ERROR),
 }
 ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

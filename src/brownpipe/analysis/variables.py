@@ -96,15 +96,7 @@ STATUS = {"flag_values": np.array([KEPT, FAILED, MISSING], np.int8), "flag_meani
 
 VARIABLES = {  # numbers and health of the runs; every estimator has a table of its own
     "runs": Variable(EACH, "1", "number of runs averaged", (), np.int64, 0),
-    "failed_runs": Variable(
-        EACH,
-        "1",
-        "number of runs left out: energy drift beyond its bound (exact engine: also overlap or momentum residual; time "
-        "steps: also a disk that has left the box), a number not finite, or a run that could not go on",
-        (),
-        np.int64,
-        0,
-    ),
+    "failed_runs": Variable(EACH, "1", "number of runs left out: not healthy, or unable to go on", (), np.int64, 0),
     "energy_drift": Variable(SEED, "1", "relative change of the energy over the run"),
     "worst_overlap": Variable(SEED, "1", "deepest overlap, in contact distances"),
     "momentum_residual": Variable(SEED, "1", "relative residual of the momentum balance, wall impulses included"),

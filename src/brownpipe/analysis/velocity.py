@@ -156,21 +156,15 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     return {"vacf_initial_slope": slope, "vacf_initial_slope_expected": expected}
 
 
-SPECIES = (*EACH, "species")
+SPECIES, SLOPE = (*EACH, "species"), "length^2/time^3"
 
 VARIABLES = {
     "diffusion_running": Mean(TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4"),
     "velocity_autocorrelation": Mean(TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
-    "green_kubo": Mean(
-        TIME, RATE, f"half of <v(0).(r(t) - r(0))> {FOLLOWED}, the integral of the autocorrelation over 2"
-    ),
-    "vacf_initial_slope": Mean(
-        EACH,
-        "length^2/time^3",
-        "initial slope of the autocorrelation; errors include that of sampling",
-    ),
+    "green_kubo": Mean(TIME, RATE, f"half of the integral of the autocorrelation, <v(0).(r(t) - r(0))>/2, {FOLLOWED}"),
+    "vacf_initial_slope": Mean(EACH, SLOPE, "initial slope of the autocorrelation; errors include that of sampling"),
     "vacf_initial_slope_expected": Variable(
-        EACH, "length^2/time^3", "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer"
+        EACH, SLOPE, "that of equilibrium, from the tracer's <v^2> and collision rate"
     ),
     "velocity_density": Mean((*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"),
     "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
