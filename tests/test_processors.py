@@ -96,6 +96,7 @@ SAME = {  # where they are used, and why no stored number depends on them
     "engines/exact/layout.py: math.log2": "rounded up to a power of two",
     "analysis/resampling.py: math.exp": "rounded to integers",
     "analysis/resampling.py: weights @ steps": "sums of integers below 2^24",
+    "analysis/resampling.py: weights @ there": "sums of integers below 2^24",
 }
 
 

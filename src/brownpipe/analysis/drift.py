@@ -72,17 +72,13 @@ def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
 
     Without quarters, or for fewer than FEWEST_RUNS, no quantity is there.
     """
-    runs = min(map(len, quarters.values()), default=0)
-    if runs < FEWEST_RUNS:
+    values = np.array([*quarters.values()])
+    if not values.size or (runs := values.shape[1]) < FEWEST_RUNS:
         return Drift((), *np.empty((3, 0)))
-    changes, means = (np.array([of(values) for values in quarters.values()]) for of in (_change, np.mean))
-    found = _tested([*quarters], changes.mean(axis=1), changes.std(axis=1, ddof=1) / math.sqrt(runs), means, runs)
+    change = values[..., 3] - values[..., 0]
+    error = change.std(axis=1, ddof=1) / math.sqrt(runs)
+    found = _tested([*quarters], change.mean(axis=1), error, values.mean(axis=(1, 2)), runs)
     return found._replace(p=holm(found.p))
-
-
-def _change(quarters: np.ndarray) -> np.ndarray:
-    """Return the last quarter minus the first (n,) of runs (n, 4)."""
-    return quarters[:, 3] - quarters[:, 0]
 
 
 def _tested(names: Sequence[str], change: np.ndarray, error: np.ndarray, mean: np.ndarray, runs: int) -> Drift:
@@ -140,7 +136,7 @@ def _percent(change: float, error: float) -> str:
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
     found = quarters_of(case.scene, case.times, runs.observables) if is_tested(case.scene, case.engine) else {}
-    changes = {f"{COLUMN}{name}": _change(of) for name, of in found.items()}
+    changes = {f"{COLUMN}{name}": of[:, 3] - of[:, 0] for name, of in found.items()}
     return Columns(changes, {f"{MEAN}{name}": of.mean(axis=1).sum() for name, of in found.items()})
 
 

@@ -90,9 +90,12 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
         pivot, size = columns[0] + _total(columns - columns[0]) / len(seeds), (REPLICATES, columns.shape[1])
         arrays = np.zeros_like(pivot), np.zeros_like(pivot), np.zeros(REPLICATES), np.zeros(size), np.zeros(size)
         sums = Sums(0, pivot, *arrays)
-    deviation = columns - sums.pivot
-    weights = _weights(int(seeds[0]) // SEEDS_PER_BLOCK)[:, np.asarray(seeds) % SEEDS_PER_BLOCK]
-    weight = sums.weight + weights.sum(axis=1)
+    rows = np.asarray(seeds) % SEEDS_PER_BLOCK
+    weights = _weights(int(seeds[0]) // SEEDS_PER_BLOCK)[:, rows[0] : rows[-1] + 1]
+    there, deviation = np.zeros(weights.shape[1], np.float32), np.zeros((weights.shape[1], columns.shape[1]))
+    there[rows - rows[0]] = 1.0
+    deviation[rows - rows[0]] = columns - sums.pivot  # 0 for seeds without a run
+    weight = sums.weight + weights @ there
     for terms, total, drawn in (
         (deviation, sums.first, sums.drawn_first),
         (deviation**2, sums.second, sums.drawn_second),

@@ -24,9 +24,7 @@ DISTRIBUTION = "total variation distance of the distribution of displacements at
 
 COORDINATES = {
     "scene": Variable(SCENE, None, "scene and number of disks, NAME_N150, whose exact runs are the reference"),
-    "setting": Variable(
-        ("setting",), None, "engine and settings; `exact in X`: the exact engine in scene X, in place of this scene"
-    ),
+    "setting": Variable(("setting",), None, "engine and settings; `exact in X`: exact runs of X in place of the scene"),
 }
 _TABLE = {
     "particles": Variable(SCENE, "1", "number of disks", (), np.int64, 0),
@@ -53,8 +51,6 @@ _TABLE = {
     "displacement_spread": Variable(SETTING, "1", "mean distance due to noise in the distribution of one run"),
     "contact_bias": Mean(SETTING, "1", "most significant relative deviation of g(r) near contact"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
-    "departure_time": Variable(
-        SETTING, "time", "median time at which the tracer is 0.001 of its radius off the exact path; inf: never"
-    ),
+    "departure_time": Variable(SETTING, "time", "median time until the tracer is 0.001 R off its exact path; or inf"),
 }
 VARIABLES = with_uncertainties(_TABLE)
