@@ -1,7 +1,6 @@
 """Datasets: the results of an analysis, one netCDF4 (HDF5) file per study, in memory as xarray.Dataset."""
 
 import io
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,10 +57,13 @@ def dataset_in(image: bytes) -> "xarray.Dataset":
         return dataset.load().drop_encoding()
 
 
-def read_values(path: str | Path, names: Iterable[str]) -> dict[str, np.ndarray]:
-    """Return the values of the named variables that a dataset has, after verifying its seal; nothing else is read.
+def read_variable(path: str | Path, name: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return the coordinates of a variable along its dimensions, in order, and its values; nothing if it is not there.
 
-    Raises StorageError and WrongFileError like `read_dataset`.
+    Nothing else is read. Raises StorageError and WrongFileError like `read_dataset`.
     """
     with naming(path, "aggregate"), h5py.File.in_memory(read_sealed(path)) as file:
-        return {name: values_of(file[name]) for name in names if name in file}
+        if name not in file:
+            return {}, np.zeros(0)
+        along = [dim[0] for dim in file[name].dims]
+        return {scale.name.strip("/"): values_of(scale) for scale in along}, values_of(file[name])

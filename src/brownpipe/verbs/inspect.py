@@ -65,13 +65,13 @@ def _failed(path: str, allowed: int) -> int:
     """Say which runs of a dataset failed, if any."""
     from brownpipe.analysis.failed import failed_runs
 
-    found = failed_runs(path)
-    if not found.failed:
+    failed, runs, cases = failed_runs(path)
+    if not failed:
         return DONE
-    status = FAILED if found.failed > allowed else DONE
+    status = FAILED if failed > allowed else DONE
     limit = f"allow_failed: {allowed} accepts no more" if status else f"accepted by allow_failed: {allowed}"
-    which = f"{found.failed:,} of {found.runs:,} runs failed and are in no average, {limit}"
-    return say(f"{path}: {which}: {found.cases}", status)
+    which = f"{failed:,} of {runs:,} runs failed and are in no average, {limit}"
+    return say(f"{path}: {which}: {cases}", status)
 
 
 def _reproduce(arguments: Namespace) -> int:
