@@ -264,9 +264,9 @@ def test_more_than_this_machine_can_hold(capsys, monkeypatch):
 
 
 def test_figures_that_there_is_nothing_to_show_in(dataset, capsys):
-    status, _, err = said(capsys, "figures", dataset, "--output", "f", "--figures", "particle_counts")
+    status, _, err = said(capsys, "figures", dataset, "--output", "f", "--figures", "scan")
     assert status == WRONG_REQUEST
-    assert "particle_counts: cannot be drawn from this dataset" in err
+    assert "scan: cannot be drawn from this dataset" in err
     assert said(capsys, "figures", dataset, "--output", "f", "--particles", 150)[0] == WRONG_REQUEST
 
 

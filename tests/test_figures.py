@@ -195,10 +195,10 @@ def test_a_variable_that_was_dropped_is_named(dataset, variable):
 
 
 @pytest.mark.slow
-def test_particle_counts_without_a_fitted_line_have_a_table(plain, tmp_path, no_pictures):
+def test_a_scan_without_a_fitted_line_has_a_table(plain, tmp_path, no_pictures):
     names = [name for name in plain.data_vars if name.startswith(("slope", "diffusion_coefficient"))]
-    render(plain.assign({name: np.nan * plain[name] for name in names}), tmp_path, ["particle_counts"])
-    table = rows(tmp_path / "particle_counts.csv")
+    render(plain.assign({name: np.nan * plain[name] for name in names}), tmp_path, ["scan"])
+    table = rows(tmp_path / "scan.csv")
     assert len(table) == 8 and {row["diffusion_coefficient"] for row in table} == {""}
     assert all(row["msd"] for row in table)
 
@@ -226,12 +226,12 @@ def test_each_scene_shows_a_count_of_its_own(dataset):
 def test_figures_asked_for(dataset, tmp_path, no_pictures):
     names = {path.stem for path in render(dataset, tmp_path, ["health", "msd"])}
     assert names == {"health", "msd", "summary", "provenance"}
-    with pytest.raises(FigureError, match=r"^particle_counts: .*two particle counts"):
-        render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "particle_counts"])
+    with pytest.raises(FigureError, match=r"^scan: .*two particle counts"):
+        render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "scan"])
     assert not (tmp_path / "other").exists()
 
 
-OF_SEVERAL_SCENES = [name for name in NAMES if name not in ("diffusion", "particle_counts", "health")]
+OF_SEVERAL_SCENES = [name for name in NAMES if name not in ("diffusion", "scan", "health")]
 
 
 def title(axes):
@@ -512,15 +512,15 @@ def test_tick_labels_stand_clear_of_each_other(dataset, name, times):
 @pytest.mark.parametrize(
     ("name", "count"),
     [
-        ("particle_counts", 1),
-        ("particle_counts", 3),
+        ("scan", 1),
+        ("scan", 3),
         ("pair_distribution", 1),
         ("thermodynamics", 1),
         ("thermodynamics", 8),
     ],
 )
 def test_no_words_touch_with_few_and_many_scenes(in_scenes, name, count):
-    """Every scene has a row of its own in `particle_counts`; all scenes are in the same panels of `thermodynamics`."""
+    """All scenes are in the same panels of `scan` and of `thermodynamics`."""
     figure, _ = in_scenes(name, count)
     assert not touching(figure)
 
@@ -627,12 +627,12 @@ def with_windows(dataset, shifts):
 
 def test_every_window_has_its_d_at_its_particle_count(dataset):
     """Also a fourth one, whose D is below zero."""
-    _, panels = made("particle_counts", with_windows(dataset, [0.0, 0.1, 0.05, -0.5]))
+    _, panels = made("scan", with_windows(dataset.isel(scene=[0]), [0.0, 0.1, 0.05, -0.5]))
     right = panels[1]
     markers = np.array([bar.lines[0].get_xdata() for bar in right.containers])
     assert markers.shape == (4, 2)
     assert (markers == [10, 20]).all()
-    assert len(right.get_legend().get_texts()) == 4
+    assert len([text for text in right.get_legend().get_texts() if text.get_text().startswith("window")]) == 4
     low = min(segment[:, 1].min() for bar in right.containers for segment in bar.lines[2][0].get_segments())
     assert right.get_ylim()[0] < low < 0
 
@@ -665,7 +665,7 @@ def test_state_points_stand_at_their_packing_fraction(dataset):
 
 @pytest.mark.slow
 def test_no_axis_says_its_units_are_reduced(as_it_is):
-    for name in ("msd", "velocity_autocorrelation", "particle_counts", "pair_distribution", "energy"):
+    for name in ("msd", "velocity_autocorrelation", "scan", "pair_distribution", "energy"):
         _, panels = as_it_is[name]
         assert not any(
             word in label
@@ -775,8 +775,8 @@ def test_distribution_table_counts_every_run(dataset, folder):
 
 
 @pytest.mark.slow
-def test_particle_counts_table_names_the_window(dataset, folder):
-    table = rows(folder / "particle_counts.csv")
+def test_the_table_of_a_scan_names_the_window(dataset, folder):
+    table = rows(folder / "scan.csv")
     assert len(table) == 2 * 2 * 2
     for row in table:
         fit = dataset.sel(scene=row["scene"], particles=int(row["particles"]), engine="exact")

@@ -154,7 +154,7 @@ def test_what_is_measured_in_the_runs(tmp_path):
     assert told(small()) == "tracer"
     study = small(observables=["square_displacement", "species_energy"], record="none")
     assert told(study) == "none --observables square_displacement,species_energy --average runs"
-    assert study.figures == ("msd", "diffusion", "energy", "thermodynamics", "particle_counts", "health")
+    assert study.figures == ("msd", "diffusion", "energy", "thermodynamics", "scan", "health")
     assert small(observables="species_energy", record="none").figures == ("energy", "thermodynamics", "health")
     text = (CONFIG / "scenes" / "harrison2020_thermal.yaml").read_text() + "equilibrate: {time: 1, tracer: free}\n"
     (tmp_path / "mixed.yaml").write_text(text)

@@ -1,4 +1,4 @@
-"""Keys of a scene that take several values: `vary` of a study, `simulate --set`, `bp.scan`, and the figure `scan`."""
+"""Keys of a scene that take several values: `vary` of a study, `simulate --value`, `bp.scan`, and the figure `scan`."""
 
 import json
 import math
@@ -156,7 +156,7 @@ def test_a_value_added_later_runs_only_itself(folder):
 
 
 def test_the_command_of_a_job_makes_its_runs(folder):
-    """`simulate --set` makes a file that has the study's digest, and the positions of a scene file with the value."""
+    """`simulate --value` makes a file that has the study's digest, and the positions of a scene file with the value."""
     study = read_study("study.yaml")
     runs = run_sets(study)[3]
     (first, last), words = batches_of(runs)[0], commands(study)[runs.key]

@@ -44,6 +44,17 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
     return selected
 
 
+def axis_of(cases: list[Dataset]) -> str:
+    """Return the axis of a scan: the first varied key with several numbers, or else the number of disks."""
+    keys = labels_of_cases(cases[0])[1:-2]
+    return next((key for key in keys if differs(cases, key) and cases[0][key].dtype.kind in "iuf"), "particles")
+
+
+def differs(cases: list[Dataset], name: str) -> bool:
+    """Return whether cases have several values of a label."""
+    return len({case[name].item() for case in cases}) > 1
+
+
 def by_series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
     """Group the cases that differ in particle count alone, under scene, engine and whether their runs drift."""
     return _grouped(cases, lambda case: scene_of(case) + _suffix(case))

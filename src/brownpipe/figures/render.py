@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import cases_of, has, one_count, scene_of
+from brownpipe.figures.cases import axis_of, cases_of, differs, has, one_count
 from brownpipe.figures.catalogue import FIGURES, SCAN
 from brownpipe.figures.style import drawing, image_bytes
 
@@ -78,7 +78,7 @@ def cases_shown(
         _, needs, variables, every_count = FIGURES[name]
         selected = [case for case in cases if has(case, *variables)]
         selected = selected if every_count else one_count(selected, particles)
-        if SCAN in needs and len({(scene_of(case), int(case.particles)) for case in selected}) < 2:
+        if SCAN in needs and not (selected and differs(selected, axis_of(selected))):
             selected = []
         if names and not selected:
             needed = "; ".join(needs) or "runs"

@@ -10,7 +10,7 @@ from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.analysis.varied import labels_of_cases
-from brownpipe.figures.cases import early_mark, fits_of, has, over_time
+from brownpipe.figures.cases import axis_of, differs, early_mark, fits_of, has, over_time
 from brownpipe.figures.style import DASHED, SERIES, WIDTH, grid, heads, log_axis, points
 from brownpipe.figures.tables import PARTS, label_of
 
@@ -46,23 +46,13 @@ def draw(cases: list[Dataset]) -> Figure:
     return figure
 
 
-def axis_of(cases: Sequence[Dataset]) -> str:
-    """Return the axis of a scan: the first varied key with several numbers, or else the number of disks."""
-    keys = labels_of_cases(cases[0])[1:-2]
-    return next((key for key in keys if _differs(cases, key) and cases[0][key].dtype.kind in "iuf"), "particles")
-
-
-def _differs(cases: Sequence[Dataset], name: str) -> bool:
-    return len({case[name].item() for case in cases}) > 1
-
-
 def _words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def series_of(cases: Sequence[Dataset], axis: str) -> dict[str, list[Dataset]]:
+def series_of(cases: list[Dataset], axis: str) -> dict[str, list[Dataset]]:
     """Return the cases that differ along the axis alone, ascending along it, by the values of what else differs."""
-    differing = [name for name in labels_of_cases(cases[0]) if name != axis and _differs(cases, name)]
+    differing = [name for name in labels_of_cases(cases[0]) if name != axis and differs(cases, name)]
     series: dict[str, list[Dataset]] = {}
     for case in sorted(cases, key=lambda case: case[axis].item()):
         values = [f"{_words(name)} {case[name].item()}" for name in differing]

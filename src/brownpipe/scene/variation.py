@@ -1,4 +1,4 @@
-"""Scenes of which some keys take several values: `vary` of a study, `brownpipe simulate --set`, `brownpipe.scan`.
+"""Scenes of which some keys take several values: `vary` of a study, `brownpipe simulate --value`, `brownpipe.scan`.
 
 A key is a path such as `disks.tracer.mass`, `disks.species.bath.count` (a species by its name) or `duration`;
 `packing_fraction` scales the box, with the place of the tracer in it.

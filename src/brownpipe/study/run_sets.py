@@ -106,7 +106,7 @@ def files_of(study: Study) -> list[StoredFile]:
 def commands(study: Study) -> dict[str, str]:
     """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of its folder."""
     scenes = {
-        name: " ".join([shell_path(os.path.relpath(path)), *(f"--set {_assignment(*one)}" for one in values.items())])
+        name: " ".join([shell_path(os.path.relpath(path)), *(f"--value {_assignment(*one)}" for one in values.items())])
         for name, (path, values) in study.varied.items()
     }
     measured = f" --observables {','.join(study.observables)} --average {study.average}" if study.observables else ""

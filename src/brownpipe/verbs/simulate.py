@@ -29,7 +29,7 @@ def add_arguments(add: Callable) -> None:
     add("scene", metavar="SCENE", help="scene file (YAML)")
     add_particles(add)
     replaced = "another value of a key of the scene, like disks.tracer.mass=10 or packing_fraction=0.3; may be repeated"
-    add("--set", action="append", type=assignment, default=[], metavar="KEY=VALUE", help=replaced)
+    add("--value", dest="values", action="append", type=assignment, default=[], metavar="KEY=VALUE", help=replaced)
     add("--seeds", default="0", help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)")
     first, *others = DEFINITIONS.values()
     names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
@@ -76,7 +76,7 @@ def simulate(arguments: Namespace) -> int:
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
     seeds = read_seeds(arguments.seeds)
-    scene = scene_with(read_yaml(arguments.scene), arguments.scene, dict(arguments.set), arguments.particles)
+    scene = scene_with(read_yaml(arguments.scene), arguments.scene, dict(arguments.values), arguments.particles)
     measures: dict[str, Any] = {"observables": tuple(arguments.observables), "average": arguments.average}
     cost = forecast_of_runs(engine, scene, seeds, record, *measures.values())
     digest = runs_digest(scene, engine, record, **measures)
