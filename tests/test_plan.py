@@ -328,3 +328,25 @@ def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, words, mess
             status = end.code
     said = capsys.readouterr().err
     assert status == WRONG_REQUEST and message in said and said.count("\n") == 1
+
+
+LATTICE = """\
+box: {x: [0, 10.75], y: [0, 10.75], boundary: periodic}
+disks: {species: [{name: bath, count: 100, radius: 0.5, mass: 1.0}], placement: lattice}
+velocities: {temperature: 1.0}
+equilibrate: TIME
+duration: 4.0
+sample_interval: 0.5
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [("0.1", "within the runs: not equilibrated; try equilibrate.time: "), ("40", "no drift within the runs; 90 %")],
+)
+def test_a_plan_says_whether_its_pilot_runs_are_settled(study_file, here, capsys, time, said):
+    path = study_file(seeds=10)
+    (path.parent / "scenes" / "few.yaml").write_text(LATTICE.replace("TIME", time))
+    assert cli.main(["plan", str(path), "--tolerance", "20%"]) == DONE
+    assert said in capsys.readouterr().out

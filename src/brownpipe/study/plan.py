@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import tradeoff
+from brownpipe.analysis import drift
 from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
 from brownpipe.engines.saturation import share_failing
 from brownpipe.errors import AnalysisError, RequestError
@@ -140,6 +141,7 @@ class Performance(NamedTuple):
     spread: float  # standard deviation over runs
     seconds: float  # of CPU for one run
     share_sound: float = 1.0  # of runs that do not fail
+    settled: str = ""  # whether the pilot runs drift, in words; "" if that was not tested
 
     def runs_for(self, tolerance: float) -> int | None:
         """Return the runs, failing ones included, that a tolerance needs; None for a bias too large or not compared."""
@@ -173,8 +175,20 @@ def _by_pilots(study: Study, scene: Scene, target: str) -> list[Performance]:
             exact = runs
         values = tradeoff.compare(runs, exact, study.fit_windows[0], seconds)
         bias, error, spread = (float(values[name]) for name in VARIABLES[target])
-        found.append(Performance(scene, engine, bias, error, spread, seconds, runs.share_sound))
+        found.append(Performance(scene, engine, bias, error, spread, seconds, runs.share_sound, _settled(runs)))
     return found
+
+
+def _settled(runs: tradeoff.EngineRuns) -> str:
+    """Return what drifts within runs, and the time to equilibrate to try; or the drift that would have been found."""
+    if not drift.is_tested(runs.scene, runs.engine):
+        return ""
+    found = drift.drift_of(runs.quarters)
+    if not len(found.quantity):
+        return drift.TOO_FEW
+    least = drift.found_with_power(found.error, len(runs.seeds), len(found.quantity))
+    none = f"no drift within the runs; 90 % of the pressure's drifts by {_percent(least)} are found"
+    return drift.in_words(found, drift.time_to_try(runs.scene)) or none
 
 
 def candidates(scene: Scene) -> list[Engine]:
@@ -218,7 +232,8 @@ def recommendation(cases: Sequence[Sequence[Performance]], target: str, toleranc
         for case in cases
         for each in case
     ]
-    lines = [*pd.DataFrame(rows).to_string(index=False).splitlines(), f"{target} to {_percent(tolerance)}:"]
+    settled = [f"{case_title(case[0].scene)}: {case[0].settled}" for case in cases if case[0].settled]
+    lines = [*pd.DataFrame(rows).to_string(index=False).splitlines(), *settled, f"{target} to {_percent(tolerance)}:"]
     made = offers(cases, tolerance)
     for word, offer in zip(("use", "or"), made, strict=False):
         runs = f"{offer.engine.label}: {offer.runs:,} runs in each case"

@@ -1,10 +1,11 @@
 """The runs that the trade-off compares: all runs of one scene, number of disks and engine that did not fail."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.analysis.drift import quarters_of
 from brownpipe.analysis.runs import Group, RunBlock, block_of, blocks_of, joined, reported, select
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble
@@ -26,6 +27,7 @@ class EngineRuns(NamedTuple):
     worst_overlap: np.ndarray  # (S,) in contact distances; NaN where an engine does not report it
     pair_counts: np.ndarray | None  # (S, P, R) pairs of species by distance, if recorded
     failed: int  # number of runs left out
+    quarters: Mapping[str, np.ndarray]  # (S, 4) what may drift within the runs, if they are counted in quarters
 
     @property
     def share_sound(self) -> float:
@@ -63,4 +65,5 @@ def _of_blocks(scene: Scene, engine: Engine, times: np.ndarray, blocks: Sequence
     moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
     squared, overlap = (moved**2).sum(axis=-1), reported(runs, "worst_overlap")
     counts, failed = runs.observables.get("pair_counts"), len(every.seeds) - len(runs.seeds)
-    return EngineRuns(scene, engine, runs.seeds, times, moved, squared, overlap, counts, failed)
+    quarters = quarters_of(scene, times, runs.observables)
+    return EngineRuns(scene, engine, runs.seeds, times, moved, squared, overlap, counts, failed, quarters)
