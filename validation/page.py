@@ -30,7 +30,7 @@ def table(comparisons: Sequence[Comparison]) -> str:
 
 
 def _row(one: Comparison) -> str:
-    difference = f"{100 * one.departure:+.2g} %" if one.approximate else f"{one.z:+.1f} standard errors"
+    difference = f"{100 * one.departure:+.2g} %" if one.approximate else f"{one.z:+.1f} s.e."
     remark = f" ({one.remark})" if one.remark else ""
     values = f"{value(one.published, one.published_error)} | {value(one.ours, one.error)}"
     return f"| {one.quantity} | {values} | {difference}{remark} | {one.source} |\n"
@@ -51,10 +51,9 @@ def value(number: float, error: float) -> str:
 def closing(comparisons: Sequence[Comparison], seconds: float) -> str:
     """Return the sentence below a table: how many values, the largest difference, the time."""
     tested = [one for one in comparisons if not one.approximate]
-    took = f"The runs took {in_time(seconds)}, added up over their jobs."
+    took = f"All jobs together took {in_time(seconds)}."
     if not tested:
         return took
     most = max(abs(one.z) for one in tested)
     chance = 1 - math.erf(most / math.sqrt(2)) ** len(tested)
-    largest = f"{len(tested)} values tested; largest difference {most:.1f} standard errors."
-    return f"{largest} Of as many independent values one is as far off or farther with probability {chance:.2g}. {took}"
+    return f"{len(tested)} values tested; largest difference {most:.1f} s.e., probability {chance:.2g}. {took}"
