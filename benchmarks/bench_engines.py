@@ -1,7 +1,7 @@
 """Cost of the exact engine and of time steps against the number of disks.
 
-    python benchmarks/bench_engines.py [--most 100000]   writes docs/benchmarks_engines.md and docs/figures/engines.png
-    python benchmarks/bench_engines.py --quick             one small box, nothing written
+    python benchmarks/bench_engines.py [--most 100000]   writes its section of docs/benchmarks.md and its figure
+    python benchmarks/bench_engines.py --quick            one small box, nothing written
 
 Periodic boxes of equal disks, phi = 0.14 as in the note, in units of the note's bath. Seconds of CPU for a unit of
 time, without drawing the state: the difference of two durations of the same seeds, median of five, in one process.
@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from bench_exact import processor
+from bench_exact import processor, write
 
 from brownpipe.engines import Engine
 from brownpipe.engines.timestep.settings import largest_step
@@ -26,11 +26,9 @@ PHI = 0.14
 SHARES = (1.0, 0.1, 0.01)  # of the largest time step allowed
 WORK = 2e6  # disks times steps of a stretch, or collisions, about
 QUICK = 1e5  # of them in a quick pass
-TITLE = """# Cost of the exact engine and of time steps against the number of disks
-
-One core of an {}. Periodic boxes of equal disks, packing fraction 0.14. CPU time for the note's unit of
-time by the exact engine, and the cost of time steps relative to it, medians of five. States are not drawn and runs not
-reported, unlike in the cost-accuracy trade-off. Steps are fractions of the largest step allowed."""
+HEAD = """One core of an {}. Periodic boxes of equal disks, packing fraction 0.14: CPU time for the note's
+unit of time by the exact engine, and the cost of time steps relative to it, medians of five, without drawing and
+reports. Steps are fractions of the largest step allowed."""
 
 
 def scene_of(n, duration):
@@ -84,13 +82,13 @@ def main():
     table = {n: [] for n in sizes}
     for n, row in table.items():
         row += [seconds_of_time(n, one, duration_of(n, one, work), repeats) for one in engines(scene_of(n, 1.0))]
-    lines = [TITLE.format(processor()), "", "| N | exact, s | " + " | ".join(names[1:]) + " |", "|---" * 5 + "|"]
+    lines = [HEAD.format(processor()), "", "| N | exact, s | " + " | ".join(names[1:]) + " |", "|---" * 5 + "|"]
     for n, (exact, *others) in table.items():
         lines.append(f"| {n:,} | {exact:.3g} | " + " | ".join(f"x {other / exact:.3g}" for other in others) + " |")
     print("\n".join(lines))
     drawn = picture(table, names)
     if DISKS[-1] in sizes:
-        (ROOT / "docs" / "benchmarks_engines.md").write_text("\n".join(lines) + "\n")
+        write("engines", "\n".join(lines))
         (ROOT / "docs" / "figures" / "engines.png").write_bytes(drawn)
 
 

@@ -1,6 +1,6 @@
 """How fast the exact engine is: pair collisions per CPU second and bytes per disk, and what each feature costs.
 
-    make bench                      writes docs/benchmarks.md and docs/figures/speed.png
+    make bench                      writes its section of docs/benchmarks.md and docs/figures/speed.png
     python benchmarks/bench_exact.py --quick     every part of it with a few events each, nothing written
 
 A figure is the median over stretches of one run that was melted before, in CPU time of one core. Compare figures of one
@@ -265,7 +265,7 @@ def processor():
 
 def report(effort, speeds):
     """The results as Markdown, a line at a time; the Speed of each case is put into `speeds`."""
-    yield f"# Speed of the exact engine\n\nOne core of an {processor()}; made by `make bench`.\n"
+    yield f"One core of an {processor()}.\n"
     loads = [os.getloadavg()[0]]
     alone, whole, pairs = milliseconds_per_run(effort)
     yield (
@@ -304,6 +304,13 @@ def report(effort, speeds):
         yield f"| {name} | {one / 1e6:.2f} | {two / 1e6:.2f} |"
 
 
+def write(name, text):
+    """Replace the text between the two comments of this name on the page of benchmarks."""
+    page, start, end = ROOT / "docs" / "benchmarks.md", f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+    before, _, rest = page.read_text().partition(start)
+    page.write_text(f"{before}{start}{text}\n{end}{rest.partition(end)[2]}")
+
+
 def can_be_placed(case):
     """Whether its disks find places: the densest may not, beside a big disk or between walls."""
     try:
@@ -339,7 +346,7 @@ def main():
         lines.append(line)
     picture = drawn(speeds)
     if not quick:
-        (ROOT / "docs/benchmarks.md").write_text("\n".join(lines) + "\n")
+        write("exact", "\n".join(lines))
         (ROOT / "docs/figures/speed.png").write_bytes(picture)
 
 

@@ -1,4 +1,4 @@
-"""The documentation site: what its generators write is complete, and config/README.md has the keys of the schemas.
+"""The documentation site: what its generators write is complete, and config/README.md has examples with all keys.
 
 The site itself is built by `make docs`, where a link to nowhere is an error.
 """
@@ -14,13 +14,12 @@ import yaml
 
 from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
 from brownpipe.cli import build_parser
-from brownpipe.engines import DEFINITIONS
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.interface import plot, simulate
 from brownpipe.observables import ARRAYS, OBSERVABLES, of_tracer
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, read_scene
 from brownpipe.storage.layout import MEANING
-from brownpipe.study import Study
+from brownpipe.study import Study, read_study
 from brownpipe.tradeoff.variables import VARIABLES as TRADEOFF_VARIABLES
 from brownpipe.verbs import VERBS
 
@@ -96,40 +95,47 @@ def parts_of(schema):
     return [schema, *(part for key in ("anyOf", "oneOf") for each in schema.get(key, ()) for part in parts_of(each))]
 
 
-def rows_of(kind):
-    """Key, type, default and meaning of each row of the tables of keys, a key like `.mass` with the path before it."""
-    section = CONFIGURATION.partition(f"\n## {kind.capitalize()}\n")[2].partition("\n## ")[0]
-    for table in re.findall(r"^\| key \|.*\n\|.*\n((?:\|.*\n)+)", section, re.MULTILINE):
-        for row in table.splitlines():
-            cells = [cell.strip() for cell in row.strip("|").split(" |")]
-            names = re.findall(r"`([^`]+)`", cells[0])
-            for name in names:
-                yield names[0].rpartition(".")[0] + name if name.startswith(".") else name, *cells[1:]
-
-
-def is_in_a_table_of_keys(key):
-    """Explicit disks have an example instead of a table, engines a table of their own."""
-    return not key.startswith(("disks[]", "engines.", "engines[]"))
+def section(kind):
+    """The section of a kind of file, and its first block of YAML."""
+    text = CONFIGURATION.partition(f"\n## {kind.capitalize()}\n")[2].partition("\n## ")[0]
+    return text, re.search(r"```yaml\n(.*?)```", text, re.DOTALL)[1]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_tables_of_keys_have_the_keys_of_the_schema(kind):
-    schema = {key: inner for key, inner in keys_of(KINDS[kind]) if is_in_a_table_of_keys(key)}
-    documented = [key for key, *_ in rows_of(kind)]
-    assert len(documented) == len(set(documented))
-    assert set(documented) <= set(schema)
-    leaves = {key for key in schema if not any(other.startswith((f"{key}.", f"{key}[]")) for other in schema)}
-    assert leaves and leaves <= set(documented)
+def test_the_example_has_every_key_and_the_section_every_word(kind):
+    """Explicit disks and engines have examples of their own."""
+    text, example = section(kind)
+    keys = {
+        key: inner for key, inner in keys_of(KINDS[kind]) if not key.startswith(("disks[]", "engines.", "engines[]"))
+    }
+    assert len(keys) > 15
+    last = {key.rpartition(".")[2] for key in keys}
+    assert [key for key in last if not re.search(rf"\b{key}:", example)] == []
+    words = set().union(*map(words_of, keys.values()))
+    assert len(words) > 5
+    assert [word for word in words if not re.search(rf"\b{word}\b", text)] == []
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_tables_of_keys_have_their_words(kind):
-    schema = dict(keys_of(KINDS[kind]))
-    rows = {key: "".join(cells) for key, *cells in rows_of(kind)}
-    elsewhere = {"observables": OBSERVABLES.keys(), "engines": DEFINITIONS.keys()}  # in tables of their own
-    words = {key: words_of(schema[key]) - elsewhere.get(key, set()) for key in rows}
-    assert sum(map(len, words.values())) > 5
-    assert [word for key in rows for word in words[key] if not re.search(rf"`\[?{word}\]?`", rows[key])] == []
+def test_the_examples_are_valid_and_have_the_defaults(tmp_path):
+    for number, block in enumerate(re.findall(r"```yaml\n(.*?)```", section("scene")[0], re.DOTALL)):
+        (tmp_path / f"example_{number}.yaml").write_text(block)
+        assert read_scene(tmp_path / f"example_{number}.yaml").duration > 0
+    (tmp_path / "scenes").symlink_to(ROOT / "config" / "scenes")
+    (tmp_path / "example.yaml").write_text(section("study")[1])
+    (tmp_path / "least.yaml").write_text("scenes: [scenes/harrison2020.yaml]\nseeds: 1\n")
+    example, least = (read_study(tmp_path / f"{name}.yaml") for name in ("example", "least"))
+    of_the_note = {
+        "scenes",
+        "particles",
+        "shown_particles",
+        "seeds",
+        "figures",
+        "fit_windows",
+        "displacement_times",
+        "rings",
+    }
+    for key in Study.model_fields.keys() - of_the_note:
+        assert getattr(example, key) == getattr(least, key), key
 
 
 def test_the_table_of_observables_has_all_with_their_arrays():
@@ -138,8 +144,8 @@ def test_the_table_of_observables_has_all_with_their_arrays():
     assert list(rows) == list(OBSERVABLES)
     for name, row in rows.items():
         assert [array for array in OBSERVABLES[name].arrays[1:] if f"`{array}`" not in row] == []
-    (average,) = [row for key, *row in rows_of("study") if key == "average"]
-    assert {name for name in OBSERVABLES if f"`{name}`" in "".join(average)} == set(of_tracer(OBSERVABLES)[0])
+    averaged = section("study")[0].partition("The `average` of ")[2].partition(" can only ")[0]
+    assert set(re.findall(r"`(\w+)`", averaged)) == set(of_tracer(OBSERVABLES)[0])
 
 
 def test_the_docstring_of_plot_has_every_figure():
@@ -153,13 +159,6 @@ def words_of(schema):
         words |= {word for word in (*part.get("enum", ()), part.get("const")) if isinstance(word, str)}
         words |= words_of(part["items"]) if isinstance(part.get("items"), dict) else set()
     return words
-
-
-def test_the_table_of_study_keys_has_the_defaults_of_the_reader():
-    defaults = {key: cells[1] for key, *cells in rows_of("study")}
-    for key, field in Study.model_fields.items():
-        if isinstance(field.default, str):
-            assert defaults[key].strip("`") == field.default, key
 
 
 # -- files ----------------------------------------------------------------------------------------------------------

@@ -31,10 +31,10 @@ def small(**overrides):
 
 
 @pytest.mark.parametrize("file", sorted(CONFIG.glob("*.yaml")), ids=lambda file: file.stem)
-def test_every_study_that_is_there_is_valid_and_named_in_the_guide(file):
+def test_every_study_that_is_there_is_valid_and_says_what_it_shows(file):
     study = read_study(file)
     assert study.tolerance or files_of(study)
-    assert f"`{file.name}`" in (CONFIG.parent / "docs" / "guide.md").read_text()
+    assert file.read_text().startswith("# ")  # the gallery shows it
 
 
 def test_default_study_is_the_note(tmp_path, monkeypatch):

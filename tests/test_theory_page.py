@@ -15,13 +15,6 @@ FUNCTIONS = re.findall(r"`((?:analysis|engines|observables|scene|theory)\.[\w.]+
 FORMULAS = re.findall(r"^```math\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
-def table():
-    """(equations, functions) of every row of the last table, as they stand there."""
-    rows = PAGE.partition("\n## Where each equation is computed\n")[2].partition("\n## ")[0].splitlines()
-    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows if row.startswith("| ")]
-    return [(equations, functions) for equations, _, functions in cells[1:]]
-
-
 def numbers(found):
     """The equations in ranges (first, last or "")."""
     return [number for first, last in found for number in range(int(first), int(last or first) + 1)]
@@ -31,17 +24,6 @@ def numbers(found):
 def test_a_function_on_the_page_exists(name):
     function = pkgutil.resolve_name(f"brownpipe.{name}")
     assert callable(function) and not inspect.isclass(function)
-
-
-def test_the_table_has_a_function_for_every_equation_of_the_note():
-    assert all(re.findall(r"`([\w.]+)`", functions) for _, functions in table())
-    assert set(numbers(re.findall(RANGE, " ".join(equations for equations, _ in table())))) == set(EQUATIONS)
-
-
-def test_the_table_has_every_function_of_a_formula():
-    listed = " ".join(functions for _, functions in table())
-    formulas = {name for name in FUNCTIONS if name.startswith("theory.")}
-    assert not [name for name in formulas if f"`{name}`" not in listed]
 
 
 def test_every_equation_of_the_note_is_written_out_once():

@@ -40,7 +40,7 @@ def _comparison(case: Dataset, name: str) -> Comparison:
         unit * error / (2 * phi),
         float(case[name]),
         float(case[f"{name}_standard_error"]),
-        f"{source}, with the term in $1/N$",
+        source,
     )
 
 

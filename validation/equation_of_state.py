@@ -54,7 +54,7 @@ def _in_small_box(case: Dataset) -> Comparison:
         error,
         float(case.compressibility_rate),
         float(case.compressibility_rate_standard_error),
-        f"{source}, with the term in $1/N$",
+        source,
         approximate=narrow,
     )
     remark = f"{found.z:+.1f} standard errors, not tested: correlations reach around the box"

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from brownpipe.formatting import in_time
 from validation.comparison import Comparison
 
-HEAD = "| quantity | reference | brownpipe | difference | source |\n|---|---|---|---|---|\n"
-
 
 def with_table(page: str, name: str, comparisons: Sequence[Comparison], seconds: float) -> str:
     """Return the page with a new table of a result; raise KeyError if it has no place for it."""
@@ -25,15 +23,21 @@ def with_text(page: str, name: str, text: str) -> str:
 
 
 def table(comparisons: Sequence[Comparison]) -> str:
-    """Return the comparisons as a table in Markdown."""
-    return HEAD + "".join(map(_row, comparisons))
+    """Return the comparisons as a table in Markdown; a source that all have in common is the head of its column."""
+    sources = {one.source for one in comparisons}
+    if len(sources) == 1:
+        head = f"| quantity | {sources.pop()} | brownpipe | difference |\n|---|---|---|---|\n"
+        return head + "".join(f"{_row(one)}\n" for one in comparisons)
+    head = "| quantity | reference | brownpipe | difference | source |\n|---|---|---|---|---|\n"
+    return head + "".join(f"{_row(one)} {one.source} |\n" for one in comparisons)
 
 
 def _row(one: Comparison) -> str:
-    difference = f"{100 * one.departure:+.2g} %" if one.approximate else f"{one.z:+.1f} standard errors"
+    """Return a row without its source."""
+    difference = f"{100 * one.departure:+.2g} %" if one.approximate else f"{one.z:+.1f} s.e."
     remark = f" ({one.remark})" if one.remark else ""
     values = f"{value(one.published, one.published_error)} | {value(one.ours, one.error)}"
-    return f"| {one.quantity} | {values} | {difference}{remark} | {one.source} |\n"
+    return f"| {one.quantity} | {values} | {difference}{remark} |"
 
 
 def value(number: float, error: float) -> str:
@@ -51,10 +55,9 @@ def value(number: float, error: float) -> str:
 def closing(comparisons: Sequence[Comparison], seconds: float) -> str:
     """Return the sentence below a table: how many values, the largest difference, the time."""
     tested = [one for one in comparisons if not one.approximate]
-    took = f"The runs took {in_time(seconds)}, added up over their jobs."
+    took = f"All jobs together took {in_time(seconds)}."
     if not tested:
         return took
     most = max(abs(one.z) for one in tested)
     chance = 1 - math.erf(most / math.sqrt(2)) ** len(tested)
-    largest = f"{len(tested)} values tested; largest difference {most:.1f} standard errors."
-    return f"{largest} Of as many independent values one is as far off or farther with probability {chance:.2g}. {took}"
+    return f"{len(tested)} values tested; largest difference {most:.1f} s.e., probability {chance:.2g}. {took}"

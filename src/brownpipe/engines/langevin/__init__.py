@@ -21,7 +21,7 @@ from brownpipe.scene.scene import Scene
 
 LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
 # The caution is given below this mass ratio. A higher ratio does not ensure a small error, since density and the finite
-# box matter, too: with a ratio of 50 at phi = 0.3 the MSD by Enskog's friction is 34 % too small (docs/decisions.md).
+# box matter, too: with a ratio of 50 at phi = 0.3 the MSD by Enskog's friction is 34 % too small (docs/results.md).
 HEAVY = 10.0
 LARGEST_SHARE = 0.05  # of the tracer in the mass of all disks, above which a caution is given if their momentum is zero
 RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
