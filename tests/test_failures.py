@@ -295,7 +295,7 @@ def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(capsys, crowd
         status, _, err = said(capsys, words[0], "a.h5", *words[1:], "--seed", 2)
         assert status == WRONG_REQUEST and err.startswith("brownpipe: a.h5: seed 2: its run could not go on: disks: ")
     _, _, err = said(capsys, "export", "a.h5", "--to", "csv")
-    assert "left out: 2 could not go on, seed 0" in err and "nan" not in Path("a.csv").read_text()
+    assert "could not go on: 2 of 4 runs: 0,2" in err and "nan" not in Path("a.csv").read_text()
 
 
 @pytest.mark.slow

@@ -9,7 +9,8 @@ import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, recorded
-from brownpipe.engines.state import Ensemble
+from brownpipe.engines.failures import stopped_in_words
+from brownpipe.engines.state import Ensemble, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import observables_making
 from brownpipe.provenance import modules_of, source_digest, versions
@@ -197,32 +198,27 @@ def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
     return frozenset(name for name, is_recorded in parts.items() if is_recorded)
 
 
-def whole_seed(trajectories: Trajectories, path: str, seed: int | None) -> int:
-    """Return the seed of a whole run, by default the smallest, of the trajectories in the file at `path`.
+def chosen_seed(
+    trajectories: Trajectories, path: str, seed: int | None, tracks: Mapping[int, Track] | None = None
+) -> int:
+    """Return the seed of a run in the file at `path`, by default the smallest, of `tracks`, by default all whole runs.
 
-    Raises RequestError if the file holds no whole runs, none of this seed, or no disks.
+    Raises RequestError if there are no tracks, none of this seed, or no disks.
     """
-    whole = trajectories.ensemble.whole
-    refuse_stopped(trajectories, path, seed)
-    refuse_empty(trajectories, path)
-    if not whole:
-        raise RequestError(f"{path}: holds no whole runs; make it again: brownpipe simulate SCENE --record all")
-    if seed is not None and seed not in whole:
-        seeds = seed_text(sorted(whole))
-        raise RequestError(f"{path}: seed {seed} is not in it; its whole runs have the seeds {seeds}")
-    return min(whole) if seed is None else seed
-
-
-def refuse_empty(trajectories: Trajectories, path: str) -> None:
-    """Raise RequestError for runs of a scene without disks."""
-    if not trajectories.scene.particles:
-        raise RequestError(f"{path}: its scene has no disks")
-
-
-def refuse_stopped(trajectories: Trajectories, path: str, seed: int | None) -> None:
-    """Raise RequestError for the seed of a run that could not go on: there are no trajectories of it."""
-    if seed in trajectories.ensemble.stopped:
-        raise RequestError(f"{path}: seed {seed}: its run could not go on: {trajectories.ensemble.stopped[seed]}")
+    scene, _, ensemble, *_ = trajectories
+    tracks = ensemble.whole if tracks is None else tracks
+    if seed in ensemble.stopped:
+        wrong = f"seed {seed}: its run could not go on: {ensemble.stopped[seed]}"
+    elif not scene.particles:
+        wrong = "its scene has no disks"
+    elif not tracks:
+        made = "holds no whole runs; make it again: brownpipe simulate SCENE --record all"
+        wrong = stopped_in_words(ensemble.stopped) if len(ensemble.stopped) == len(ensemble.seeds) else made
+    elif seed is None or seed in tracks:
+        return min(tracks) if seed is None else seed
+    else:
+        wrong = f"seed {seed} is not in it; must be of {seed_text(sorted(tracks))}"
+    raise RequestError(f"{path}: {wrong}")
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
