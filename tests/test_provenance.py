@@ -51,9 +51,8 @@ def test_a_dataset_has_scenes_seeds_engines_options_and_installation(finished):
     attributes = storage.read_dataset(finished / PRODUCTS[0]).attrs
     (entry,) = json.loads(attributes["made_from"])
     assert parse_scene(entry["scene"], "harrison2020.yaml") == read_scene(SCENE, 10)
-    assert (entry["engine"], entry["seeds"], entry["record"]) == ({"name": "exact"}, "0-19", "tracer")
     source = storage.read_trajectories(finished / CASE / "0-11.h5").source
-    assert (entry["observables"], entry["average"], entry["source_digest"]) == ("", "runs", source)
+    assert entry["source_digest"] == source
     assert entry["command"] == "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
     options = {"fit_windows": [[0.1, 1.0]], "ring_width": None, "rings": None, "displacement_times": []}
     assert json.loads(attributes["options"]) == options
@@ -156,8 +155,7 @@ def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypa
     (package / "a.py").write_text("2\n")
     assert _commit(package) == f"{commit}, modified"
     git(tmp_path, "checkout", "src")
-    (package / "new.py").write_text("3\n")
-    assert _commit(package) == f"{commit}, modified"
+    assert _commit(package) == commit
     inside = tmp_path / ".venv" / "lib" / PACKAGE.name  # installed in a folder that somebody keeps in git
     inside.mkdir(parents=True)
     assert _commit(inside) is None

@@ -49,7 +49,6 @@ class Trajectories(NamedTuple):
     def attributes(self) -> dict:
         """Those of the root: scene, engine, versions, the command that makes the runs again."""
         outline, scene, engine = self.outline, self.scene, self.engine
-        record = ",".join(sorted(outline.record - {"tracer"})) or ("tracer" if outline.tracer else "none")
         made = {
             "title": f"{scene.name}: {len(outline.seeds)} runs",
             "scene": scene.text,
@@ -59,7 +58,7 @@ class Trajectories(NamedTuple):
             "settings": json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False),
             "average": outline.average,
             "variables": json.dumps(sorted(self.ensemble.observables)),
-            "command": simulate_command(outline, outline.seeds, record),
+            "command": simulate_command(outline, outline.seeds, ",".join(sorted(outline.record - {"tracer"}))),
             "source_digest": self.source,
             "runs_digest": "",
         }
@@ -86,7 +85,11 @@ class Outline(NamedTuple):
 
 
 def simulate_command(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str) -> str:
-    """Return the command that makes runs of these seeds (S,) again; `record` as --record takes it."""
+    """Return the command that makes runs of these seeds (S,) again.
+
+    record: as --record takes it; by default `tracer`, or `none` if its track was not recorded.
+    """
+    record = record or ("tracer" if outline.tracer else "none")
     options = {"record": record, "observables": ",".join(outline.observables or ()), "average": outline.average}
     words = [f"--particles {outline.scene.particles}"] if outline.scene.species else []
     words += [f"--seeds {seed_text(seeds)}", f"--engine {outline.engine.options}"]

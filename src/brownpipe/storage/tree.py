@@ -12,7 +12,7 @@ from brownpipe.storage.layout import LOG, described, dims_of, ensemble_of, group
 from brownpipe.storage.trajectories import Trajectories, setting_of
 
 if TYPE_CHECKING:
-    from xarray import Dataset, DataTree
+    from xarray import DataTree
 
 
 def to_tree(trajectories: Trajectories) -> "DataTree":
@@ -39,13 +39,11 @@ def from_tree(tree: "DataTree") -> Trajectories:
         raise RequestError(f"runs: must be what simulate or open returns, not a {type(tree).__name__}")
     try:
         scene, engine = setting_of(tree.attrs)
-        disks = tree["disks"].to_dataset() if "disks" in tree.children else xarray.Dataset()
-        _refuse_part(scene, tree.to_dataset(), disks)
+        _refuse_part(scene, tree)
         groups = {
             path: {
                 name: tree[path][name].transpose(*dims_of(path, name)).values
-                for name in tree[path].variables
-                if name in names
+                for name in names & tree[path].variables.keys()
             }
             for path, names in _own_names(tree).items()
             if path in tree.groups
@@ -53,24 +51,18 @@ def from_tree(tree: "DataTree") -> Trajectories:
         ensemble = ensemble_of(scene, groups, tree.attrs["average"])
         return Trajectories(scene, engine, ensemble, tree.attrs["source_digest"])
     except (AttributeError, IndexError, KeyError, TypeError, ValueError, RequestError, StorageError) as error:
-        raise RequestError(
-            f"runs: must be what simulate or open returns, or a selection of its seeds ({error})"
-        ) from error
+        wrong = "runs: must be what simulate or open returns, or a selection of its seeds"
+        raise RequestError(f"{wrong} ({error})") from error
 
 
 def refuse_foreign(tree: "DataTree") -> None:
     """Raise RequestError for a variable that a trajectory file has no place for."""
     own = _own_names(tree)
-    foreign = [
-        f"{node.path}/{name}".lstrip("/")
-        for node in tree.subtree
-        for name in node.data_vars
-        if name not in own.get(node.path, ())
-    ]
+    names = [(node.path, name) for node in tree.subtree for name in node.data_vars]
+    foreign = [f"{path}/{name}".lstrip("/") for path, name in names if name not in own.get(path, ())]
     if foreign:
-        raise RequestError(
-            f"data: a trajectory file has no place for {foreign[0]}; remove this variable, or save it apart"
-        )
+        wrong = f"a trajectory file has no place for {foreign[0]}"
+        raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
 
 
 def _own_names(tree: "DataTree") -> dict[str, set[str]]:
@@ -82,20 +74,20 @@ def _own_names(tree: "DataTree") -> dict[str, set[str]]:
     }
 
 
-def _refuse_part(scene: Scene, root: "Dataset", disks: "Dataset") -> None:
+def _refuse_part(scene: Scene, tree: "DataTree") -> None:
     """Raise ValueError for a selection of other things than seeds."""
-    if "seed" not in root.dims:
+    if "seed" not in tree.dims:
         raise ValueError("without the dimension seed; select seeds by a list, as in sel(seed=[3])")
-    seeds = root.seed.values
+    seeds = tree.seed.values
     if seeds.dtype != np.int64 or not seeds.size or seeds.min() < 0 or len(np.unique(seeds)) < len(seeds):
         raise ValueError("its seeds must be one or several different integers")
     complete = {"time": scene.times, "component": np.array(["x", "y"]), "disk": np.arange(scene.particles)}
-    for dim, expected in complete.items():
-        coordinates = disks.coords if dim == "disk" else root.coords
-        if dim in coordinates and not np.array_equal(coordinates[dim].values, expected):
-            raise ValueError(f"of {dim} it must hold all {len(expected)} in order; select from the analysis instead")
-    if "position" in root:
-        if not np.isfinite(root.position.transpose("seed", ...).values[root.failed.values == 0]).all():
+    for node in tree.subtree:
+        for dim in complete.keys() & node.coords.keys():
+            if not np.array_equal(node[dim].values, complete[dim]):
+                raise ValueError(f"of {dim} it must hold all {len(complete[dim])} in order; select from the analysis")
+    if "position" in tree:
+        if not np.isfinite(tree.position.transpose("seed", ...).values[tree.failed.values == 0]).all():
             raise ValueError("holds positions that are not finite in a run that did not fail")
-        if scene.box.periodic and "image" not in root:
+        if scene.box.periodic and "image" not in tree:
             raise ValueError("lacks image, which a periodic box needs")
