@@ -22,7 +22,8 @@ from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
-from brownpipe.storage import read_checkpoint, write_checkpoint, write_trajectories
+from brownpipe.storage.checkpoints import read_checkpoint, write_checkpoint
+from brownpipe.storage.trajectories import write_trajectories
 
 SEEDS = [3, 4, 9]
 W, P = "reflecting", "periodic"
@@ -275,7 +276,7 @@ def of_early_end(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("early"))
-        patch.setattr("brownpipe.storage.write_trajectories", die)
+        patch.setattr("brownpipe.storage.trajectories.write_trajectories", die)
         Path("some.yaml").write_text(SCENE.replace("DURATION", "70.0"))
         with pytest.raises(KilledError):
             main(["simulate", "some.yaml", *ASKED, "--checkpoint-every", "1e-9"])

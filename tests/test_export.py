@@ -23,8 +23,8 @@ from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.observables import observe
 from brownpipe.observables.pairs import bins
 from brownpipe.scene import parse_scene
-from brownpipe.storage import read_trajectories, write_trajectories
 from brownpipe.storage.export import export
+from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene
 
 SINGLE = 2.0**-24  # largest relative error of a number rounded to single precision

@@ -28,7 +28,9 @@ from brownpipe.figures.render import draw
 from brownpipe.figures.summary import summary
 from brownpipe.inspection import reproduction
 from brownpipe.scene import parse_scene
-from brownpipe.storage import from_tree, read_dataset, read_trajectories, to_tree, write_dataset, write_trajectories
+from brownpipe.storage.datasets import read_dataset, write_dataset
+from brownpipe.storage.trajectories import read_trajectories, write_trajectories
+from brownpipe.storage.tree import from_tree, to_tree
 from brownpipe.tradeoff.runs import read_runs
 
 pytestmark = pytest.mark.usefixtures("elsewhere")

@@ -13,7 +13,7 @@ from brownpipe.engines.state import Track
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.figures import snapshot
 from brownpipe.formatting import in_bytes
-from brownpipe.storage import write_trajectories
+from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_runs, make_scene
 
 SEEDS = (3, 8)

@@ -14,12 +14,12 @@ from brownpipe.errors import RequestError
 from brownpipe.figures.origin import Record
 from brownpipe.figures.pages import filled
 from brownpipe.figures.snapshot import legend_entries, shades_of
-from brownpipe.storage import runs_record
+from brownpipe.storage.origin import runs_record
 from brownpipe.storage.trajectories import chosen_seed
 
 if TYPE_CHECKING:
     from brownpipe.scene import Scene
-    from brownpipe.storage import Trajectories
+    from brownpipe.storage.trajectories import Trajectories
 
 MOST_BYTES = 150_000  # of the collisions of a replay: 200 kB as base64
 MOST_DISKS = 1000

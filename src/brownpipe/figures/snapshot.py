@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 from brownpipe.figures.style import DATA, INK
 from brownpipe.scene import Scene
 from brownpipe.scene.scene import Box
-from brownpipe.storage import Trajectories
-from brownpipe.storage.trajectories import chosen_seed
+from brownpipe.storage.trajectories import Trajectories, chosen_seed
 
 LONGER_SIDE = 5.6  # of the box [inch]
 LEAST_WIDTH = 3.6  # of the panel [inch]

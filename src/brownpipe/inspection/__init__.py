@@ -11,10 +11,9 @@ from brownpipe.errors import WrongFileError
 from brownpipe.inspection import results, runs
 from brownpipe.quoting import in_lines
 from brownpipe.scene import scene_yaml
-from brownpipe.storage import Trajectories
 from brownpipe.storage.datasets import dataset_in
 from brownpipe.storage.files import naming, read_sealed
-from brownpipe.storage.trajectories import trajectories_in
+from brownpipe.storage.trajectories import Trajectories, trajectories_in
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -20,8 +20,8 @@ from brownpipe.inspection.runs import only, run_of, seeds_in_words
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
-from brownpipe.storage import Trajectories
 from brownpipe.storage.layout import groups_of
+from brownpipe.storage.trajectories import Trajectories
 
 
 class Difference(NamedTuple):

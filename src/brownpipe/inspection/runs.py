@@ -17,8 +17,8 @@ from brownpipe.provenance import modules_of, source_digest
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text, seed_text
-from brownpipe.storage import Trajectories
 from brownpipe.storage.layout import described
+from brownpipe.storage.trajectories import Trajectories
 
 HEALTH = {  # observable: name of its largest absolute value in the report
     "energy_drift": "worst energy drift",

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe.provenance import NAME, PACKAGE
+from brownpipe.provenance import NAME, PACKAGE, made_with
 from brownpipe.storage.trajectories import Outline, simulate_command
 
 MOST_SCENE_TEXT = 100_000  # characters; a longer scene, of thousands of listed disks, is in the trajectory files only
@@ -48,6 +48,11 @@ def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str
 
 
 # -- the installation -----------------------------------------------------------------------------------------------
+
+
+def made_by(step: str) -> dict[str, str]:
+    """Return the attributes that say with which source, versions and commit a step of the pipeline makes its output."""
+    return made_with(step) | installation()
 
 
 @cache

@@ -83,9 +83,9 @@ def _refuse_part(scene: Scene, tree: "DataTree") -> None:
         raise ValueError("its seeds must be one or several different integers")
     complete = {"time": scene.times, "component": np.array(["x", "y"]), "disk": np.arange(scene.particles)}
     for node in tree.subtree:
-        for dim in complete.keys() & node.coords.keys():
-            if not np.array_equal(node[dim].values, complete[dim]):
-                raise ValueError(f"of {dim} it must hold all {len(complete[dim])} in order; select from the analysis")
+        for dim, values in complete.items():
+            if dim in node.coords and not np.array_equal(node.coords[dim].values, values):
+                raise ValueError(f"of {dim} it must hold all {len(values)} in order; select from the analysis instead")
     if "position" in tree:
         if not np.isfinite(tree.position.transpose("seed", ...).values[tree.failed.values == 0]).all():
             raise ValueError("holds positions that are not finite in a run that did not fail")

@@ -6,7 +6,7 @@ from pathlib import Path
 from brownpipe.errors import RequestError
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import Name, validated
-from brownpipe.storage import write_file
+from brownpipe.storage.files import write_file
 
 TEMPLATES = PACKAGE / "study" / "templates"
 

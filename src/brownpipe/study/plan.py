@@ -21,7 +21,7 @@ from brownpipe.scene import Scene
 from brownpipe.scene.seeds import MOST_SEEDS
 from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.stages import tracked
-from brownpipe.storage import write_file
+from brownpipe.storage.files import write_file
 from brownpipe.study.run_count import DISTRIBUTION, case_title, run_pilot
 from brownpipe.study.study import REFERENCE, Study
 from brownpipe.tradeoff import compare, runs_for, timing

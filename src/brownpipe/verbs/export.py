@@ -29,8 +29,8 @@ def export(arguments: Namespace) -> int:
     digit. Unwrapped positions in a periodic box are position + image * (width, height).
     """
     from brownpipe.scene.seeds import seed_text
-    from brownpipe.storage import read_trajectories
     from brownpipe.storage.export import export as exported
+    from brownpipe.storage.trajectories import read_trajectories
 
     kind = f".{arguments.to}"
     output = writable(arguments.output or f"{Path(arguments.file).stem}{kind}", arguments.file, suffixes=(kind,))

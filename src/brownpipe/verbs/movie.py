@@ -36,7 +36,8 @@ def movie(arguments: Namespace) -> int:
     from brownpipe.figures.movie import movie as moving
     from brownpipe.figures.origin import movie_record
     from brownpipe.figures.snapshot import whole_run
-    from brownpipe.storage import read_trajectories, write_file
+    from brownpipe.storage.files import write_file
+    from brownpipe.storage.trajectories import read_trajectories
 
     suffixes = (*SUFFIXES, *PAGE) if arguments.to is None else (f".{arguments.to}",)
     name = f"{Path(arguments.file).stem}.{arguments.to or 'gif'}"
@@ -59,7 +60,8 @@ def _replay(arguments: Namespace, output: str) -> int:
     """Write the page that replays a run."""
     from brownpipe.figures.origin import movie_record
     from brownpipe.figures.replay import RECORD, is_whole, replay_of, replay_page
-    from brownpipe.storage import read_trajectories, write_file
+    from brownpipe.storage.files import write_file
+    from brownpipe.storage.trajectories import read_trajectories
 
     for option in ("frames", "fps"):
         if getattr(arguments, option) is not None:
