@@ -15,12 +15,13 @@ from brownpipe.engines import Engine
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError, WrongFileError
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tradeoff import summary as tradeoff_summary
-from brownpipe.inspection import reproduction, results
+from brownpipe.inspection import reproduction
 from brownpipe.provenance import ANALYSIS_PACKAGES, PACKAGES, versions
 from brownpipe.scene import read_scene
 from brownpipe.storage import trajectories
 from brownpipe.storage.checkpoints import write_checkpoint
 from brownpipe.storage.datasets import write_dataset
+from brownpipe.storage.layout import described
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene, write
 
@@ -79,7 +80,7 @@ def test_the_worst_and_the_failed_runs_are_named(tmp_path):
         momentum_residual=np.array([1e-16, 2e-16, 3e-16, np.nan]),
     )
     text = inspection.report(write(tmp_path, runs))
-    health = "2 failed runs (seeds 1,7); worst energy drift 3e-15 (seed 1); worst overlap (sigma) 0"
+    health = "failed their health check: 2 of 4 runs: 1,7; worst energy drift 3e-15 (seed 1); worst overlap 0"
     assert f"health       {health}; worst momentum residual nan (seed 7)\n" in text
 
 
@@ -88,13 +89,13 @@ def test_one_run_says_all_about_itself(folder):
     ensemble = read_trajectories(folder / "whole.h5").ensemble
     start, end = ensemble.tracer.position[[0, -1], 1]
     assert f"squared displacement {np.sum((end - start) ** 2):.6g}\n" in text
-    collisions = f"{len(ensemble.events[5].time)} collisions (seed 5)"
-    assert f"recorded     positions of the tracer; all disks (seed 5); {collisions}\n" in text
-    assert "health       0 failed runs; worst energy drift" in text
-    for name, values in ensemble.observables.items():
-        (line,) = (line for line in text.splitlines() if line.startswith(f"  {name} ")) if name != "failed" else ("",)
-        assert values.ndim > 1 or name in ("failed", "pair_snapshots") or f" {values[1]:.6g} " in line
-    assert "recorded     no trajectories\n" in inspection.report(folder / "nothing.h5", 5)
+    assert "recorded     all, events, tracer\n" in text
+    assert "health       no failed runs; worst energy drift" in text
+    for name in ensemble.observables.keys() - {"failed"}:
+        values, units = ensemble.observables[name], described(name)["units"]
+        (line,) = (line for line in text.splitlines() if line.startswith(f"{name} "))
+        assert f" {units} " in line and (values.ndim > 1 or f" {values[1]:.6g} " in line)
+    assert "recorded     none\n" in inspection.report(folder / "nothing.h5", 5)
 
 
 def test_a_run_in_a_periodic_box_is_unwrapped(folder):
@@ -109,8 +110,8 @@ def test_a_run_in_a_periodic_box_is_unwrapped(folder):
 
 def test_a_failed_run_says_so(tmp_path):
     path = write(tmp_path, make_runs(make_scene(), [0, 1], failed=(1,)))
-    assert "health       1 failed run (seed 1); worst" in inspection.report(path, 1)
-    assert "health       0 failed runs; worst" in inspection.report(path, 0)
+    assert "health       failed their health check: 1 of 1 runs: 1; worst" in inspection.report(path, 1)
+    assert "health       no failed runs; worst" in inspection.report(path, 0)
 
 
 @pytest.mark.parametrize("more", [[], ["--reproduce"]])
@@ -141,18 +142,18 @@ def test_a_dataset_has_its_summary_and_health(dataset):
     assert "intact       yes" in text
 
 
-def test_a_dataset_says_what_made_it(dataset):
+def test_a_dataset_says_what_made_it(dataset, tmp_path):
     _, contents, text = dataset
     line = re.search(r"^source       (\w{12}), that of this installation$", text, re.MULTILINE)
     assert line[1] == contents.attrs["source_digest"][:12]
     told = [f"{name} {version(name)}" for name in ("brownpipe", *PACKAGES, *ANALYSIS_PACKAGES)]
     assert {"numpy", "scipy", "xarray", "h5py", "pandas"} <= {name.split()[0] for name in told}
     assert f"\nwritten by   {', '.join(told)}\n" in text
-    other = results.describe_dataset(contents.assign_attrs(source_digest="0" * 64))
-    assert "source       000000000000, not that of this installation" in other
-    nameless = {name: value for name, value in contents.attrs.items() if name != "source_digest"}
-    unknown = results.describe_dataset(contents.drop_attrs().assign_attrs(nameless))
-    assert "source       unknown, not that of this installation" in unknown
+    unknown = contents.drop_attrs().assign_attrs({name: contents.attrs[name] for name in ("title",)})
+    for changed, source in ((contents.assign_attrs(source_digest="0" * 64), "000000000000"), (unknown, "unknown")):
+        write_dataset(tmp_path / "changed.nc", changed)
+        text = inspection.report(tmp_path / "changed.nc")
+        assert f"source       {source}, not that of this installation" in text
 
 
 def test_all_variables_with_units_and_meaning(dataset, capsys):

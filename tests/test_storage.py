@@ -379,7 +379,7 @@ def test_describe(case, tmp_path):
     path = tmp_path / "runs.h5"
     write_trajectories(path, case[0], Engine("exact"), case[1])
     text = inspection.report(path)
-    for word in ("a.scene", f"{case[0].particles} disks", "6 from t = 0 to 1", "0 failed", "intact       yes"):
+    for word in ("a.scene", f"{case[0].particles} disks", "6 from t = 0 to 1", "no failed", "intact       yes"):
         assert word in text
     assert all(name in text for name in case[1].observables)
 

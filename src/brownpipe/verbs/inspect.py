@@ -37,7 +37,7 @@ def inspect(arguments: Namespace) -> int:
         return _failed(arguments.file, arguments.allow_failed)
 
     from brownpipe import inspection
-    from brownpipe.inspection import products
+    from brownpipe.inspection import results
 
     if arguments.reproduce:
         return _reproduce(arguments)
@@ -47,8 +47,8 @@ def inspect(arguments: Namespace) -> int:
         show(*inspection.variables(arguments.file).split("\n"))
     elif arguments.seed is not None:
         show(*inspection.report(arguments.file, arguments.seed).split("\n"))
-    elif Path(arguments.file).suffix.lower() in products.SUFFIXES:
-        show(*products.describe_product(arguments.file))
+    elif Path(arguments.file).suffix.lower() in results.PRODUCTS:
+        show(*results.describe_product(arguments.file))
     else:
         show(*inspection.report(arguments.file).split("\n"))
     return DONE
