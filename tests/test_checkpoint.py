@@ -381,7 +381,7 @@ def test_a_damaged_checkpoint(kept, capsys):
         KEPT.write_bytes(contents)
         status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
         assert status == FAILED
-        assert re.fullmatch(r"brownpipe: x\.h5\.checkpoint: [^\n]*; delete it to begin anew\n", err)
+        assert re.fullmatch(r"brownpipe: x\.h5\.checkpoint: [^\n]* delete it and run [^\n]* again\n", err)
         assert not Path("x.h5").exists()
 
 
@@ -389,8 +389,8 @@ def test_a_file_that_is_no_checkpoint(capsys):
     assert said(capsys, *ASKED) == (DONE, "")
     os.rename("x.h5", KEPT)
     status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
-    assert status == FAILED
-    assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; delete it to begin anew" in err
+    assert status == WRONG_REQUEST
+    assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; choose another --output" in err
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "often"])

@@ -29,8 +29,7 @@ from brownpipe.figures.summary import summary
 from brownpipe.inspection import reproduction
 from brownpipe.scene import parse_scene
 from brownpipe.storage.datasets import read_dataset, write_dataset
-from brownpipe.storage.trajectories import read_trajectories, write_trajectories
-from brownpipe.storage.tree import from_tree, to_tree
+from brownpipe.storage.trajectories import from_tree, read_trajectories, to_tree, write_trajectories
 from brownpipe.tradeoff.runs import read_runs
 
 pytestmark = pytest.mark.usefixtures("elsewhere")

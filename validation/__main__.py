@@ -18,8 +18,7 @@ from xarray import Dataset
 
 from brownpipe.figures.style import drawing, image_bytes
 from brownpipe.storage.datasets import read_dataset
-from brownpipe.storage.trajectories import read_trajectories
-from brownpipe.storage.tree import to_tree
+from brownpipe.storage.trajectories import read_trajectories, to_tree
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import files_of
 from validation.catalogue import RESULTS

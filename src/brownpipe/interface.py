@@ -32,8 +32,7 @@ from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import NotNegative, Positive, plain, validated
 from brownpipe.scene.seeds import read_seeds
 from brownpipe.storage.datasets import write_dataset
-from brownpipe.storage.trajectories import Trajectories, write_trajectories
-from brownpipe.storage.tree import from_tree, refuse_foreign, to_tree
+from brownpipe.storage.trajectories import Trajectories, from_tree, refuse_foreign, to_tree, write_trajectories
 from brownpipe.study import forecast_of_runs
 from brownpipe.study.study import Rings
 
