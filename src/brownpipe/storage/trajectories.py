@@ -285,7 +285,7 @@ def from_tree(tree: "DataTree") -> Trajectories:
         groups = {
             path: {
                 name: tree[path][name].transpose(*dims_of(path, name)).values
-                for name in names & tree[path].variables.keys()
+                for name in sorted(names & tree[path].variables.keys())
             }
             for path, names in _own_names(tree).items()
             if path in tree.groups
