@@ -31,23 +31,22 @@ def report(path: str | Path, seed: int | None = None) -> str:
     is not as it was made, RequestError, which names the seeds of the file, if this one is not among them.
     """
     contents = read_contents(path) if seed is None else trajectories_of(path, "--seed", seed)
+    again = f"run again    brownpipe inspect {shell_path(path)} --reproduce"
     if isinstance(contents, Trajectories):
-        lines, table, made = runs.lines(contents), runs.table(contents.ensemble), contents.header
-        now = made_with("simulate", contents.engine.name)
-        again = [f"run again    brownpipe inspect {shell_path(path)} --reproduce"]
+        lines, table = [*runs.lines(contents), again], runs.table(contents.ensemble)
+        made, now = contents.header, made_with("simulate", contents.engine.name)
     else:
-        lines, table, made, again = results.lines(contents), results.table(contents), contents.attrs, []
-        now = made_with("tradeoff" if is_tradeoff(contents) else "aggregate")
+        lines, table = results.lines(contents), results.table(contents)
+        made, now = contents.attrs, made_with("tradeoff" if is_tradeoff(contents) else "aggregate")
     versions = [f"{name.removesuffix('_version')} {made[name]}" for name in made if name.endswith("_version")]
     source = made.get("source_digest", "unknown")
+    whose = "that of this installation" if source == now["source_digest"] else "not that of this installation"
     lines += [
         f"written by   {', '.join(versions) or 'unknown'}",
-        f"source       {source[: results.DIGITS]}, {'' if source == now['source_digest'] else 'not '}"
-        "that of this installation",
+        f"source       {source[: results.DIGITS]}, {whose}",
         "intact       yes: every byte as it was written",
     ]
-    size = f"{Path(path).stat().st_size / 1e6:.2f} MB"
-    return in_lines([f"{path}  {size}", *lines, *again, "", *table])
+    return in_lines([f"{path}  {Path(path).stat().st_size / 1e6:.2f} MB", *lines, "", *table])
 
 
 def variables(path: str | Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +16,6 @@ from brownpipe.figures.tables import aligned
 from brownpipe.tradeoff import is_tradeoff
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from xarray import Dataset
 
 DIGITS = 12  # of a digest

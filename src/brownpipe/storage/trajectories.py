@@ -1,4 +1,7 @@
-"""Trajectory files: a batch of runs of one scene by one engine; their layout is drawn in `brownpipe.storage`."""
+"""A batch of runs of one scene by one engine, in a trajectory file and in memory as `xarray.DataTree`.
+
+Both have the same groups, names and attributes, which are drawn in `brownpipe.storage`.
+"""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -254,7 +257,7 @@ def setting_of(attributes: Mapping) -> tuple[Scene, Engine]:
     return scene, recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
 
 
-# -- as xarray.DataTree: the groups, names and attributes of a file ----------------------------------------------------
+# -- as xarray.DataTree ---------------------------------------------------------------------------------------------
 
 
 def to_tree(trajectories: Trajectories) -> "DataTree":
