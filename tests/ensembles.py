@@ -5,7 +5,7 @@ import numpy as np
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble, Track
 from brownpipe.scene import parse_scene
-from brownpipe.storage import Trajectories, write_trajectories
+from brownpipe.storage.trajectories import Trajectories, write_trajectories
 
 DIFFUSION = 0.25
 

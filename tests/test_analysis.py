@@ -16,7 +16,8 @@ from brownpipe.engines.initial_state import draw
 from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import parse_scene
-from brownpipe.storage import read_dataset, trajectories, write_dataset
+from brownpipe.storage import trajectories
+from brownpipe.storage.datasets import read_dataset, write_dataset
 from ensembles import DIFFUSION, make_runs, make_scene, study, walk, write
 
 SIGMAS = 4.5

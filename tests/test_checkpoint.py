@@ -22,7 +22,8 @@ from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
-from brownpipe.storage import read_checkpoint, write_checkpoint, write_trajectories
+from brownpipe.storage.checkpoints import read_checkpoint, write_checkpoint
+from brownpipe.storage.trajectories import write_trajectories
 
 SEEDS = [3, 4, 9]
 W, P = "reflecting", "periodic"
@@ -275,7 +276,7 @@ def of_early_end(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("early"))
-        patch.setattr("brownpipe.storage.write_trajectories", die)
+        patch.setattr("brownpipe.storage.trajectories.write_trajectories", die)
         Path("some.yaml").write_text(SCENE.replace("DURATION", "70.0"))
         with pytest.raises(KilledError):
             main(["simulate", "some.yaml", *ASKED, "--checkpoint-every", "1e-9"])
@@ -380,7 +381,7 @@ def test_a_damaged_checkpoint(kept, capsys):
         KEPT.write_bytes(contents)
         status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
         assert status == FAILED
-        assert re.fullmatch(r"brownpipe: x\.h5\.checkpoint: [^\n]*; delete it to begin anew\n", err)
+        assert re.fullmatch(r"brownpipe: x\.h5\.checkpoint: [^\n]* delete it and run [^\n]* again\n", err)
         assert not Path("x.h5").exists()
 
 
@@ -388,8 +389,8 @@ def test_a_file_that_is_no_checkpoint(capsys):
     assert said(capsys, *ASKED) == (DONE, "")
     os.rename("x.h5", KEPT)
     status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
-    assert status == FAILED
-    assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; delete it to begin anew" in err
+    assert status == WRONG_REQUEST
+    assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; choose another --output" in err
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "often"])

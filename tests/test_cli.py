@@ -22,7 +22,8 @@ from brownpipe.cli import build_parser, main
 from brownpipe.engines import inlining
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
-from brownpipe.storage import read_dataset, read_trajectories
+from brownpipe.storage.datasets import read_dataset
+from brownpipe.storage.trajectories import read_trajectories
 from brownpipe.verbs import VERBS
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"

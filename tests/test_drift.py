@@ -14,7 +14,7 @@ from brownpipe.figures.summary import answer, summary
 from brownpipe.inspection import results, runs
 from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
 from brownpipe.scene import parse_scene, read_scene
-from brownpipe.storage import Trajectories
+from brownpipe.storage.trajectories import Trajectories
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
 EXACT = configured("exact")

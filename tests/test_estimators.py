@@ -13,7 +13,7 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.engines.state import Track
 from brownpipe.scene import parse_scene
-from brownpipe.storage import write_trajectories
+from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_scene
 
 SIGMAS = 4.5

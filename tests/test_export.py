@@ -23,8 +23,8 @@ from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.observables import observe
 from brownpipe.observables.pairs import bins
 from brownpipe.scene import parse_scene
-from brownpipe.storage import read_trajectories, write_trajectories
 from brownpipe.storage.export import export
+from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene
 
 SINGLE = 2.0**-24  # largest relative error of a number rounded to single precision
@@ -316,9 +316,9 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     asked = {
         "tracer.h5: holds no whole runs; make it again: brownpipe simulate SCENE --record all": (tracer, "gsd"),
-        "walled.h5: seed 17 is not in it; its whole runs have the seeds 3,8": (walled, "csv", "--seed", 17),
-        "tracer.h5: seed 17 is not in it; its runs have the seeds 1": (tracer, "csv", "--seed", 17),
-        "empty.h5: holds no trajectories; make it again: brownpipe simulate SCENE --record all": (empty, "csv"),
+        "walled.h5: seed 17 is not in it; must be of 3,8": (walled, "csv", "--seed", 17),
+        "tracer.h5: seed 17 is not in it; must be of 1": (tracer, "csv", "--seed", 17),
+        "empty.h5: holds no whole runs; make it again: brownpipe simulate SCENE --record all": (empty, "csv"),
         "bare.h5: its scene has no disks": (bare, "csv"),
         "bare_empty.h5: its scene has no disks": (bare_empty, "csv"),
         "run.xyz: the output must end in .gsd, not '.xyz'": (walled, "gsd", "--output", "run.xyz"),

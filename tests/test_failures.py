@@ -28,7 +28,8 @@ from brownpipe.figures.render import draw
 from brownpipe.figures.summary import summary
 from brownpipe.inspection import reproduction
 from brownpipe.scene import parse_scene
-from brownpipe.storage import from_tree, read_dataset, read_trajectories, to_tree, write_dataset, write_trajectories
+from brownpipe.storage.datasets import read_dataset, write_dataset
+from brownpipe.storage.trajectories import from_tree, read_trajectories, to_tree, write_trajectories
 from brownpipe.tradeoff.runs import read_runs
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -249,8 +250,8 @@ def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, see
     bp.save(tree, "b.h5")
     assert to_tree(read_trajectories(Path("b.h5"))).identical(tree)
     original = reproduction.read_original("a.h5")
-    assert reproduction.differences(original) == []
-    assert reproduction.differences(reproduction.read_original("a.h5", seed=2)) == []
+    assert reproduction.differences(original) == {}
+    assert reproduction.differences(reproduction.read_original("a.h5", seed=2)) == {}
     assert from_tree(tree).ensemble.stopped == batch.stopped
 
 
@@ -288,14 +289,14 @@ def test_simulate_writes_the_file_and_names_seeds_and_reason_in_one_line(capsys,
 def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(capsys, crowd, whole):
     written(Path("a.h5"), crowd, part(whole, [0, 1, 2, 3]))
     _, out, _ = said(capsys, "inspect", "a.h5")
-    assert "2 failed runs (seeds 0,2); 2 could not go on, seed 0: disks: only " in out and "nan" not in out
+    assert "could not go on: 2 of 4 runs: 0,2 (seed 0: disks: only " in out and "nan" not in out
     _, out, _ = said(capsys, "inspect", "a.h5", "--seed", 2)
-    assert "1 failed run (seed 2); 1 could not go on, seed 2: disks: only" in out and "nan" not in out
+    assert "could not go on: 1 of 1 runs: 2 (seed 2: disks: only" in out and "nan" not in out
     for words in (["movie"], ["export", "--to", "xyz"], ["export", "--to", "csv"]):
         status, _, err = said(capsys, words[0], "a.h5", *words[1:], "--seed", 2)
         assert status == WRONG_REQUEST and err.startswith("brownpipe: a.h5: seed 2: its run could not go on: disks: ")
     _, _, err = said(capsys, "export", "a.h5", "--to", "csv")
-    assert "left out: 2 could not go on, seed 0" in err and "nan" not in Path("a.csv").read_text()
+    assert "could not go on: 2 of 4 runs: 0,2" in err and "nan" not in Path("a.csv").read_text()
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from brownpipe import provenance, storage
+from brownpipe import provenance
 from brownpipe.analysis import aggregate, velocity
 from brownpipe.analysis.variables import FAILED
 from brownpipe.engines import Engine, configured, state
@@ -25,6 +25,7 @@ from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING
 from brownpipe.figures.render import draw as draw_figure
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tables import to_csv
+from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures
 
@@ -908,7 +909,7 @@ def test_the_summary_of_averages_has_no_distribution(tmp_path):
     squared = np.arange(20.0)[:, None] * scene.times
     measured = runs.ensemble.observables | {"square_displacement": squared}
     ensemble = runs.ensemble._replace(tracer=None, observables=measured, average="disks")
-    storage.write_trajectories(tmp_path / "a.h5", scene, Engine("exact"), ensemble)
+    write_trajectories(tmp_path / "a.h5", scene, Engine("exact"), ensemble)
     text = summary(aggregate([tmp_path / "a.h5"])).splitlines()
     assert text[0].split() == ["scene", "N", "runs", "MSD(t", "=", "1)", "D"] and not any(
         "rejected" in line for line in text

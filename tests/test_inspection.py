@@ -9,16 +9,20 @@ import numpy as np
 import pytest
 import xarray
 
-from brownpipe import analysis, inspection, storage, tradeoff
+from brownpipe import analysis, inspection, tradeoff
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError, WrongFileError
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tradeoff import summary as tradeoff_summary
-from brownpipe.inspection import reproduction, results
+from brownpipe.inspection import reproduction
 from brownpipe.provenance import ANALYSIS_PACKAGES, PACKAGES, versions
 from brownpipe.scene import read_scene
 from brownpipe.storage import trajectories
+from brownpipe.storage.checkpoints import write_checkpoint
+from brownpipe.storage.datasets import write_dataset
+from brownpipe.storage.layout import described
+from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene, write
 
 pytestmark = pytest.mark.slow
@@ -76,26 +80,26 @@ def test_the_worst_and_the_failed_runs_are_named(tmp_path):
         momentum_residual=np.array([1e-16, 2e-16, 3e-16, np.nan]),
     )
     text = inspection.report(write(tmp_path, runs))
-    health = "2 failed runs (seeds 1,7); worst energy drift 3e-15 (seed 1); worst overlap (sigma) 0"
+    health = "failed their health check: 2 of 4 runs: 1,7; worst energy drift 3e-15 (seed 1); worst overlap 0"
     assert f"health       {health}; worst momentum residual nan (seed 7)\n" in text
 
 
 def test_one_run_says_all_about_itself(folder):
     text = inspection.report(folder / "whole.h5", 5)
-    ensemble = storage.read_trajectories(folder / "whole.h5").ensemble
+    ensemble = read_trajectories(folder / "whole.h5").ensemble
     start, end = ensemble.tracer.position[[0, -1], 1]
     assert f"squared displacement {np.sum((end - start) ** 2):.6g}\n" in text
-    collisions = f"{len(ensemble.events[5].time)} collisions (seed 5)"
-    assert f"recorded     positions of the tracer; all disks (seed 5); {collisions}\n" in text
-    assert "health       0 failed runs; worst energy drift" in text
-    for name, values in ensemble.observables.items():
-        (line,) = (line for line in text.splitlines() if line.startswith(f"  {name} ")) if name != "failed" else ("",)
-        assert values.ndim > 1 or name in ("failed", "pair_snapshots") or f" {values[1]:.6g} " in line
-    assert "recorded     no trajectories\n" in inspection.report(folder / "nothing.h5", 5)
+    assert "recorded     all, events, tracer\n" in text
+    assert "health       no failed runs; worst energy drift" in text
+    for name in ensemble.observables.keys() - {"failed"}:
+        values, units = ensemble.observables[name], described(name)["units"]
+        (line,) = (line for line in text.splitlines() if line.startswith(f"{name} "))
+        assert f" {units} " in line and (values.ndim > 1 or f" {values[1]:.6g} " in line)
+    assert "recorded     none\n" in inspection.report(folder / "nothing.h5", 5)
 
 
 def test_a_run_in_a_periodic_box_is_unwrapped(folder):
-    scene, _, ensemble, *_ = storage.read_trajectories(folder / "langevin.h5")
+    scene, _, ensemble, *_ = read_trajectories(folder / "langevin.h5")
     track = ensemble.tracer
     unwrapped = track.position[:, 2] + track.image[:, 2] * [scene.box.width, scene.box.height]
     assert np.any(track.image[-1, 2])
@@ -106,8 +110,8 @@ def test_a_run_in_a_periodic_box_is_unwrapped(folder):
 
 def test_a_failed_run_says_so(tmp_path):
     path = write(tmp_path, make_runs(make_scene(), [0, 1], failed=(1,)))
-    assert "health       1 failed run (seed 1); worst" in inspection.report(path, 1)
-    assert "health       0 failed runs; worst" in inspection.report(path, 0)
+    assert "health       failed their health check: 1 of 1 runs: 1; worst" in inspection.report(path, 1)
+    assert "health       no failed runs; worst" in inspection.report(path, 0)
 
 
 @pytest.mark.parametrize("more", [[], ["--reproduce"]])
@@ -126,7 +130,7 @@ def dataset(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dataset")
     runs = make_runs(make_scene("few", 10), range(30), failed=(4,)), make_runs(make_scene("many", 20), range(31))
     contents = analysis.aggregate([write(folder, one) for one in runs], [(0.1, 1.0), (0.5, 1.0)])
-    storage.write_dataset(folder / "study.nc", contents)
+    write_dataset(folder / "study.nc", contents)
     return folder / "study.nc", contents, inspection.report(folder / "study.nc")
 
 
@@ -138,18 +142,18 @@ def test_a_dataset_has_its_summary_and_health(dataset):
     assert "intact       yes" in text
 
 
-def test_a_dataset_says_what_made_it(dataset):
+def test_a_dataset_says_what_made_it(dataset, tmp_path):
     _, contents, text = dataset
     line = re.search(r"^source       (\w{12}), that of this installation$", text, re.MULTILINE)
     assert line[1] == contents.attrs["source_digest"][:12]
     told = [f"{name} {version(name)}" for name in ("brownpipe", *PACKAGES, *ANALYSIS_PACKAGES)]
     assert {"numpy", "scipy", "xarray", "h5py", "pandas"} <= {name.split()[0] for name in told}
     assert f"\nwritten by   {', '.join(told)}\n" in text
-    other = results.describe_dataset(contents.assign_attrs(source_digest="0" * 64))
-    assert "source       000000000000, not that of this installation" in other
-    nameless = {name: value for name, value in contents.attrs.items() if name != "source_digest"}
-    unknown = results.describe_dataset(contents.drop_attrs().assign_attrs(nameless))
-    assert "source       unknown, not that of this installation" in unknown
+    unknown = contents.drop_attrs().assign_attrs({name: contents.attrs[name] for name in ("title",)})
+    for changed, source in ((contents.assign_attrs(source_digest="0" * 64), "000000000000"), (unknown, "unknown")):
+        write_dataset(tmp_path / "changed.nc", changed)
+        text = inspection.report(tmp_path / "changed.nc")
+        assert f"source       {source}, not that of this installation" in text
 
 
 def test_all_variables_with_units_and_meaning(dataset, capsys):
@@ -167,7 +171,7 @@ def test_a_trade_off_has_its_own_table(tmp_path):
     steps = Engine("timestep", (("time_step", 0.01), ("collisions", "at_contact")))
     files = [write(tmp_path, exact), write(tmp_path, exact._replace(engine=steps))]
     contents = tradeoff.measure(files, seconds_per_run=lambda *_: 1e-3)
-    storage.write_dataset(tmp_path / "tradeoff.nc", contents)
+    write_dataset(tmp_path / "tradeoff.nc", contents)
     text = inspection.report(tmp_path / "tradeoff.nc")
     assert text.endswith(f"\n\n{tradeoff_summary(contents)}".rstrip("\n"))
     assert re.search(r"^source       \w{12}, that of this installation$", text, re.MULTILINE)
@@ -181,13 +185,13 @@ def test_the_scene_of_a_file_is_printed_as_a_scene_file(name, folder, capsys):
     status, out, err = said(capsys, folder / f"{name}.h5", "--scene")
     Path("again.yaml").write_text(out)
     assert (status, err) == (DONE, "")
-    assert read_scene("again.yaml").digest == storage.read_trajectories(folder / f"{name}.h5").scene.digest
+    assert read_scene("again.yaml").digest == read_trajectories(folder / f"{name}.h5").scene.digest
 
 
 @pytest.mark.parametrize("name", MADE)
 def test_the_command_in_a_file_works_with_that_file_alone(name, folder, capsys):
     path = folder / f"{name}.h5"
-    simulate = shlex.split(storage.read_trajectories(path).header["command"])[1:]
+    simulate = shlex.split(read_trajectories(path).header["command"])[1:]
     Path(simulate[1]).write_text(said(capsys, path, "--scene")[1])
     assert main([*simulate, "--output", "again.h5"]) == DONE
     assert Path("again.h5").read_bytes() == path.read_bytes()
@@ -201,7 +205,7 @@ def test_runs_come_out_again(name, folder, capsys):
     before = sorted(folder.iterdir())
     status, out, err = said(capsys, folder / f"{name}.h5", "--reproduce")
     first, last = out.splitlines()
-    engine = storage.read_trajectories(folder / f"{name}.h5").engine.options
+    engine = read_trajectories(folder / f"{name}.h5").engine.options
     assert re.fullmatch(rf"running again 3 runs of \w+, N = 1[03], {engine}: some [0-9.]+ m?s of CPU", first)
     assert (status, last, err) == (DONE, "identical: 3 runs, all variables bit-identical", "")
     assert sorted(folder.iterdir()) == before and list(Path().iterdir()) == []
@@ -214,9 +218,9 @@ def test_one_run_comes_out_again(folder, capsys):
 
 def changed(path, change):
     """A copy of a file whose ensemble has been changed by a function."""
-    contents = storage.read_trajectories(path)
+    contents = read_trajectories(path)
     change(contents.ensemble)
-    storage.write_trajectories("changed.h5", contents.scene, contents.engine, contents.ensemble)
+    write_trajectories("changed.h5", contents.scene, contents.engine, contents.ensemble)
     return "changed.h5"
 
 
@@ -281,7 +285,7 @@ def test_another_source_is_said_before_the_runs_begin(folder, capsys, monkeypatc
 
 @pytest.mark.parametrize("option", ["--scene", "--seed"])
 def test_a_dataset_has_no_runs(option, capsys):
-    storage.write_dataset("small.nc", xarray.Dataset({"msd": ("time", [0.0, 1.0])}))
+    write_dataset("small.nc", xarray.Dataset({"msd": ("time", [0.0, 1.0])}))
     more = ["5"] if option == "--seed" else []
     wrong = f"brownpipe: small.nc: is a dataset; {option} works on trajectory files (of `brownpipe simulate`)\n"
     assert said(capsys, "small.nc", option, *more) == (WRONG_REQUEST, "", wrong)
@@ -304,7 +308,7 @@ def test_a_file_of_another_program_is_not_simply_to_be_deleted(name, capsys):
 
 @pytest.mark.parametrize("verb", ["inspect", "verify"])
 def test_a_checkpoint_is_said_to_be_one(verb, capsys):
-    storage.write_checkpoint("runs.h5.checkpoint", {"seeds": "0-3"}, {"done": np.array(2)})
+    write_checkpoint("runs.h5.checkpoint", {"seeds": "0-3"}, {"done": np.array(2)})
     status = main([verb, "runs.h5.checkpoint"])
     why = "is the checkpoint of unfinished runs; repeat the command that wrote it, and they continue from there"
     assert (status, *capsys.readouterr()) == (WRONG_REQUEST, "", f"brownpipe: runs.h5.checkpoint: {why}\n")

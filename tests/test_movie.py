@@ -13,7 +13,7 @@ from brownpipe.engines.state import Track
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.figures import snapshot
 from brownpipe.formatting import in_bytes
-from brownpipe.storage import write_trajectories
+from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_runs, make_scene
 
 SEEDS = (3, 8)
@@ -118,7 +118,7 @@ def test_refusals(path, tmp_path, capsys):
     write_trajectories(tmp_path / "tracer.h5", make_scene(), Engine("exact"), make_runs(make_scene(), [1]).ensemble)
     asked = {
         "holds no whole runs; make it again: brownpipe simulate SCENE --record all": [tmp_path / "tracer.h5"],
-        "seed 17 is not in it; its whole runs have the seeds 3,8": [path, "--seed", "17"],
+        "seed 17 is not in it; must be of 3,8": [path, "--seed", "17"],
         "the output must end in .gif, .mp4, .png or .html, not '.avi'": [path, "--output", tmp_path / "run.avi"],
         "is an input": [path, "--output", path],
     }

@@ -8,7 +8,7 @@ import pytest
 import xarray
 from scipy import stats
 
-from brownpipe import inspection, observables, storage, theory
+from brownpipe import inspection, observables, theory
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.cli import main
 from brownpipe.engines import Engine, forecast
@@ -18,6 +18,7 @@ from brownpipe.engines.state import Track
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, Observable, RunArray, observe, orientation
 from brownpipe.scene import parse_scene, read_scene
+from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 
 W, P = "reflecting", "periodic"
 SQUARE, QUARTIC = ("square_displacement",), ("quartic_displacement",)
@@ -542,7 +543,7 @@ def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, ca
         main(["simulate", "--help"])
     assert "orientational_order, speed" in " ".join(capsys.readouterr().out.split())
     assert main(["simulate", "some.yaml", "--observables", "speed", "--record", "none", "--output", "x.h5"]) == DONE
-    seen = storage.read_trajectories("x.h5").ensemble
+    seen = read_trajectories("x.h5").ensemble
     assert seen.observables["tracer_speed"].shape == (1, len(seen.times))
     assert seen.observables["tracer_speed"][0, 0] ** 2 == pytest.approx(seen.observables["initial_square_speed"][0])
     assert "speed of the tracer (seed 1, time 21)" in inspection.report("x.h5")
@@ -576,8 +577,8 @@ def test_cost_knows_the_arrays_and_the_run_that_is_held(boundary):
 def test_arrays_in_a_file(boundary, tmp_path):
     scene = make(boundary)
     ensemble = simulate(scene, [3, 4, 9], {"none"}, observables=ALL, average="origins")
-    storage.write_trajectories(tmp_path / "x.h5", scene, Engine("exact"), ensemble)
-    again = storage.read_trajectories(tmp_path / "x.h5").ensemble
+    write_trajectories(tmp_path / "x.h5", scene, Engine("exact"), ensemble)
+    again = read_trajectories(tmp_path / "x.h5").ensemble
     assert again.average == "origins"
     assert again.times.tobytes() == scene.times.tobytes()
     assert again.observables.keys() == ensemble.observables.keys()
@@ -598,11 +599,11 @@ def test_arrays_in_a_file(boundary, tmp_path):
 def test_arrays_in_words(tmp_path):
     scene = make()
     ensemble = simulate(scene, [3, 4], {"none"}, observables=ALL, average="origins")
-    storage.write_trajectories(tmp_path / "x.h5", scene, Engine("exact"), ensemble)
+    write_trajectories(tmp_path / "x.h5", scene, Engine("exact"), ensemble)
     text = inspection.report(tmp_path / "x.h5")
-    assert "average over origins" in text
+    assert "averages     over origins\n" in text
     for name in observables.arrays_of(scene, ALL):
-        assert sum(line.startswith(f"  {name} ") for line in text.splitlines()) == 1
+        assert sum(line.startswith(f"{name} ") for line in text.splitlines()) == 1
     assert "kinetic energy per disk (seed 2, time 22, species 3)" in text
 
 
@@ -629,7 +630,7 @@ def test_the_command_in_a_file_makes_the_file_again(options, tmp_path, monkeypat
     (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
     assert main(["simulate", "some.yaml", "--seeds", "3-4", *options, "--output", "x.h5"]) == DONE
     first = (tmp_path / "x.h5").read_bytes()
-    command = storage.read_trajectories("x.h5").header["command"].split()
+    command = read_trajectories("x.h5").header["command"].split()
     assert ("--record none" in " ".join(command)) == ("none" in options)
     assert main([*command[1:], "--output", "y.h5"]) == DONE
     assert (tmp_path / "y.h5").read_bytes() == first

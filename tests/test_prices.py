@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import forked
-from brownpipe import storage
+from brownpipe.storage.datasets import read_dataset
 from test_workflow import PROGRAM, SCENE, SNAKEMAKE, environment
 
 STUDY = """\
@@ -85,7 +85,7 @@ def test_seeds_are_as_many_as_the_tolerance_needs(finished):
     (file,) = (made / "plan").iterdir()
     plan = yaml.safe_load(file.read_text())
     assert plan["runs"] == max(plan["needed"].values()) and set(plan["needed"]) == {"full, N = 12", "half, N = 6"}
-    prices = storage.read_dataset(made / "tradeoff" / "prices.nc").sel(scene="full_N12")
+    prices = read_dataset(made / "tradeoff" / "prices.nc").sel(scene="full_N12")
     assert [int(n) for n in prices.runs.sel(setting=["exact", "langevin-boltzmann"])] == [plan["runs"], 300]
     # r^2 of one run scatters by s, and 20 % were asked for; the pilot's s and this one are known to some 20 % together
     achieved = float(prices.msd_spread.sel(setting="exact")) / np.sqrt(plan["runs"])

@@ -19,7 +19,7 @@ from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.figures.movie import movie
 from brownpipe.figures.snapshot import whole_run
-from brownpipe.storage import read_trajectories, write_trajectories
+from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from brownpipe.study import plan
 from synthetic import render
 from test_exact import P, box, make

@@ -14,7 +14,7 @@ from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.figures import replay
 from brownpipe.figures.origin import read_record
 from brownpipe.scene import parse_scene, read_scene
-from brownpipe.storage import Trajectories, write_trajectories
+from brownpipe.storage.trajectories import Trajectories, write_trajectories
 from ensembles import make_scene
 
 NOTE = "config/scenes/harrison2020.yaml"

@@ -28,7 +28,7 @@ from brownpipe.figures.style import drawing, grid
 from brownpipe.figures.summary import answer
 from brownpipe.report import page
 from brownpipe.report import study as study_page
-from brownpipe.storage import read_dataset, write_dataset
+from brownpipe.storage.datasets import read_dataset, write_dataset
 from ensembles import make_runs, make_scene, study, write
 
 SHOWN = ("msd", "health")

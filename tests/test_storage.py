@@ -11,12 +11,15 @@ import pytest
 import xarray
 
 import brownpipe
-from brownpipe import inspection, provenance, storage
+from brownpipe import inspection, provenance
 from brownpipe.engines import Engine, configured
 from brownpipe.engines.state import Ensemble, Events, Track
 from brownpipe.errors import StorageError
 from brownpipe.scene import parse_scene
 from brownpipe.storage import files, trajectories
+from brownpipe.storage.datasets import read_dataset, write_dataset
+from brownpipe.storage.files import write_file
+from brownpipe.storage.trajectories import read_outline, read_trajectories, write_trajectories
 
 COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
 ENSKOG = (("friction", "enskog"),)
@@ -96,7 +99,7 @@ def case(request):
 def full(tmp_path):
     """A file with everything in it."""
     scene, path = make_scene(boundary="periodic"), tmp_path / "full.h5"
-    storage.write_trajectories(path, scene, Engine("exact"), make_ensemble(scene, **EVERYTHING))
+    write_trajectories(path, scene, Engine("exact"), make_ensemble(scene, **EVERYTHING))
     return path
 
 
@@ -128,10 +131,10 @@ def refusal(read, path):
 )
 def test_round_trip(case, engine, tmp_path):
     scene, ensemble = case
-    storage.write_trajectories(tmp_path / "new" / "runs.h5", scene, engine, ensemble)
+    write_trajectories(tmp_path / "new" / "runs.h5", scene, engine, ensemble)
     assert os.listdir(tmp_path / "new") == ["runs.h5"]
     source = provenance.made_with("simulate", engine.name)["source_digest"]
-    found = storage.read_trajectories(tmp_path / "new" / "runs.h5")
+    found = read_trajectories(tmp_path / "new" / "runs.h5")
     assert same(found[:4], (scene, engine, ensemble, source))
     assert found.header["numba_version"] == provenance.versions()["numba_version"]
     assert f"engine       {engine.options}\n" in inspection.report(tmp_path / "new" / "runs.h5")
@@ -140,13 +143,13 @@ def test_round_trip(case, engine, tmp_path):
 def test_an_engine_of_another_version(tmp_path):
     """A setting of no meaning here is refused."""
     path, scene = tmp_path / "runs.h5", make_scene()
-    storage.write_trajectories(path, scene, Engine("exact", (("cell_side", 1.5),)), make_ensemble(scene))
-    for read in (storage.read_trajectories, storage.read_outline):
+    write_trajectories(path, scene, Engine("exact", (("cell_side", 1.5),)), make_ensemble(scene))
+    for read in (read_trajectories, read_outline):
         assert "not of this one: cell_side: unknown key" in refusal(read, path)
 
 
 def test_every_variable_has_units_a_meaning_and_dimensions(case, tmp_path):
-    storage.write_trajectories(tmp_path / "runs.h5", case[0], Engine("exact"), case[1])
+    write_trajectories(tmp_path / "runs.h5", case[0], Engine("exact"), case[1])
     with h5py.File(tmp_path / "runs.h5") as file:
         items = [item for name in ("/", *file) for item in ([file[name]] if name != "/" else [])]
         items += [item for item in items if isinstance(item, h5py.Group) for item in item.values()]
@@ -171,7 +174,7 @@ def test_xarray_shows_the_tree_of_brownpipe(engine, full):
     assert runs.image.dims == ("time", "seed", "component")
     assert runs.disks.velocity.dims == ("time", "seed", "disk", "component")
     assert runs.events.impulse.dims == ("event", "component")
-    assert np.array_equal(runs.position.sel(seed=7), storage.read_trajectories(full).ensemble.tracer.position[:, 3])
+    assert np.array_equal(runs.position.sel(seed=7), read_trajectories(full).ensemble.tracer.position[:, 3])
 
 
 # -- datasets -------------------------------------------------------------------------------------------------------
@@ -180,11 +183,11 @@ def test_xarray_shows_the_tree_of_brownpipe(engine, full):
 @pytest.mark.filterwarnings("error")
 def test_dataset_round_trip(tmp_path):
     path, dataset = tmp_path / "study.nc", make_dataset()
-    storage.write_dataset(path, dataset)
-    assert storage.read_dataset(path).identical(dataset)
+    write_dataset(path, dataset)
+    assert read_dataset(path).identical(dataset)
     with xarray.open_dataset(path) as plain:
         assert plain.drop_attrs().identical(dataset.drop_attrs())
-    storage.write_dataset(tmp_path / "again.nc", storage.read_dataset(path))
+    write_dataset(tmp_path / "again.nc", read_dataset(path))
     assert (tmp_path / "again.nc").read_bytes() == path.read_bytes()
 
 
@@ -199,8 +202,8 @@ def test_netcdf_gives_back_what_is_written(tmp_path):
         "label": ((), "a word"),
     }
     written = make_dataset().assign(more).assign_coords(area=("scene", [0.1, 0.2]))
-    storage.write_dataset(tmp_path / "study.nc", written)
-    found = [storage.read_dataset(tmp_path / "study.nc")]
+    write_dataset(tmp_path / "study.nc", written)
+    found = [read_dataset(tmp_path / "study.nc")]
     with xarray.open_dataset(tmp_path / "study.nc", engine="h5netcdf") as opened:
         found.append(opened.load().drop_encoding())
     for dataset in found:
@@ -219,21 +222,21 @@ sys.path[:0] = sys.argv[1:3]
 from test_storage import *
 time.sleep(1.1)  # a time stamp in seconds would show
 scene = make_scene()
-storage.write_trajectories("a/runs.h5", scene, Engine("exact"), make_ensemble(scene, **EVERYTHING))
-storage.write_dataset("a/study.nc", make_dataset())
+write_trajectories("a/runs.h5", scene, Engine("exact"), make_ensemble(scene, **EVERYTHING))
+write_dataset("a/study.nc", make_dataset())
 """
 
 
 @pytest.mark.slow
 def test_same_bytes_in_another_process_place_and_time_zone(tmp_path):
     scene = make_scene()
-    storage.write_trajectories(
+    write_trajectories(
         tmp_path / "runs.h5",
         scene,
         Engine("exact"),
         make_ensemble(scene, **EVERYTHING),
     )
-    storage.write_dataset(tmp_path / "study.nc", make_dataset())
+    write_dataset(tmp_path / "study.nc", make_dataset())
     other = {"TZ": "Asia/Tokyo", "LANG": "C", "LC_ALL": "C", "PYTHONHASHSEED": "7", "HOME": str(tmp_path)}
     run_elsewhere(ELSEWHERE, tmp_path, other)
     for name in ("runs.h5", "study.nc"):
@@ -249,8 +252,8 @@ def run_elsewhere(program, folder, environment):
 
 
 def test_writing_trajectories_leaves_xarray_alone(tmp_path):
-    program = "import sys; sys.path[:0] = sys.argv[1:3]; import brownpipe.storage; print('xarray' in sys.modules)"
-    assert run_elsewhere(program, tmp_path, {}).stdout == "False\n"
+    program = "import sys; sys.path[:0] = sys.argv[1:3]; import brownpipe.storage.trajectories"
+    assert run_elsewhere(f"{program}; print('xarray' in sys.modules)", tmp_path, {}).stdout == "False\n"
 
 
 # -- damage ---------------------------------------------------------------------------------------------------------
@@ -262,32 +265,32 @@ def test_no_bit_flip_of_runs_is_silent(full):
         damaged = bytearray(contents)
         damaged[bit // 8] ^= 1 << (bit % 8)
         full.write_bytes(damaged)
-        refusal(storage.read_trajectories, full)
+        refusal(read_trajectories, full)
 
 
 def test_no_truncation_is_silent(full):
     contents = full.read_bytes()
     for size in (0, 7, 8, 100, len(contents) // 2, len(contents) - 1):
         full.write_bytes(contents[:size])
-        refusal(storage.read_trajectories, full)
+        refusal(read_trajectories, full)
 
 
 def test_no_bit_flip_of_a_dataset_is_silent(tmp_path):
     path = tmp_path / "study.nc"
-    storage.write_dataset(path, make_dataset())
+    write_dataset(path, make_dataset())
     contents = path.read_bytes()
     for bit in np.random.default_rng(4).integers(0, 8 * len(contents), 200):
         damaged = bytearray(contents)
         damaged[bit // 8] ^= 1 << (bit % 8)
         path.write_bytes(damaged)
-        refusal(storage.read_dataset, path)
+        refusal(read_dataset, path)
 
 
 def test_a_damaged_file_names_the_cure(full):
     contents = bytearray(full.read_bytes())
     contents[-1] ^= 1
     full.write_bytes(contents)
-    message = refusal(storage.read_trajectories, full)
+    message = refusal(read_trajectories, full)
     assert "damaged" in message and "delete it and run the study, or brownpipe simulate, again" in message
     assert refusal(inspection.report, full) == message
 
@@ -295,22 +298,22 @@ def test_a_damaged_file_names_the_cure(full):
 def test_an_edited_file_is_refused(full):
     with h5py.File(full, "r+") as file:
         file.attrs["engine"] = "other"
-    assert "damaged" in refusal(storage.read_trajectories, full)
+    assert "damaged" in refusal(read_trajectories, full)
 
 
 def test_other_files_are_refused(tmp_path):
     path = tmp_path / "runs.h5"
-    assert "No such file" in refusal(storage.read_trajectories, path)
+    assert "No such file" in refusal(read_trajectories, path)
     path.write_text("no HDF5 at all")
-    assert "is not a trajectory file or dataset" in refusal(storage.read_trajectories, path)
+    assert "is not a trajectory file or dataset" in refusal(read_trajectories, path)
     with h5py.File(path, "w") as file:
         file["x"] = 1
-    assert "not a file of brownpipe" in refusal(storage.read_trajectories, path)
-    assert "not a file of brownpipe" in refusal(storage.read_dataset, path)
-    storage.write_dataset(path, make_dataset())
-    assert "not a trajectory file" in refusal(storage.read_trajectories, path)
-    storage.write_trajectories(path, make_scene(), Engine("exact"), make_ensemble(make_scene()))
-    assert "not a dataset" in refusal(storage.read_dataset, path)
+    assert "not a file of brownpipe" in refusal(read_trajectories, path)
+    assert "not a file of brownpipe" in refusal(read_dataset, path)
+    write_dataset(path, make_dataset())
+    assert "not a trajectory file" in refusal(read_trajectories, path)
+    write_trajectories(path, make_scene(), Engine("exact"), make_ensemble(make_scene()))
+    assert "not a dataset" in refusal(read_dataset, path)
 
 
 # -- writing whole or not at all ------------------------------------------------------------------------------------
@@ -342,7 +345,7 @@ def test_a_failed_write_keeps_the_old_file_and_nothing_else(call, failure, tmp_p
 
     monkeypatch.setattr(files.os, call, fail)
     with pytest.raises(StorageError if isinstance(failure, OSError) else type(failure)) as error:
-        storage.write_file(tmp_path / "x", b"new")
+        write_file(tmp_path / "x", b"new")
     assert os.listdir(tmp_path) == ["x"] and (tmp_path / "x").read_bytes() == b"old"
     if isinstance(failure, OSError):
         assert f"{tmp_path / 'x'}: not written: {failure.strerror}" in str(error.value)
@@ -351,13 +354,13 @@ def test_a_failed_write_keeps_the_old_file_and_nothing_else(call, failure, tmp_p
 def test_a_file_in_place_of_the_folder(tmp_path):
     (tmp_path / "x").write_bytes(b"")
     with pytest.raises(StorageError, match="choose a place"):
-        storage.write_file(tmp_path / "x" / "y", b"")
+        write_file(tmp_path / "x" / "y", b"")
 
 
 KILLED = """
 import os, signal, sys
 sys.path[:0] = sys.argv[1:3]
-from brownpipe.storage import write_file
+from brownpipe.storage.files import write_file
 os.fsync = lambda _: os.kill(os.getpid(), signal.SIGTERM)
 write_file("x", b"new")
 """
@@ -374,14 +377,14 @@ def test_a_killed_writer_leaves_nothing_under_the_final_name(tmp_path):
 
 def test_describe(case, tmp_path):
     path = tmp_path / "runs.h5"
-    storage.write_trajectories(path, case[0], Engine("exact"), case[1])
+    write_trajectories(path, case[0], Engine("exact"), case[1])
     text = inspection.report(path)
-    for word in ("a.scene", f"{case[0].particles} disks", "6 from t = 0 to 1", "0 failed", "intact       yes"):
+    for word in ("a.scene", f"{case[0].particles} disks", "6 from t = 0 to 1", "no failed", "intact       yes"):
         assert word in text
     assert all(name in text for name in case[1].observables)
 
 
 def test_describe_a_dataset(tmp_path):
-    storage.write_dataset(tmp_path / "study.nc", make_dataset())
+    write_dataset(tmp_path / "study.nc", make_dataset())
     text = inspection.report(tmp_path / "study.nc")
     assert "a study" in text and "msd, runs, diffusion" in text and "intact       yes" in text

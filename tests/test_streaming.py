@@ -7,7 +7,8 @@ from brownpipe.analysis import aggregate, runs
 from brownpipe.engines import Engine
 from brownpipe.engines.state import Ensemble, Track
 from brownpipe.errors import AnalysisError
-from brownpipe.storage import Trajectories, read_outline, read_trajectories, write_dataset, write_trajectories
+from brownpipe.storage.datasets import write_dataset
+from brownpipe.storage.trajectories import Trajectories, read_outline, read_trajectories, write_trajectories
 from ensembles import make_scene, walk
 
 SEEDS = np.r_[100:2300, 5000:5010]  # four blocks of 1,024, the last two of them with gaps before

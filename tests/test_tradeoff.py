@@ -10,12 +10,13 @@ import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
-from brownpipe import cli, storage, tradeoff
+from brownpipe import cli, tradeoff
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
+from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.tradeoff import bias, front, timing
 from brownpipe.tradeoff.front import Interval, MeasuredSetting
 from brownpipe.tradeoff.variables import VARIABLES
@@ -281,8 +282,8 @@ def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measu
     costs = [f"cost_ratio{part}" for part in ("", "_low", "_high")]
     timed = ["seconds", *costs, "pays_from", "pays_to", "may_pay_from", "may_pay_to"]
     assert again.reindex_like(measured).drop_vars(timed).equals(measured.drop_vars(timed))
-    storage.write_dataset(tmp_path / "tradeoff.nc", measured)
-    assert storage.read_dataset(tmp_path / "tradeoff.nc").identical(measured)
+    write_dataset(tmp_path / "tradeoff.nc", measured)
+    assert read_dataset(tmp_path / "tradeoff.nc").identical(measured)
 
 
 def test_names_stay_when_a_particle_count_is_added():

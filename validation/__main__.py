@@ -17,7 +17,8 @@ from pathlib import Path
 from xarray import Dataset
 
 from brownpipe.figures.style import drawing, image_bytes
-from brownpipe.storage import read_dataset, read_trajectories, to_tree
+from brownpipe.storage.datasets import read_dataset
+from brownpipe.storage.trajectories import read_trajectories, to_tree
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import files_of
 from validation.catalogue import RESULTS

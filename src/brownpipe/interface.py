@@ -32,7 +32,8 @@ from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import NotNegative, Positive, plain, validated
 from brownpipe.scene.seeds import read_seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
-from brownpipe.storage import Trajectories, from_tree, refuse_foreign, to_tree, write_dataset, write_trajectories
+from brownpipe.storage.datasets import write_dataset
+from brownpipe.storage.trajectories import Trajectories, from_tree, refuse_foreign, to_tree, write_trajectories
 from brownpipe.study import forecast_of_runs
 from brownpipe.study.study import Rings
 

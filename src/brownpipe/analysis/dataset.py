@@ -41,7 +41,8 @@ from brownpipe.engines.failures import HEALTH
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES
-from brownpipe.storage import Outline, made_by, origin_attributes
+from brownpipe.storage.origin import made_by, origin_attributes
+from brownpipe.storage.trajectories import Outline
 
 if TYPE_CHECKING:
     import xarray
@@ -69,7 +70,7 @@ def aggregate(
 ) -> "xarray.Dataset":
     """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
-    A file that is given with what it is to hold (`storage.StoredFile`) is refused if it holds other runs.
+    A file that is given with what it is to hold (`StoredFile`) is refused if it holds other runs.
     The files may hold any scenes, particle counts, engines and batches of seeds: every value depends on the runs alone,
     to the bit, and peak memory does not grow with their number. Scenes, counts and engines keep the order of the files.
     Failed runs are counted and left out of every average. Values that a case lacks (a shorter duration, fewer seeds)
@@ -82,7 +83,7 @@ def aggregate(
     vary, vary_together: keys in which the scenes differ, each a dimension (`varied.over_keys`).
 
     Raises AnalysisError for files that do not belong together, for windows and times that coincide or that no run
-    reaches, and what `storage.read_trajectories` raises for broken files.
+    reaches, and what `read_trajectories` raises for broken files.
     """
     if (dr is None) != (rings is None):
         raise AnalysisError("rings: width and number must be given together")

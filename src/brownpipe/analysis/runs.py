@@ -14,7 +14,8 @@ from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
 from brownpipe.engines.state import NONE_STOPPED, Ensemble, Track, blank
 from brownpipe.errors import AnalysisError
 from brownpipe.stages import tracked
-from brownpipe.storage import Outline, StoredFile, Trajectories, read_outline, read_trajectories
+from brownpipe.storage.store import StoredFile
+from brownpipe.storage.trajectories import Outline, Trajectories, read_outline, read_trajectories
 
 Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with what it is to hold, or runs in memory
 LOADED = 2  # files kept in memory; enough to read each batch of consecutive seeds only once
@@ -59,7 +60,7 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
     """Return trajectory files and runs in memory by scene, particle count and engine label, in order of appearance.
 
     Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
-    files) or hold other runs than are expected of them, and what `storage.read_outline` raises.
+    files) or hold other runs than are expected of them, and what `read_outline` raises.
     """
     files = [_described(number, source) for number, source in enumerate(tracked([*sources], "files verified"))]
     if not files:
@@ -130,7 +131,7 @@ def blocks_of(group: Group) -> Iterator[RunBlock]:
     """Yield the runs of a group in blocks of seeds between multiples of SEEDS_PER_BLOCK, ascending.
 
     The blocks do not depend on how the runs are distributed over files. Raises AnalysisError for a file that changes
-    meanwhile or lacks observables that another has, and what `storage.read_trajectories` raises.
+    meanwhile or lacks observables that another has, and what `read_trajectories` raises.
     """
     read = lru_cache(maxsize=LOADED)(lambda path: block_of(read_trajectories(path).ensemble))
 

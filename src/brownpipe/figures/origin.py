@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brownpipe.quoting import printable
-from brownpipe.storage import made_by, runs_record
+from brownpipe.storage.origin import made_by, runs_record
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from brownpipe.storage import Trajectories
+    from brownpipe.storage.trajectories import Trajectories
 
 RECORD = "provenance.json"
 DESCRIBING = {"Conventions", "title", "comment"}  # attributes of every dataset

@@ -14,12 +14,12 @@ from brownpipe.errors import RequestError
 from brownpipe.figures.origin import Record
 from brownpipe.figures.pages import filled
 from brownpipe.figures.snapshot import legend_entries, shades_of
-from brownpipe.storage import runs_record
-from brownpipe.storage.trajectories import refuse_stopped, whole_seed
+from brownpipe.storage.origin import runs_record
+from brownpipe.storage.trajectories import chosen_seed
 
 if TYPE_CHECKING:
     from brownpipe.scene import Scene
-    from brownpipe.storage import Trajectories
+    from brownpipe.storage.trajectories import Trajectories
 
 MOST_BYTES = 150_000  # of the collisions of a replay: 200 kB as base64
 MOST_DISKS = 1000
@@ -50,12 +50,12 @@ def replay_of(trajectories: "Trajectories", path: str, seed: int | None = None) 
     """
     scene, _, ensemble = trajectories[:3]
     first = int(ensemble.seeds[0]) if seed is None else seed
-    refuse_stopped(trajectories, path, first)
-    if scene.particles and not (ensemble.whole and ensemble.whole.keys() == ensemble.events.keys()):
+    ended = len(ensemble.seeds) > len(ensemble.stopped)
+    if scene.particles and ended and not (ensemble.whole and ensemble.whole.keys() == ensemble.events.keys()):
         trajectories.engine.refuse_unfit(scene, RECORD.split(","))
         command = runs_record(trajectories.outline, [first], RECORD)["command"]
         raise RequestError(f"{path}: holds no collisions of all disks; record them: {command}")
-    seed = whole_seed(trajectories, path, seed)
+    seed = chosen_seed(trajectories, path, seed)
     if scene.particles > MOST_DISKS:
         raise RequestError(f"{path}: a replay must have at most {MOST_DISKS:,} disks, not {scene.particles:,}")
     track, events = ensemble.whole[seed], ensemble.events[seed]

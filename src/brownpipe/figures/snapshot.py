@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 from brownpipe.figures.style import DATA, INK
 from brownpipe.scene import Scene
 from brownpipe.scene.scene import Box
-from brownpipe.storage import Trajectories
-from brownpipe.storage.trajectories import whole_seed
+from brownpipe.storage.trajectories import Trajectories, chosen_seed
 
 LONGER_SIDE = 5.6  # of the box [inch]
 LEAST_WIDTH = 3.6  # of the panel [inch]
@@ -41,7 +40,7 @@ def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) ->
 
     Raise RequestError if the file holds no whole runs, none of this seed, or no disks.
     """
-    seed = whole_seed(trajectories, path, seed)
+    seed = chosen_seed(trajectories, path, seed)
     track = trajectories.ensemble.whole[seed]
     image = None if track.image is None else track.image[:, 0]
     return WholeRun(trajectories.scene, seed, trajectories.ensemble.times, track.position, image)

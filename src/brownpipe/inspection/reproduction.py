@@ -6,30 +6,23 @@ bits.
 """
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.engines import forecast
-from brownpipe.engines.forecast import Cost
 from brownpipe.engines.state import Ensemble
 from brownpipe.formatting import counted, in_time
 from brownpipe.inspection import trajectories_of
-from brownpipe.inspection.lines import DIGITS
-from brownpipe.inspection.runs import only, run_of, seeds_in_words
+from brownpipe.inspection.results import DIGITS
+from brownpipe.inspection.runs import run_of
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
-from brownpipe.storage import Trajectories
+from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.storage.layout import groups_of
+from brownpipe.storage.trajectories import Trajectories
 
-
-class Difference(NamedTuple):
-    """A variable that is not bit-identical in some runs."""
-
-    name: str  # as in the file
-    seeds: list[int]
-    largest: float  # absolute difference of two elements; NaN if shapes or types differ, or if one of them is NaN
+Differences = dict[str, dict[int, float]]  # variable as in the file, seed: as `_distance` returns it, if there is one
 
 
 def read_original(path: str | Path, seed: int | None = None) -> Trajectories:
@@ -38,21 +31,17 @@ def read_original(path: str | Path, seed: int | None = None) -> Trajectories:
     Raises RequestError for a seed that is not in the file, and for runs that this installation refuses or that do not
     fit into memory; WrongFileError for a dataset, StorageError for a damaged file.
     """
-    contents = trajectories_of(path, "--reproduce")
-    contents = contents if seed is None else only(path, contents, seed)
-    contents.engine.refuse_unfit(contents.scene, _record(contents))
-    forecast.refuse_too_large(contents.scene, len(contents.ensemble.seeds), _cost(contents))
+    contents = trajectories_of(path, "--reproduce", seed)
+    scene, engine, options = contents.scene, contents.engine, _options(contents)
+    engine.refuse_unfit(scene, options[0])
+    forecast.refuse_too_large(scene, len(contents.ensemble.seeds), engine.forecast(scene, *options))
     return contents
 
 
-def _record(original: Trajectories) -> frozenset[str]:
-    return original.outline.record or frozenset({"none"})
-
-
-def _cost(original: Trajectories) -> Cost:
-    """Return the cost of a run."""
+def _options(original: Trajectories) -> tuple[frozenset[str], tuple[str, ...], str]:
+    """Return what is recorded, what is measured in each run, and over what that is averaged."""
     outline = original.outline
-    return outline.engine.forecast(outline.scene, _record(original), outline.observables or (), outline.average)
+    return outline.record or frozenset({"none"}), outline.observables or (), outline.average
 
 
 def _changes(original: Trajectories) -> str:
@@ -65,30 +54,29 @@ def _changes(original: Trajectories) -> str:
 
 def announcement(original: Trajectories) -> list[str]:
     """Return what will be run, how long it will take, and what may make it differ, as lines of text."""
-    scene, runs, cost = original.scene, len(original.ensemble.seeds), _cost(original)
+    scene, engine, runs = original.scene, original.engine, len(original.ensemble.seeds)
+    cost = engine.forecast(scene, *_options(original))
     seconds = forecast.START_UP + cost.once + runs * cost.seconds
-    what = f"{counted(runs, 'run')} of {scene.name}, N = {scene.particles}, {original.engine.options}"
+    what = f"{counted(runs, 'run')} of {scene.name}, N = {scene.particles}, {engine.options}"
     changes = _changes(original)
     lines = [f"results may differ: the file was made with {changes}"] if changes else []
     return [f"running again {what}: some {in_time(seconds)} of CPU", *lines]
 
 
-def differences(original: Trajectories) -> list[Difference]:
+def differences(original: Trajectories) -> Differences:
     """Make the runs again and return the variables that differ, with all that was recorded and measured.
 
     Raises RunError and RequestError like the engine.
     """
-    scene, engine, before = original.scene, original.engine, original.ensemble
-    seeds, observables = before.seeds.tolist(), original.outline.observables or ()
-    again = engine.simulate(scene, seeds, _record(original), observables=observables, average=before.average)
-    sizes: dict[str, dict[int, float]] = {}  # variable: {seed: largest difference}
-    for seed in seeds:
-        stored, made = (_variables(scene, run_of(ensemble, seed)) for ensemble in (before, again))
+    scene, seeds, (record, observables, average) = original.scene, original.ensemble.seeds, _options(original)
+    again = original.engine.simulate(scene, seeds.tolist(), record, observables=observables, average=average)
+    found: Differences = {}
+    for seed in seeds.tolist():
+        stored, made = (_variables(scene, run_of(ensemble, seed)) for ensemble in (original.ensemble, again))
         for name in stored | made:
-            distance = _distance(stored.get(name), made.get(name))
-            if distance is not None:
-                sizes.setdefault(name, {})[seed] = distance
-    return [Difference(name, sorted(found), float(np.max(list(found.values())))) for name, found in sizes.items()]
+            if (distance := _distance(stored.get(name), made.get(name))) is not None:
+                found.setdefault(name, {})[seed] = distance
+    return found
 
 
 def _variables(scene: Scene, ensemble: Ensemble) -> dict[str, np.ndarray]:
@@ -115,14 +103,14 @@ def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
     return float(np.max(moved, initial=0.0))
 
 
-def verdict(original: Trajectories, found: list[Difference]) -> str:
+def verdict(original: Trajectories, found: Differences) -> str:
     """Return whether all variables are bit-identical or, for each that is not, its runs and by how much they differ."""
     runs = counted(len(original.ensemble.seeds), "run")
     if not found:
         return f"identical: {runs}, all variables bit-identical"
-    differing = {seed for difference in found for seed in difference.seeds}
-    lines = [f"different: {len(differing)} of {runs}"]
-    for name, seeds, largest in found:
+    lines = [f"different: {len(set().union(*found.values()))} of {runs}"]
+    for name, sizes in found.items():
+        largest = np.max([*sizes.values()])
         size = "in shape, type or NaN" if np.isnan(largest) else f"by at most {largest:.2g}"
-        lines.append(f"  {name}: {size} ({seeds_in_words(seeds)})")
+        lines.append(f"  {name}: {size} ({'seed' if len(sizes) == 1 else 'seeds'} {brief_seed_text([*sizes])})")
     return in_lines(lines)

@@ -25,7 +25,8 @@ from brownpipe.figures.tables import to_csv
 from brownpipe.parallel import calculated
 from brownpipe.report import study as study_page
 from brownpipe.report import tradeoff as tradeoff_page
-from brownpipe.storage import read_dataset, seal_of, write_files
+from brownpipe.storage.datasets import read_dataset
+from brownpipe.storage.files import seal_of, write_files
 from brownpipe.tradeoff import is_tradeoff
 
 if TYPE_CHECKING:

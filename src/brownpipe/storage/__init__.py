@@ -22,34 +22,3 @@ runs give the same bytes.
 A dataset says in its attributes what it was made from (`origin`) and by which source, versions and commit, so that the
 same installation gives the same bytes of the same runs.
 """
-
-from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
-from brownpipe.storage.datasets import made_by, read_dataset, write_dataset
-from brownpipe.storage.files import seal_of, write_file, write_files
-from brownpipe.storage.origin import origin_attributes, runs_record
-from brownpipe.storage.store import StoredFile
-from brownpipe.storage.trajectories import Outline, Trajectories, read_outline, read_trajectories, write_trajectories
-from brownpipe.storage.tree import from_tree, refuse_foreign, to_tree
-
-__all__ = [
-    "Outline",
-    "StoredFile",
-    "Trajectories",
-    "from_tree",
-    "made_by",
-    "origin_attributes",
-    "read_checkpoint",
-    "read_dataset",
-    "read_outline",
-    "read_trajectories",
-    "refuse_foreign",
-    "remove_checkpoint",
-    "runs_record",
-    "seal_of",
-    "to_tree",
-    "write_checkpoint",
-    "write_dataset",
-    "write_file",
-    "write_files",
-    "write_trajectories",
-]

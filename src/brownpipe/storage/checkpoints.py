@@ -6,8 +6,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from brownpipe.errors import RequestError, StorageError
-from brownpipe.storage.files import read_sealed, sealed, write_file
+from brownpipe.errors import RequestError, WrongFileError
+from brownpipe.storage.files import naming, read_sealed, sealed, write_file
 
 
 def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarray]) -> None:
@@ -27,17 +27,15 @@ def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarr
 def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | None:
     """Return the named arrays of a checkpoint file; None if there is no file.
 
-    Raises StorageError if it is damaged, RequestError if its `made_by` differs; the message names the first difference.
+    Raises StorageError if it is damaged, WrongFileError if it is none, RequestError, which names the first difference,
+    if its `made_by` differs.
     """
     if not Path(path).exists():
         return None
-    try:
-        with h5py.File.in_memory(read_sealed(path)) as file:
-            if "checkpoint" not in file.attrs:
-                raise StorageError("is a file of brownpipe, but not a checkpoint")
-            stored, arrays = json.loads(file.attrs["checkpoint"]), {name: item[()] for name, item in file.items()}
-    except StorageError as error:
-        raise StorageError(f"{path}: {error}; delete it to begin anew") from error
+    with naming(path, "simulate"), h5py.File.in_memory(read_sealed(path)) as file:
+        if "checkpoint" not in file.attrs:
+            raise WrongFileError("is a file of brownpipe, but not a checkpoint; choose another --output")
+        stored, arrays = json.loads(file.attrs["checkpoint"]), {name: item[()] for name, item in file.items()}
     differing = [name for name in made_by if stored.get(name) != made_by[name]]
     if differing:
         cure = "repeat that command, delete this file to begin anew, or choose another --output"

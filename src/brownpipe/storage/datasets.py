@@ -8,20 +8,13 @@ import h5py
 import numpy as np
 
 from brownpipe.errors import WrongFileError
-from brownpipe.provenance import made_with
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.origin import installation
 from brownpipe.storage.trajectories import SMALL, values_of
 
 if TYPE_CHECKING:
     import xarray
 
 CHECKPOINT = "is the checkpoint of unfinished runs; repeat the command that wrote it, and they continue from there"
-
-
-def made_by(step: str) -> dict[str, str]:
-    """Return the attributes that say with which source, versions and commit a step of the pipeline makes its output."""
-    return made_with(step) | installation()
 
 
 def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:

@@ -13,84 +13,56 @@ of the first frame of an XYZ. A CSV has nothing but its table, so that every pro
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.failures import stopped_in_words
+from brownpipe.engines.failures import failures
 from brownpipe.engines.state import Track
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
-from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import replacing, sync
 from brownpipe.storage.origin import runs_record
-from brownpipe.storage.trajectories import Trajectories, refuse_empty, refuse_stopped, whole_seed
+from brownpipe.storage.trajectories import Trajectories, chosen_seed
 
 GSD_SCHEMA = (1, 4)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
 GSD_NUMBERS = np.finfo(np.float32)
 
 
-class Exported(NamedTuple):
-    """What has been written."""
-
-    seeds: tuple[int, ...]
-    samples: int  # of each run
-    disks: int  # in each sample
-    remarks: tuple[str, ...]  # what a reader of the file must know
-
-
-def export(trajectories: Trajectories, path: str, output: str, form: str, seed: int | None = None) -> Exported:
+def export(
+    trajectories: Trajectories, path: str, output: str, form: str, seed: int | None = None
+) -> tuple[dict[int, Track], list[str]]:
     """Write the run of a seed to the file `output` as `form`: gsd, xyz or csv; completely or not at all.
 
     path: the file of the trajectories, for messages. seed: by default the smallest of the whole runs; for csv, all.
 
-    Raises RequestError for another suffix of the output, a file without such runs, numbers beyond single precision
-    (GSD), or if the package gsd cannot be imported; StorageError if the file cannot be written.
+    Returns the tracks in the file by their seeds, and what a reader of the file must know. Raises RequestError for a
+    file without such runs, numbers beyond single precision (GSD), or if the package gsd cannot be imported;
+    StorageError if the file cannot be written.
     """
-    if Path(output).suffix != f".{form}":
-        raise RequestError(f"--output {output}: must end in .{form}, by which other programs know the format")
     scene, ensemble = trajectories.scene, trajectories.ensemble
-    tracks = (_tables if form == "csv" else _whole_run)(trajectories, path, seed)
+    tracks = _tracks(trajectories, path, form, seed)
     record = runs_record(trajectories.outline, sorted(tracks), "all" if ensemble.whole else "")
     with replacing(output) as part:
         FORMATS[form](part, scene, ensemble.times, tracks, record)
         sync(part)
-    failed = [k for k in ensemble.failed_seeds if k in tracks]
-    remarks = [f"failed their health check: {len(failed)} of {len(tracks)} runs: {seed_text(failed)}"] if failed else []
-    if ensemble.stopped and seed is None:
-        remarks.append(f"left out: {stopped_in_words(ensemble.stopped)}")
+    lacking = ensemble.failed_seeds if seed is None else ensemble.failed_seeds[ensemble.failed_seeds == seed]
+    remarks = [failures(ensemble)] if lacking.size else []
     if form == "gsd" and not scene.box.periodic:
         remarks.append("GSD has no walls, so programs take the box for periodic: switch that off, or enlarge the box")
-    disks = next(iter(tracks.values())).position.shape[1]
-    return Exported(tuple(tracks), len(ensemble.times), disks, tuple(remarks))
+    return tracks, remarks
 
 
-def _whole_run(trajectories: Trajectories, path: str, seed: int | None) -> dict[int, Track]:
-    """Return the track of all disks of one run, by its seed."""
-    seed = whole_seed(trajectories, path, seed)
-    return {seed: trajectories.ensemble.whole[seed]}
-
-
-def _tables(trajectories: Trajectories, path: str, seed: int | None) -> dict[int, Track]:
-    """Return all whole runs or, if there are none, the track of the tracer (T, 1, 2) of each run; or that of a seed."""
-    ensemble = trajectories.ensemble
-    tracer, whole = ensemble.tracer, ensemble.whole
-    refuse_empty(trajectories, path)
-    if whole:
-        run = _whole_run(trajectories, path, seed)
-        return whole if seed is None else run
-    if tracer is None:
-        raise RequestError(f"{path}: holds no trajectories; make it again: brownpipe simulate SCENE --record all")
-    refuse_stopped(trajectories, path, seed)
-    columns = {k: s for s, k in enumerate(ensemble.seeds.tolist()) if k not in ensemble.stopped}
-    if seed is not None and seed not in columns:
-        raise RequestError(f"{path}: seed {seed} is not in it; its runs have the seeds {seed_text(ensemble.seeds)}")
-    if not columns:
-        raise RequestError(f"{path}: has no tracks: {stopped_in_words(ensemble.stopped)}")
-    return {k: tracer.of(slice(s, s + 1)) for k, s in columns.items() if seed in (None, k)}
+def _tracks(trajectories: Trajectories, path: str, form: str, seed: int | None) -> dict[int, Track]:
+    """Return one whole run by its seed; for a table all runs or, if none is whole, the tracers' tracks (T, 1, 2)."""
+    _, _, ensemble, *_ = trajectories
+    tracks = ensemble.whole
+    if form == "csv" and not tracks and ensemble.tracer is not None:
+        ended = [(s, k) for s, k in enumerate(ensemble.seeds.tolist()) if k not in ensemble.stopped]
+        tracks = {k: ensemble.tracer.of(slice(s, s + 1)) for s, k in ended}
+    first = chosen_seed(trajectories, path, seed, tracks)
+    return tracks if form == "csv" and seed is None else {first: tracks[first]}
 
 
 # -- formats --------------------------------------------------------------------------------------------------------
@@ -114,9 +86,13 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
         wrong = f"--to gsd: needs the package gsd ({error})"
         raise RequestError(f"{wrong}; install it by pip install gsd, or choose xyz or csv") from error
 
-    (track,), box, species = tracks.values(), scene.box, species_table(scene)
+    ((position, velocity, image),), box, species = tracks.values(), scene.box, species_table(scene)
+    assert velocity is not None  # whole runs have velocities
     edges = np.array([box.width, box.height])
-    _refuse_if_not_single([edges, scene.radius, scene.mass], track.velocity)
+    sizes, speed = np.concatenate([edges, scene.radius, scene.mass]), max(velocity.max(), -velocity.min())
+    if sizes.min() < GSD_NUMBERS.tiny or max(2 * sizes.max(), speed) > GSD_NUMBERS.max:
+        range_ = f"{GSD_NUMBERS.tiny:.1e} to {GSD_NUMBERS.max:.1e}"
+        raise RequestError(f"--to gsd: holds numbers from {range_} only; choose xyz or csv, or other units")
     diameter, mass = (2 * scene.radius).astype(np.float32), scene.mass.astype(np.float32)
     path.touch()  # gsd would let others not read a file that it creates
     file = gsd.fl.open(path, "w", application="brownpipe", schema="hoomd", schema_version=GSD_SCHEMA)
@@ -128,24 +104,14 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
             frame.particles.N, frame.particles.types = scene.particles, list(species.name)
             frame.particles.typeid = species.label
             frame.particles.diameter, frame.particles.mass = diameter, mass
-            frame.particles.position = _in_space(track.position[k] - box.origin - edges / 2, np.float32)
-            if track.velocity is not None:
-                frame.particles.velocity = _in_space(track.velocity[k], np.float32)
-            if track.image is not None:
-                frame.particles.image = _in_space(track.image[k], np.int32)
+            frame.particles.position = _in_space(position[k] - box.origin - edges / 2, np.float32)
+            frame.particles.velocity = _in_space(velocity[k], np.float32)
+            if image is not None:
+                frame.particles.image = _in_space(image[k], np.int32)
             frame.log = {"time": np.array([time]), "periodic": np.array([box.periodic], np.uint8)}
             if k == 0:
                 frame.log["origin"] = np.frombuffer(json.dumps(record, sort_keys=True).encode(), np.uint8)
             trajectory.append(frame)
-
-
-def _refuse_if_not_single(properties: list[np.ndarray], velocity: np.ndarray | None) -> None:
-    """Raise RequestError if edges, radii or masses, or velocities cannot be stored as GSD's float32."""
-    positive = np.concatenate(properties)
-    fastest = 0.0 if velocity is None else max(velocity.max(), -velocity.min())
-    if positive.min() < GSD_NUMBERS.tiny or max(2 * positive.max(), fastest) > GSD_NUMBERS.max:
-        least, most = f"{GSD_NUMBERS.tiny:.1e}", f"{GSD_NUMBERS.max:.1e}"
-        raise RequestError(f"--to gsd: holds numbers from {least} to {most} only; choose xyz or csv, or other units")
 
 
 def _in_space(vectors: np.ndarray, kind: type) -> np.ndarray:
@@ -160,22 +126,21 @@ def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
     and velocities stand there twice: `mass` and `velo` for OVITO, `masses` and `momenta` for ASE, which otherwise takes
     1 and 0. The species is a `type`, as ASE takes `species` for chemical elements.
     """
-    (track,), box, table = tracks.values(), scene.box, species_table(scene)
+    ((position, velocity, image),), box, table = tracks.values(), scene.box, species_table(scene)
+    assert velocity is not None  # whole runs have velocities
     names = [table.name[label] for label in table.label]
     mass, none = scene.mass[:, None], np.zeros((scene.particles, 1))
     head = f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1" Origin="{box.x[0]} {box.y[0]} -0.5"'
     head += f' pbc="{"T T" if box.periodic else "F F"} F" Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1'
-    head += ":velo:R:3:momenta:R:3" if track.velocity is not None else ""
-    head += ":image:I:3" if track.image is not None else ""
+    head += f":velo:R:3:momenta:R:3{':image:I:3' if box.periodic else ''}"
     made = "".join(f" {key}={json.dumps(record[key])}" for key in ("command", "scene_digest", "source_digest"))
     with open(path, "w", encoding="ascii") as file:
         for k, time in enumerate(times.tolist()):
-            columns = [track.position[k], none, scene.radius[:, None], mass, mass]
-            if track.velocity is not None:
-                columns += [track.velocity[k], none, mass * track.velocity[k], none]
+            moving = [velocity[k], none, mass * velocity[k], none]
+            columns = [position[k], none, scene.radius[:, None], mass, mass, *moving]
             rows = [" ".join(map(repr, row)) for row in np.hstack(columns).tolist()]
-            if track.image is not None:
-                rows = [f"{row} {x} {y} 0" for row, (x, y) in zip(rows, track.image[k].tolist(), strict=True)]
+            if image is not None:
+                rows = [f"{row} {x} {y} 0" for row, (x, y) in zip(rows, image[k].tolist(), strict=True)]
             file.write(f"{len(rows)}\n{head} Time={time}{made if k == 0 else ''}\n")
             file.writelines(f"{name} {row}\n" for name, row in zip(names, rows, strict=True))
 
@@ -197,8 +162,4 @@ def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
                 write([seed, time, disk, names[disk], *(x for pair in row for x in pair)] for disk, row in disks)
 
 
-FORMATS: dict[str, Callable[[Path, Scene, np.ndarray, dict[int, Track], dict], None]] = {
-    "gsd": _gsd,
-    "xyz": _xyz,
-    "csv": _csv,
-}
+FORMATS = {"gsd": _gsd, "xyz": _xyz, "csv": _csv}

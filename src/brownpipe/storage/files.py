@@ -34,7 +34,9 @@ def write_files(files: Mapping[str | Path, bytes]) -> None:
     """Write files that belong together, as `write_file`; none is replaced before all of them are on the disk."""
     with ExitStack() as parts:
         for path, contents in files.items():
-            _write(parts.enter_context(replacing(path)), contents)
+            part = parts.enter_context(replacing(path))
+            part.write_bytes(contents)
+            sync(part)
 
 
 @contextmanager
@@ -55,18 +57,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
             part.unlink(missing_ok=True)
         sync(path.parent)
     except OSError as error:
-        cure = (
-            "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "choose a place that can be written"
-        )
+        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        cure = "free some space" if is_full else "choose a place that can be written"
         raise StorageError(f"{path}: not written: {error.strerror or error}; {cure}") from error
-
-
-def _write(path: Path, contents: bytes) -> None:
-    """Write the bytes to a file and wait until they are on the disk."""
-    with open(path, "wb") as file:
-        file.write(contents)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def sync(path: Path) -> None:

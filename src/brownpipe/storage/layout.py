@@ -108,15 +108,13 @@ def ensemble_of(scene: Scene, groups: Groups, average: str) -> Ensemble:
     seeds = root["seed"].tolist()
     stopped = {seed: str(reason) for seed, reason in zip(seeds, root.get("stopped", ()), strict=False) if reason}
     columns = {seed: column for column, seed in enumerate(seeds) if seed not in stopped}
-    whole = (
-        {seed: _track(groups["/disks"]).of(column) for seed, column in columns.items()} if "/disks" in groups else {}
-    )
+    disks = _track(groups["/disks"]) if "/disks" in groups else None
     return Ensemble(
         seeds=root["seed"],
         times=root["time"],
         tracer=_track(root) if "position" in root else None,
         observables={name: values for name, values in root.items() if name not in NO_OBSERVABLES},
-        whole=whole,
+        whole={seed: disks.of(column) for seed, column in columns.items()} if disks else {},
         events=_events(groups["/events"], [*columns]) if "/events" in groups else {},
         average=average,
         stopped=stopped,
@@ -128,12 +126,11 @@ def _refuse_sizes(scene: Scene, groups: Groups) -> None:
     sizes = {"time": len(scene.times), "seed": len(groups["/"]["seed"]), "disk": scene.particles, "component": 2}
     for group, variables in groups.items():
         for name, values in variables.items():
-            expected = (
-                sizes | {dim: len(along) for dim, along in axes(scene, name).items()} if name in ARRAYS else sizes
-            )
-            dims = dims_of(group, name)
-            shape = tuple(expected.get(dim, size) for dim, size in zip(dims, values.shape, strict=False))
-            if values.shape != shape or len(dims) != values.ndim:
+            along = axes(scene, name) if name in ARRAYS else {}
+            expected = sizes | {dim: len(coordinates) for dim, coordinates in along.items()}
+            dims = zip(dims_of(group, name), values.shape, strict=True)
+            shape = tuple(expected.get(dim, size) for dim, size in dims)
+            if values.shape != shape:
                 raise StorageError(f"holds {name} of shape {values.shape}; its scene and seeds make it {shape}")
 
 

@@ -6,7 +6,6 @@ make its runs again. Nothing in it depends on batches, folders, machines or user
 
 import json
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
@@ -15,13 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe.provenance import NAME, PACKAGE
-from brownpipe.scene.seeds import seed_text
+from brownpipe.provenance import NAME, PACKAGE, made_with
 from brownpipe.storage.trajectories import Outline, simulate_command
 
 MOST_SCENE_TEXT = 100_000  # characters; a longer scene, of thousands of listed disks, is in the trajectory files only
 LONGEST_GIT = 10.0  # seconds
-COMMIT = re.compile(r"^# branch\.oid ([0-9a-f]{40,64})$", re.MULTILINE)
 
 
 def origin_attributes(groups: Iterable[tuple[Outline, np.ndarray]], options: dict) -> dict[str, str]:
@@ -37,20 +34,15 @@ def origin_attributes(groups: Iterable[tuple[Outline, np.ndarray]], options: dic
 
 
 def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str = "") -> dict:
-    """Return all that is needed to make runs (S,) of one scene and engine again, and the command.
+    """Return the command that makes runs (S,) of one scene and engine again, their scene and the source that made them.
 
     record: what `--record` must be given; by default `tracer`, or `none` if its track was not recorded.
     """
-    scene, engine, record = outline.scene, outline.engine, record or ("tracer" if outline.tracer else "none")
-    options = {"record": record, "observables": ",".join(outline.observables or ()), "average": outline.average}
+    scene = outline.scene
     return {
         "command": simulate_command(outline, seeds, record),
-        "scene_name": scene.name,
         "scene_digest": scene.digest,
         "scene": json.loads(scene.text) if len(scene.text) <= MOST_SCENE_TEXT else None,
-        "engine": {"name": engine.name, **dict(engine.settings)},
-        "seeds": seed_text(seeds),
-        **options,
         "source_digest": outline.source,
     }
 
@@ -58,11 +50,16 @@ def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str
 # -- the installation -----------------------------------------------------------------------------------------------
 
 
+def made_by(step: str) -> dict[str, str]:
+    """Return the attributes that say with which source, versions and commit a step of the pipeline makes its output."""
+    return made_with(step) | installation()
+
+
 @cache
 def installation() -> dict[str, str]:
     """Return the version of Python and, if brownpipe runs from a git checkout, its commit: `git_commit`.
 
-    The commit of a checkout whose source was modified ends with `, modified`.
+    The commit of a checkout with modified files ends with `, modified`.
     """
     commit = _commit(PACKAGE)
     return {"python": sys.version.partition(" ")[0]} | ({"git_commit": commit} if commit else {})
@@ -73,12 +70,10 @@ def _commit(package: Path) -> str | None:
     checkout = package.parents[1]
     if package != checkout / "src" / NAME or not (checkout / ".git").exists():
         return None
-    command = ["git", "--no-optional-locks", "-C", str(checkout), "status", "--porcelain=v2", "--branch", "--", "src"]
+    command = ["git", "-C", str(checkout), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=, modified"]
     env = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     try:
         done = subprocess.run(command, env=env, timeout=LONGEST_GIT, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None
-    commit = COMMIT.search(done.stdout)
-    changes = [line for line in done.stdout.splitlines() if not line.startswith("#")]
-    return commit[1] + (", modified" if changes else "") if commit else None

@@ -7,8 +7,6 @@ the source of brownpipe that runs it. A file holds the seeds of its name. So eve
 finds them, and no run stands where another one is asked for: whatever was edited, copied or lost.
 """
 
-import hashlib
-import json
 import re
 from collections.abc import Iterable, Sequence, Set
 from pathlib import Path
@@ -17,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines import Engine
-from brownpipe.provenance import modules_of, source_digest
+from brownpipe.provenance import digest_of, modules_of, source_digest
 from brownpipe.scene import Scene
 
 RUNS = Path("results/runs")
 FILE = re.compile(r"(\d{1,19})-(\d{1,19})\.h5")
-DIGITS = 8  # of the SHA-256 in the name of a folder
+DIGITS = 8  # of the digest in the name of a folder
 
 
 class StoredFile(NamedTuple):
@@ -36,16 +34,9 @@ class StoredFile(NamedTuple):
 
 
 def runs_digest(scene: Scene, engine: Engine, record: Set[str], observables: Iterable[str], average: str) -> str:
-    """Return the SHA-256 over all that determines runs besides their seeds and N, which is in the scene."""
-    determined = {
-        "scene": scene.digest,
-        "engine": engine.options,
-        "record": sorted(record),
-        "observables": sorted(observables),
-        "average": average,
-        "source": source_digest(*modules_of("simulate", engine.name)),
-    }
-    return hashlib.sha256(json.dumps(determined, sort_keys=True).encode()).hexdigest()
+    """Return the digest of all that determines runs besides their seeds; N is in the scene."""
+    source = source_digest(*modules_of("simulate", engine.name))
+    return digest_of(scene.digest, engine.options, sorted(record), sorted(observables), average, source)
 
 
 def folder_of_runs(scene: Scene, engine: Engine, digest: str) -> Path:

@@ -1,22 +1,29 @@
-"""Trajectory files: a batch of runs of one scene by one engine; their layout is drawn in `brownpipe.storage`."""
+"""A batch of runs of one scene by one engine, in a trajectory file and in memory as `xarray.DataTree`.
+
+Both have the same groups, names and attributes, which are drawn in `brownpipe.storage`.
+"""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, recorded
-from brownpipe.engines.state import Ensemble
+from brownpipe.engines.failures import stopped_in_words
+from brownpipe.engines.state import Ensemble, Track
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import observables_making
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.layout import NO_OBSERVABLES, SCALES, Groups, described, dims_of, ensemble_of, groups_of
+from brownpipe.storage.layout import LOG, SCALES, Groups, described, dims_of, ensemble_of, groups_of
+
+if TYPE_CHECKING:
+    from xarray import DataTree
 
 GROUPS = ("/", "/disks", "/events")
 CHUNK_BYTES = 2**18
@@ -48,7 +55,6 @@ class Trajectories(NamedTuple):
     def attributes(self) -> dict:
         """Those of the root: scene, engine, versions, the command that makes the runs again."""
         outline, scene, engine = self.outline, self.scene, self.engine
-        record = ",".join(sorted(outline.record - {"tracer"})) or ("tracer" if outline.tracer else "none")
         made = {
             "title": f"{scene.name}: {len(outline.seeds)} runs",
             "scene": scene.text,
@@ -58,7 +64,7 @@ class Trajectories(NamedTuple):
             "settings": json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False),
             "average": outline.average,
             "variables": json.dumps(sorted(self.ensemble.observables)),
-            "command": simulate_command(outline, outline.seeds, record),
+            "command": simulate_command(outline, outline.seeds, ",".join(sorted(outline.record - {"tracer"}))),
             "source_digest": self.source,
             "runs_digest": "",
         }
@@ -85,7 +91,11 @@ class Outline(NamedTuple):
 
 
 def simulate_command(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str) -> str:
-    """Return the command that makes runs of these seeds (S,) again; `record` as --record takes it."""
+    """Return the command that makes runs of these seeds (S,) again.
+
+    record: as --record takes it; by default `tracer`, or `none` if its track was not recorded.
+    """
+    record = record or ("tracer" if outline.tracer else "none")
     options = {"record": record, "observables": ",".join(outline.observables or ()), "average": outline.average}
     words = [f"--particles {outline.scene.particles}"] if outline.scene.species else []
     words += [f"--seeds {seed_text(seeds)}", f"--engine {outline.engine.options}"]
@@ -173,17 +183,10 @@ def read_outline(path: str | Path) -> Outline:
     """
     with naming(path, "simulate"), h5py.File.in_memory(read_sealed(path)) as file:
         scene, engine, header = _setting(file)
-        return Outline(
-            scene=scene,
-            engine=engine,
-            seeds=values_of(file["seed"]),
-            times=values_of(file["time"]),
-            record=_record("position" in file, "disks" in file, "events" in file),
-            source=header["source_digest"],
-            observables=_measured([name for name, _ in _variables(file) if name not in NO_OBSERVABLES]),
-            average=header["average"],
-            digest=header["runs_digest"],
-        )
+        record = _record("position" in file, "disks" in file, "events" in file)
+        stored = (values_of(file["seed"]), values_of(file["time"]), record, header["source_digest"])
+        observables = _measured(json.loads(header["variables"]))
+        return Outline(scene, engine, *stored, observables, header["average"], header["runs_digest"])
 
 
 def _measured(names: Collection[str]) -> tuple[str, ...] | None:
@@ -197,32 +200,27 @@ def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
     return frozenset(name for name, is_recorded in parts.items() if is_recorded)
 
 
-def whole_seed(trajectories: Trajectories, path: str, seed: int | None) -> int:
-    """Return the seed of a whole run, by default the smallest, of the trajectories in the file at `path`.
+def chosen_seed(
+    trajectories: Trajectories, path: str, seed: int | None, tracks: Mapping[int, Track] | None = None
+) -> int:
+    """Return the seed of a run in the file at `path`, by default the smallest, of `tracks`, by default all whole runs.
 
-    Raises RequestError if the file holds no whole runs, none of this seed, or no disks.
+    Raises RequestError if there are no tracks, none of this seed, or no disks.
     """
-    whole = trajectories.ensemble.whole
-    refuse_stopped(trajectories, path, seed)
-    refuse_empty(trajectories, path)
-    if not whole:
-        raise RequestError(f"{path}: holds no whole runs; make it again: brownpipe simulate SCENE --record all")
-    if seed is not None and seed not in whole:
-        seeds = seed_text(sorted(whole))
-        raise RequestError(f"{path}: seed {seed} is not in it; its whole runs have the seeds {seeds}")
-    return min(whole) if seed is None else seed
-
-
-def refuse_empty(trajectories: Trajectories, path: str) -> None:
-    """Raise RequestError for runs of a scene without disks."""
-    if not trajectories.scene.particles:
-        raise RequestError(f"{path}: its scene has no disks")
-
-
-def refuse_stopped(trajectories: Trajectories, path: str, seed: int | None) -> None:
-    """Raise RequestError for the seed of a run that could not go on: there are no trajectories of it."""
-    if seed in trajectories.ensemble.stopped:
-        raise RequestError(f"{path}: seed {seed}: its run could not go on: {trajectories.ensemble.stopped[seed]}")
+    scene, _, ensemble, *_ = trajectories
+    tracks = ensemble.whole if tracks is None else tracks
+    if seed in ensemble.stopped:
+        wrong = f"seed {seed}: its run could not go on: {ensemble.stopped[seed]}"
+    elif not scene.particles:
+        wrong = "its scene has no disks"
+    elif not tracks:
+        made = "holds no whole runs; make it again: brownpipe simulate SCENE --record all"
+        wrong = stopped_in_words(ensemble.stopped) if len(ensemble.stopped) == len(ensemble.seeds) else made
+    elif seed is None or seed in tracks:
+        return min(tracks) if seed is None else seed
+    else:
+        wrong = f"seed {seed} is not in it; must be of {seed_text(sorted(tracks))}"
+    raise RequestError(f"{path}: {wrong}")
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
@@ -257,3 +255,84 @@ def setting_of(attributes: Mapping) -> tuple[Scene, Engine]:
     """Return the scene and the engine that the attributes of runs name. Raises RequestError if they are none."""
     scene = parse_scene(json.loads(attributes["scene"]), f"{attributes['scene_name']}.yaml")
     return scene, recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
+
+
+# -- as xarray.DataTree ---------------------------------------------------------------------------------------------
+
+
+def to_tree(trajectories: Trajectories) -> "DataTree":
+    """Return runs as a tree, which shares arrays with them as far as `groups_of` does."""
+    import xarray
+
+    scene, _, ensemble, *_ = trajectories
+    nodes = {
+        path: xarray.Dataset({name: (dims_of(path, name), values, described(name)) for name, values in group.items()})
+        for path, group in groups_of(scene, ensemble).items()
+    }
+    nodes["/"].attrs = trajectories.attributes
+    return xarray.DataTree.from_dict(nodes, name=scene.name)
+
+
+def from_tree(tree: "DataTree") -> Trajectories:
+    """Return the runs of a tree that `to_tree` made, or of a selection of its seeds.
+
+    Variables that others have added are left out. Raises RequestError for any other tree.
+    """
+    import xarray
+
+    if not isinstance(tree, xarray.DataTree):
+        raise RequestError(f"runs: must be what simulate or open returns, not a {type(tree).__name__}")
+    try:
+        scene, engine = setting_of(tree.attrs)
+        _refuse_part(scene, tree)
+        groups = {
+            path: {
+                name: tree[path][name].transpose(*dims_of(path, name)).values
+                for name in sorted(names & tree[path].variables.keys())
+            }
+            for path, names in _own_names(tree).items()
+            if path in tree.groups
+        }
+        ensemble = ensemble_of(scene, groups, tree.attrs["average"])
+        return Trajectories(scene, engine, ensemble, tree.attrs["source_digest"])
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError, RequestError, StorageError) as error:
+        wrong = "runs: must be what simulate or open returns, or a selection of its seeds"
+        raise RequestError(f"{wrong} ({error})") from error
+
+
+def refuse_foreign(tree: "DataTree") -> None:
+    """Raise RequestError for a variable that a trajectory file has no place for."""
+    own = _own_names(tree)
+    names = [(node.path, name) for node in tree.subtree for name in node.data_vars]
+    foreign = [f"{path}/{name}".lstrip("/") for path, name in names if name not in own.get(path, ())]
+    if foreign:
+        wrong = f"a trajectory file has no place for {foreign[0]}"
+        raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
+
+
+def _own_names(tree: "DataTree") -> dict[str, set[str]]:
+    """Return the names that runs have in each group."""
+    return {
+        "/": {*json.loads(tree.attrs["variables"]), *Track._fields, "stopped", "time", "seed"},
+        "/disks": {*Track._fields, "radius", "mass"},
+        "/events": {"event_seed", *LOG},
+    }
+
+
+def _refuse_part(scene: Scene, tree: "DataTree") -> None:
+    """Raise ValueError for a selection of other things than seeds."""
+    if "seed" not in tree.dims:
+        raise ValueError("without the dimension seed; select seeds by a list, as in sel(seed=[3])")
+    seeds = tree.seed.values
+    if seeds.dtype != np.int64 or not seeds.size or seeds.min() < 0 or len(np.unique(seeds)) < len(seeds):
+        raise ValueError("its seeds must be one or several different integers")
+    complete = {"time": scene.times, "component": np.array(["x", "y"]), "disk": np.arange(scene.particles)}
+    for node in tree.subtree:
+        for dim, values in complete.items():
+            if dim in node.coords and not np.array_equal(node.coords[dim].values, values):
+                raise ValueError(f"of {dim} it must hold all {len(values)} in order; select from the analysis instead")
+    if "position" in tree:
+        if not np.isfinite(tree.position.transpose("seed", ...).values[tree.failed.values == 0]).all():
+            raise ValueError("holds positions that are not finite in a run that did not fail")
+        if scene.box.periodic and "image" not in tree:
+            raise ValueError("lacks image, which a periodic box needs")

@@ -12,7 +12,7 @@ from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
-from brownpipe.storage import made_by, origin_attributes
+from brownpipe.storage.origin import made_by, origin_attributes
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import compare
 from brownpipe.tradeoff.front import REFERENCE_NAME, pareto_front, settings_of

@@ -36,7 +36,7 @@ def aggregate(arguments: Namespace) -> None:
     other seeds, another scene or engine, or other records than the study asks for is refused by name.
     """
     from brownpipe import analysis, progress
-    from brownpipe.storage import write_dataset
+    from brownpipe.storage.datasets import write_dataset
     from brownpipe.study.run_sets import files_of
 
     _refuse_together(arguments)

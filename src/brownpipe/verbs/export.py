@@ -29,14 +29,15 @@ def export(arguments: Namespace) -> None:
     digit. Unwrapped positions in a periodic box are position + image * (width, height).
     """
     from brownpipe.scene.seeds import seed_text
-    from brownpipe.storage import read_trajectories
     from brownpipe.storage.export import export as exported
+    from brownpipe.storage.trajectories import read_trajectories
 
     kind = f".{arguments.to}"
     output = writable(arguments.output or f"{Path(arguments.file).stem}{kind}", arguments.file, suffixes=(kind,))
-    written = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
-    for remark in written.remarks:
+    tracks, remarks = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
+    for remark in remarks:
         say(f"{output}: {remark}", DONE)
-    runs = f"{'seed' if len(written.seeds) == 1 else 'seeds'} {seed_text(written.seeds)}"
-    contents = f"{counted(written.samples, 'sample')} of {counted(written.disks, 'disk')}"
-    show(f"{output}: {runs}: {contents}, {in_bytes(Path(output).stat().st_size)}")
+    samples, disks = next(iter(tracks.values())).position.shape[:2]
+    runs = f"{'seed' if len(tracks) == 1 else 'seeds'} {seed_text(sorted(tracks))}"
+    size = in_bytes(Path(output).stat().st_size)
+    show(f"{output}: {runs}: {counted(samples, 'sample')} of {counted(disks, 'disk')}, {size}")

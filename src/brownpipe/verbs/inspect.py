@@ -37,7 +37,7 @@ def inspect(arguments: Namespace) -> int:
         return _failed(arguments.file, arguments.allow_failed)
 
     from brownpipe import inspection
-    from brownpipe.inspection import products
+    from brownpipe.inspection import results
 
     if arguments.reproduce:
         return _reproduce(arguments)
@@ -45,8 +45,8 @@ def inspect(arguments: Namespace) -> int:
         lines = inspection.scene_text(arguments.file).splitlines()
     elif arguments.variables:
         lines = inspection.variables(arguments.file).split("\n")
-    elif arguments.seed is None and Path(arguments.file).suffix.lower() in products.SUFFIXES:
-        lines = products.describe_product(arguments.file)
+    elif arguments.seed is None and Path(arguments.file).suffix.lower() in results.PRODUCTS:
+        lines = results.describe_product(arguments.file)
     else:
         lines = inspection.report(arguments.file, arguments.seed).split("\n")
     show(*lines)

@@ -11,7 +11,7 @@ from brownpipe.verbs.output import PAGE, show, suffix, writable
 from brownpipe.verbs.values import add_seed, typed
 
 if TYPE_CHECKING:
-    from brownpipe.storage import Trajectories
+    from brownpipe.storage.trajectories import Trajectories
 
 EXAMPLE = "seed17.h5 --output seed17.gif"
 FPS = 25.0  # frames a second
@@ -34,7 +34,8 @@ def movie(arguments: Namespace) -> None:
     end of the run. The page (HTML) replays the run from collision to collision, and needs no other file.
     """
     from brownpipe.figures.movie import SUFFIXES
-    from brownpipe.storage import read_trajectories, write_file
+    from brownpipe.storage.files import write_file
+    from brownpipe.storage.trajectories import read_trajectories
 
     output = arguments.output or f"{Path(arguments.file).stem}.gif"
     output = writable(output, arguments.file, suffixes=(*SUFFIXES, *PAGE))

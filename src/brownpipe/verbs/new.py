@@ -25,7 +25,7 @@ def new(arguments: Namespace) -> None:
     They run as they are, in half a minute: a heavy disk among 199 and among 399 light ones, 300 runs each.
     """
     from brownpipe.scene.reading import Name, validated
-    from brownpipe.storage import write_file
+    from brownpipe.storage.files import write_file
     from brownpipe.study.workflow import pipeline_folder
 
     name = arguments.name.removesuffix(".yaml")

@@ -86,7 +86,8 @@ def simulate(arguments: Namespace) -> int:
     refuse_if_too_large(output, len(seeds) * cost.recorded)
 
     from brownpipe import progress
-    from brownpipe.storage import remove_checkpoint, write_trajectories
+    from brownpipe.storage.checkpoints import remove_checkpoint
+    from brownpipe.storage.trajectories import write_trajectories
 
     for remark in filter(None, (engine.definition.caution(scene), growth_caution(scene, len(seeds)))):
         say(remark, DONE)
@@ -137,7 +138,7 @@ def _checkpoints(
     from brownpipe.engines.exact.checkpoint import Checkpoints
     from brownpipe.provenance import made_with
     from brownpipe.scene.seeds import seed_text
-    from brownpipe.storage import read_checkpoint, write_checkpoint
+    from brownpipe.storage.checkpoints import read_checkpoint, write_checkpoint
 
     options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
     options |= {"observables": ",".join(arguments.observables) or "none", "average": arguments.average}

@@ -30,7 +30,7 @@ def tradeoff(arguments: Namespace) -> None:
     """
     from brownpipe import progress
     from brownpipe import tradeoff as comparison
-    from brownpipe.storage import write_dataset
+    from brownpipe.storage.datasets import write_dataset
     from brownpipe.study.run_sets import files_of
 
     study = study_of(arguments)

@@ -105,7 +105,7 @@ def study_of(arguments: Namespace) -> "Study":
 
 def list_runs(study: "Study", arguments: Namespace) -> None:
     """Write the list of runs of a study, if that is asked for."""
-    from brownpipe.storage import write_file
+    from brownpipe.storage.files import write_file
     from brownpipe.study.run_sets import listed_runs
 
     if arguments.list_runs is not None:
