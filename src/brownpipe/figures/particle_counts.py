@@ -2,7 +2,6 @@
 
 from itertools import cycle
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pandas import DataFrame
@@ -10,18 +9,16 @@ from xarray import Dataset
 
 from brownpipe.figures.cases import by_series, early_mark, fits_of, over_time
 from brownpipe.figures.style import GREY, SERIES, apart, band, grid, heads, highest, points, shades
-from brownpipe.figures.tables import PARTS, label_of
+from brownpipe.figures.tables import frame_of
 
-HEADROOM = 1.05  # upper end of a vertical axis over the largest value
 APART = 0.065  # least distance of two labels beside a panel, as a fraction of the axis
-DIGIT = 0.024  # width of a digit below the horizontal axis, as a fraction of the axis
 
 
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one row per scene and engine: MSD(t) for every particle count, and D by fit window against the count."""
     series = by_series(cases)
     figure, axes = grid(len(series), 2, 4.8, 3.6, sharex="col", sharey="col")
-    top = HEADROOM * highest(cases, "msd") or 1.0
+    top = 1.05 * highest(cases, "msd") or 1.0
     for (name, of_series), (left, right) in zip(series.items(), axes, strict=True):
         _curves(left, [over_time(case) for case in of_series], top)
         _diffusion(right, of_series)
@@ -32,8 +29,7 @@ def draw(cases: list[Dataset]) -> Figure:
     axes[-1, 1].set_xlabel("number of disks $N$")
     axes[0, 0].set_xlim(0, max(float(over_time(case).time[-1]) for case in cases))
     axes[0, 0].set_ylim(0, top)
-    axes[0, 1].set_ylim(*_extent(cases))
-    _name_counts(axes[0, 1], sorted({case.particles.item() for case in cases}))
+    axes[0, 1].set_xlim(0, 1.05 * max(case.particles.item() for case in cases))
     return figure
 
 
@@ -56,33 +52,7 @@ def _diffusion(axes: Axes, cases: list[Dataset]) -> None:
         points(axes, counts, fits, "diffusion_coefficient", color=colour, fmt=marker, label=f"window {window}{mark}")
 
 
-def _extent(cases: list[Dataset]) -> tuple[float, float]:
-    """Limits of the axis of D: they contain 0 and the 95 % intervals of all windows."""
-    fits = [fit for case in cases for fit in fits_of(case)]
-    d = [float(fit[f"diffusion_coefficient{part}"]) for fit in fits for part in ("", "_low", "_high")]
-    low, high = np.nanmin([0.0, *d]), np.nanmax([0.0, *d])
-    margin = (HEADROOM - 1) * (high - low) or 1.0
-    return low - margin * (low < 0), high + margin
-
-
-def _name_counts(axes: Axes, counts: list[int]) -> None:
-    """Put a tick at every count, and a label unless it would touch the label before."""
-    low, high = axes.get_xlim()
-    labels, free = [], -np.inf
-    for count in counts:
-        half = DIGIT * (len(f"{count}") + 1) / 2 * (high - low)
-        labels.append(f"{count}" if count - half >= free else "")
-        free = count + half if labels[-1] else free
-    axes.set_xticks(counts, labels)
-
-
 def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and fit window: D, empty where no line could be fitted, and the MSD at the end."""
-    of_fit = ["packing_fraction", "window_start", "window_end", *(f"diffusion_coefficient{part}" for part in PARTS)]
-    of_end = ["time", *(f"msd{part}" for part in PARTS)]
-    rows = []
-    for case in map(over_time, cases):
-        end = {name: case[name].values[-1] for name in of_end}
-        for fit in (case.isel(window=k) for k in range(case.sizes["window"])):
-            rows.append(label_of(case) | {name: fit[name].item() for name in of_fit} | end)
-    return DataFrame(rows)
+    """Return one row per case and fit window: the MSD at the end and, unless no line could be fitted anywhere, D."""
+    names = ("packing_fraction", "window_start", "window_end", "diffusion_coefficient", "time", "msd")
+    return frame_of([over_time(case).isel(time=-1) for case in cases], ("window",), names).drop(columns="window")

@@ -51,16 +51,9 @@ def draw(cases: list[Dataset]) -> Figure:
         for case, (main, low) in zip(cases, axes[2 * k : 2 * k + 2].T, strict=True):
             _density(main, low, case, name)
             low.set_xlabel(SHOWN[name].label)
-        axes[2 * k, 0].set_ylim(0, _top(cases, name))
+        axes[2 * k, 0].set_ylim(bottom=0)
         heads(axes[2 * k], [f"{title_of(case)}: {SHOWN[name].name}" for case in cases])
     return figure
-
-
-def _top(cases: list[Dataset], name: str) -> float:
-    """Upper end of the vertical axis that all cases share."""
-    measured = max(float(case[name].max()) for case in cases if has(case, name))
-    expected = max(_expected(case[SHOWN[name].dim].values, name)[1].max() for case in cases)
-    return max(1.15 * expected, 1.05 * measured)
 
 
 def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
