@@ -50,8 +50,9 @@ def draw(cases: list[Dataset]) -> Figure:
 
 def _name(case: Dataset) -> str:
     """The title of a case with the number of its failed runs, to be wrapped between its parts."""
-    failed = f" ({int(case.failed_runs)} failed)" if case.failed_runs else ""
-    return f"{title_of(case)}{failed}".replace(" = ", "\u00a0=\u00a0")
+    failed = int(case.failed_runs)
+    counted = f" ({failed} of {int(case.runs) + failed} failed)" if failed else ""
+    return f"{title_of(case)}{counted}".replace(" = ", "\u00a0=\u00a0")
 
 
 def _quantiles(case: Dataset, name: str) -> np.ndarray:
