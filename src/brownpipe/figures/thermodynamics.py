@@ -45,9 +45,12 @@ def draw(cases: list[Dataset]) -> Figure:
         series = by_series(measured)
         for (label, of_series), looks in zip(series.items(), cycle(LOOKS), strict=False):
             points(main, _densities(of_series), of_series, name, label=label, **looks)
-        main.axhline(1.0 if name == Z else 0.0, color=GREY, linewidth=0.8)  # of the ideal gas
+        if name == Z:
+            main.axhline(1, color=GREY, linewidth=0.8)  # of the ideal gas
         main.margins(x=0.15, y=0.12)
-        main.set(xlim=np.maximum(main.get_xlim(), 0), ylim=main.get_ylim(), ylabel=PANELS[name][0])
+        low_end, high_end = main.get_ylim()
+        ends = (0 if name != Z and 2 * low_end < high_end else low_end, high_end)
+        main.set(xlim=np.maximum(main.get_xlim(), 0), ylim=ends, ylabel=PANELS[name][0])
         compared = [case for case in measured if np.isfinite(_expected(case, name))]
         for panel in low:
             _deviations(panel, series, name)

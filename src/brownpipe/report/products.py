@@ -35,14 +35,9 @@ def read(path: str | Path, names: Sequence[str] | None = None, particles: int | 
 
 
 def write(
-    dataset: Dataset,
-    folder: str | Path,
-    record: Record,
-    names: Sequence[str] | None = None,
-    page: str | Path | None = None,
-    cores: int = 1,
+    dataset: Dataset, folder: str | Path, record: Record, page: str | Path | None = None, cores: int = 1
 ) -> list[Path]:
-    """Write the products of a record into a folder; of the figures only `names`, if given. Return the paths.
+    """Write the products of a dataset, with the options in their record, into a folder. Return the paths.
 
     page: file of the page with all of them. cores: on which figures of a study are drawn at the same time. No file is
     replaced before all are written; then what an earlier drawing made here is removed if it was not drawn again. Raises
@@ -55,7 +50,7 @@ def write(
         tables, page_of = {"tradeoff": tradeoff.table(dataset)}, page_of_tradeoff
         name, text = "tradeoff.txt", tradeoff.summary(dataset)
     else:
-        cases = render.cases_shown(dataset, record["particles"], names or record["figures"])
+        cases = render.cases_shown(dataset, record["particles"], record["figures"])
         drawings = calculated(partial(render.drawn, cases, metadata(record)), [*cases], "figures", cores)
         tables = {one.name: one.table for one in drawings} | {"summary": summary_table(dataset)}
         page_of = page_of_study
