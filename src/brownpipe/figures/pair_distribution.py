@@ -68,11 +68,9 @@ def _width(case: Dataset) -> float:
 
 def _bins_to_pool(case: Dataset, contact: float) -> int:
     """How many neighbouring bins to pool: the error of independent counts falls as one over the root of the number."""
-    if f"{NAME}_standard_error" not in case or case.sizes["distance"] < 2:
-        return 1
     filled = case.isel(distance=case[NAME].values > 0)
     error = float((filled[f"{NAME}_standard_error"] / filled[NAME]).median())
-    if not error > LARGEST_ERROR:
+    if case.sizes["distance"] < 2 or not error > LARGEST_ERROR:
         return 1
     return max(1, min(int(np.ceil((error / LARGEST_ERROR) ** 2)), int(WIDEST * contact / _width(case))))
 

@@ -48,13 +48,12 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     end = max((exact.spread / LEAST_ERROR) ** 2 * exact.seconds, *(3 * interval.start for interval in front))
     times = np.geomspace(FEWEST_RUNS * min(setting.seconds for setting in settings), end, POINTS)
     figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
-    coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
-    colours = dict(zip(coloured, COLOURS * 9, strict=False))
+    colours = dict(zip(dict.fromkeys(["exact", *(interval.label for interval in front)]), COLOURS * 9, strict=False))
     for setting in settings:
         bound = _unresolved_bound(dataset.sel(scene=scene, setting=setting.label))
         _line(axes, times, setting, bound, colours.get(setting.label, GREY))
     for interval in front:  # in bold, while it is on the Pareto front
-        best = next(setting for setting in settings if setting.label == interval.label)
+        (best,) = (setting for setting in settings if setting.label == interval.label)
         start, end = np.clip([interval.start, interval.end], times[0], times[-1])
         inside = np.geomspace(start, end, POINTS)
         looks: dict[str, Any] = {"color": colours[best.label], "linewidth": 4.0, "solid_capstyle": "round"}
