@@ -18,7 +18,7 @@ RECORD = {"figures": None, "particles": None, "made_by": {}, "dataset": {"sha256
 
 def render(dataset, folder, names=None, particles=None):
     """Write the products of a dataset, of the figures only `names` if given, into a folder; return the paths."""
-    return write(dataset, folder, RECORD | {"particles": particles}, names)
+    return write(dataset, folder, RECORD | {"figures": names, "particles": particles})
 
 
 def with_measures(dataset):

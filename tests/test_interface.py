@@ -17,7 +17,7 @@ import brownpipe as bp
 from brownpipe.cli import main
 from brownpipe.engines.exact import recording
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
-from brownpipe.figures.summary import legend_of_estimates
+from brownpipe.figures.summary import answer
 from synthetic import render
 
 SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
@@ -112,7 +112,7 @@ def test_a_dataset_says_whose_displacement_it_is(average, whose):
     runs = bp.simulate(scene, 2, observables=["square_displacement"], average=average, quiet=True)
     result = bp.analyse(runs, quiet=True)
     assert result.attrs["msd_of"] == whose
-    assert f"MSD: mean squared displacement of {whose}." in "\n".join(legend_of_estimates(result))
+    assert f"MSD: mean squared displacement of {whose}." in "\n".join(answer(result).legend)
     assert (
         result.msd.long_name
         == "mean squared displacement of the tracer (where measured over disks, of all disks equal to it)"

@@ -27,7 +27,6 @@ from brownpipe.figures.render import Drawing, drawing_of
 from brownpipe.figures.style import drawing, grid
 from brownpipe.figures.summary import answer
 from brownpipe.report import page
-from brownpipe.report import study as study_page
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from ensembles import make_runs, make_scene, study, write
 
@@ -193,7 +192,7 @@ def test_names_of_others_are_escaped(results, tmp_path):
         shown = drawing_of("msd", figure, DataFrame({hostile: [hostile], "b": [1.0]}), {})
     origins = [{"command": hostile, "seeds": hostile}]
     record = {"made_by": {"x_version": hostile}, "dataset": {"sha256": hostile, "made_from": origins}}
-    made = study_page.page(dataset, [shown], record)
+    made = page.page_of_study(dataset, [shown], record)
     text = made.decode()
     elements = check(text)
     assert len(elements.named("img")) == 1 and "onerror" not in elements.named("img")[0][0]
@@ -206,7 +205,7 @@ def test_a_long_table_is_cut(results):
     rows = 100_000
     table = DataFrame({"scene": "a", "N": range(rows), "x": np.arange(rows) / 7, "y": np.nan})
     drawing = Drawing("msd", {"svg": SVG}, table)
-    text = study_page.page(read_dataset(results / "s.nc"), [drawing], RECORD).decode()
+    text = page.page_of_study(read_dataset(results / "s.nc"), [drawing], RECORD).decode()
     assert f"the first {page.MOST_ROWS} of 100,000 rows" in text and len(text) < 200_000
     shown = text.partition("The numbers")[2].partition("</table>")[0]
     assert shown.count("<tr>") == 1 + page.MOST_ROWS and ">0.142857<" in shown and ">nan<" not in shown

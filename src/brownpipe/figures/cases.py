@@ -17,7 +17,7 @@ from brownpipe.engines.friction import window_caution
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from xarray import DataArray, Dataset
+    from xarray import Dataset
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
@@ -75,9 +75,7 @@ def over_time(case: Dataset, name: str = "msd") -> Dataset:
 
 def defined(case: Dataset, name: str, dim: str) -> Dataset:
     """Return the case restricted along `dim` to the points where `name` has a value."""
-    values: DataArray = np.isfinite(case[name])  # type: ignore[assignment]  # an array in NumPy's stubs
-    kept = values.any([other for other in values.dims if other != dim]).values
-    return case if kept.all() else case.isel({dim: kept})
+    return case.dropna(dim, how="all", subset=[name])
 
 
 def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:

@@ -48,12 +48,10 @@ def draw(cases: list[Dataset]) -> Figure:
 
 def _verdicts(case: Dataset) -> str:
     """The verdict on every model that is shown, the power of the first test, and the kurtosis, in wrapped lines."""
-    lines, models = [], _models(case)
-    for source, model in models.items():
-        name = SOURCES[source] if source == "square" else f"eq. (18) with {SOURCES[source]}"
-        lines.append(f"{name}: {_verdict(model)}")
-    first = next(iter(models.values()), None)
-    if first is not None and np.isfinite(first.p_value):
+    models = _models(case)
+    names = {source: name if source == "square" else f"eq. (18) with {name}" for source, name in SOURCES.items()}
+    lines = [f"{names[source]}: {_verdict(model)}" for source, model in models.items()]
+    for first in (model for model in [*models.values()][:1] if np.isfinite(model.p_value)):
         power = 100 * first.power_5_percent.item()
         lines.append(f"power: rings reject a D off by 5 % with probability {power:.0f} %")
     if np.isfinite(case.kurtosis):

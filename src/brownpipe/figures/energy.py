@@ -5,13 +5,12 @@ In equilibrium all species have the same, kT in two dimensions (equipartition); 
 
 from itertools import cycle
 
-import numpy as np
 from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.figures.cases import has, over_time, parts_of, plus_minus, title_of
-from brownpipe.figures.style import DOTTED, INK, SERIES, band, columns, heads, time_axis
+from brownpipe.figures.style import DOTTED, INK, SERIES, band, columns, heads, highest, time_axis
 from brownpipe.figures.tables import frame_of
 
 NAME = "species_energy"
@@ -29,15 +28,10 @@ def draw(cases: list[Dataset]) -> Figure:
             mean = float(case.kinetic_temperature)
             panel.axhline(mean, color=INK, linestyle=DOTTED, label=f"equipartition, $kT$ = {mean:.4g}")
         time_axis(panel, case.time.values)
-    axes[0, 0].set_ylim(0, max(_top(case) for case in cases) or 1.0)
+    mean = max(float(case[NAME].max()) for case in cases)
+    axes[0, 0].set_ylim(0, min(1.05 * highest(cases, NAME), 1.5 * mean) or 1.0)  # above the bands, unless very wide
     heads(axes[0], map(title_of, cases))
     return figure
-
-
-def _top(case: Dataset) -> float:
-    """Upper end of the axis: above the band, unless the band is very wide."""
-    mean = float(case[NAME].max())
-    return float(np.fmin(1.05 * np.fmax(case[f"{NAME}_high"].max(), mean), 1.5 * mean))
 
 
 def table(cases: list[Dataset]) -> DataFrame:

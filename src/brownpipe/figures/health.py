@@ -8,11 +8,9 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.analysis.variables import FAILED
 from brownpipe.figures.cases import title_of
 from brownpipe.figures.style import DASHED, DATA, FIT, grid
 from brownpipe.figures.tables import label_of
-from brownpipe.scene.seeds import brief_seed_text
 
 MEASURES = {
     "energy_drift": ("relative energy drift", 1e-13),
@@ -23,21 +21,15 @@ LEFT_END = 1e-17  # left end of the axis, where smaller values and zeros are dra
 WIDTH = 3.6  # of a panel, with its share of the labels beside the panels [inch]
 LABEL = 32  # characters of a line of such a label
 LINE = 0.16  # height of a line of text [inch]
-HEADING = 130  # characters of a line above the panels
-MOST_LINES = 8  # of cases with failed runs
 QUANTILES = {"least": 0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1}
 THICK: dict[str, Any] = {"linewidth": 6, "alpha": 0.45, "solid_capstyle": "butt"}
 
 
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one panel per measure, one line per case: all runs (thin), the central 90 % (thick), the median (dot)."""
-    words = "dot: median; thick: central 90 % of the runs; thin: all runs"
-    lines = [f"{words}; values below {LEFT_END:g} are drawn at {LEFT_END:g}", *failed_of(cases)]
-    lines = [part for line in lines for part in textwrap.wrap(line, HEADING)]
-    labels = [textwrap.fill(title_of(case).replace(" = ", "\u00a0=\u00a0"), LABEL) for case in cases]
+    labels = [textwrap.fill(_name(case), LABEL) for case in cases]
     each = 0.28 + LINE * max(label.count("\n") for label in labels)
-    height = 1.4 + each * len(cases) + LINE * len(lines)
-    figure, axes = grid(1, len(MEASURES), WIDTH, height, sharex=True, sharey=True)
+    figure, axes = grid(1, len(MEASURES), WIDTH, 1.56 + each * len(cases), sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         for row, case in enumerate(cases):
             least, low, middle, high, greatest = np.maximum(_quantiles(case, name), LEFT_END)
@@ -48,23 +40,19 @@ def draw(cases: list[Dataset]) -> Figure:
         panel.set_title(f"expected below {bound:g}", color=FIT, loc="right", fontsize=10, fontweight="normal")
         panel.set(xscale="log", xlabel=label)
         panel.minorticks_off()
-    figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=9, linespacing=1.4)
+    key = "dot: median; thick: central 90 % of the runs; thin: all runs; values below"
+    figure.suptitle(f"{key} {LEFT_END:g} are drawn at {LEFT_END:g}", x=0.01, ha="left", fontsize=9)
     axes[0, 0].set_yticks(range(len(cases)), labels)
     axes[0, 0].set_ylim(len(cases) - 0.4, -0.6)
     axes[0, 0].tick_params(axis="y", length=0)
     return figure
 
 
-def failed_of(cases: list[Dataset]) -> list[str]:
-    """Return a line for each case with failed runs: how many, and their seeds."""
-    lines = []
-    for case in cases:
-        seeds = case.seed.values[case.run_status.values == FAILED]
-        if seeds.size:
-            runs = int(case.runs) + seeds.size
-            lines.append(f"{title_of(case)}: {seeds.size} of {runs} runs failed: seeds {brief_seed_text(seeds)}")
-    more = len(lines) - MOST_LINES
-    return lines if more <= 0 else [*lines[:MOST_LINES], f"and runs of {more} other cases"]
+def _name(case: Dataset) -> str:
+    """The title of a case with the number of its failed runs, to be wrapped between its parts."""
+    failed = int(case.failed_runs)
+    counted = f" ({failed} of {int(case.runs) + failed} failed)" if failed else ""
+    return f"{title_of(case)}{counted}".replace(" = ", "\u00a0=\u00a0")
 
 
 def _quantiles(case: Dataset, name: str) -> np.ndarray:

@@ -49,7 +49,7 @@ def _linear(axes: Axes, case: Dataset, top: float) -> None:
     every = -(-t.size // MOST_DOTS)
     band(axes, case, "msd", DATA, linestyle="", marker="o", markersize=3, markevery=every, label=label)
     for fit in fits_of(case)[:1]:
-        _line(axes, fit, end)
+        _line(axes, fit)
     _models(axes, case, np.linspace(0, end, 201), 0.0, top)
     axes.set_xlim(0, 1.01 * end)
 
@@ -67,16 +67,13 @@ def _models(axes: Axes, case: Dataset, t: np.ndarray, low: float, high: float) -
         axes.plot(t[seen], ballistic[seen], color=GREY, linestyle=DOTTED, label=label)
 
 
-def _line(axes: Axes, fit: Dataset, end: float) -> None:
+def _line(axes: Axes, fit: Dataset) -> None:
     """Draw the least-squares line, strong in its window and thin outside."""
-    slope = float(fit.slope)
-    intercept = float(fit.intercept)
+    slope, intercept = float(fit.slope), float(fit.intercept)
     window = np.array([float(fit.window_start), float(fit.window_end)])
-    label = (
-        f"least squares over {fit.window.item()}: slope {plus_minus(slope, fit.slope_standard_error)}{early_mark(fit)}"
-    )
-    whole = np.array([max(0.0, -intercept / slope) if slope > 0 else 0.0, end])
-    axes.plot(whole, intercept + slope * whole, color=FIT, linewidth=0.7)
+    value = plus_minus(slope, fit.slope_standard_error) + early_mark(fit)
+    label = f"least squares over {fit.window.item()}: slope {value}"
+    axes.axline((0, intercept), slope=slope, color=FIT, linewidth=0.7)
     axes.plot(window, intercept + slope * window, color=FIT, linewidth=1.5, label=label)
 
 

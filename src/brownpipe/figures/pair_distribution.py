@@ -23,22 +23,13 @@ WIDEST = 0.25  # width of a pooled bin, in contact distances
 
 
 def draw(cases: list[Dataset]) -> Figure:
-    """Draw one panel per case and pair of species: g(r) with its 95 % band, and its values at contact.
-
-    If all cases have equally many pairs, each case has a column; otherwise the panels follow each other.
-    """
-    stacks = [parts_of(case, "species_pair", NAME) for case in cases]
-    if len(set(map(len, stacks))) > 1:
-        stacks = [[part] for parts in stacks for part in parts]
-    rows = list(zip(*stacks, strict=True))
-    labels = ["pair distribution function $g(r)$"] * len(rows)
-    figure, axes = columns(labels, len(stacks), [3.6] * len(rows), sharey=False)
-    for panels, row in zip(axes, rows, strict=True):
-        for panel, part in zip(panels, row, strict=True):
-            _panel(panel, defined(part, NAME, "distance"))
-        heads(panels, [f"{title_of(part)}: {part.species_pair.item()}" for part in row])
-    for panel in axes[-1]:
+    """Draw one panel per case and pair of species: g(r) with its 95 % band, and its values at contact."""
+    parts = [part for case in cases for part in parts_of(case, "species_pair", NAME)]
+    figure, (panels,) = columns(["pair distribution function $g(r)$"], len(parts), [3.6], sharey=False)
+    for panel, part in zip(panels, parts, strict=True):
+        _panel(panel, defined(part, NAME, "distance"))
         panel.set_xlabel("centre-to-centre distance $r$")
+    heads(panels, [f"{title_of(part)}: {part.species_pair.item()}" for part in parts])
     return figure
 
 
@@ -77,11 +68,9 @@ def _width(case: Dataset) -> float:
 
 def _bins_to_pool(case: Dataset, contact: float) -> int:
     """How many neighbouring bins to pool: the error of independent counts falls as one over the root of the number."""
-    if f"{NAME}_standard_error" not in case or case.sizes["distance"] < 2:
-        return 1
     filled = case.isel(distance=case[NAME].values > 0)
     error = float((filled[f"{NAME}_standard_error"] / filled[NAME]).median())
-    if not error > LARGEST_ERROR:
+    if case.sizes["distance"] < 2 or not error > LARGEST_ERROR:
         return 1
     return max(1, min(int(np.ceil((error / LARGEST_ERROR) ** 2)), int(WIDEST * contact / _width(case))))
 

@@ -14,6 +14,7 @@ from brownpipe.figures.style import drawing, image_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+    from types import ModuleType
 
     from matplotlib.figure import Figure
     from pandas import DataFrame
@@ -30,8 +31,7 @@ class Drawing(NamedTuple):
 
 def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], name: str) -> Drawing:
     """Draw the figure of this name with these metadata; `shown` are the cases of each figure (`cases_shown`)."""
-    module = import_module(f"brownpipe.figures.{name}")
-    with drawing(), _naming(name):
+    with _module(name) as module:
         return drawing_of(name, module.draw(shown[name]), module.table(shown[name]), metadata)
 
 
@@ -43,15 +43,19 @@ def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[st
 def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
     """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
     shown = cases_shown(dataset, particles, [name])
-    with drawing(), _naming(name):
-        return import_module(f"brownpipe.figures.{name}").draw(shown[name])
+    with _module(name) as module:
+        return module.draw(shown[name])
 
 
 @contextmanager
-def _naming(name: str) -> Iterator[None]:
-    """Raise FigureError for a variable that the dataset lacks, in words of xarray: KeyError or AttributeError."""
+def _module(name: str) -> Iterator[ModuleType]:
+    """Yield the module of a figure in the style of all figures.
+
+    Raise FigureError for a variable that the dataset lacks, in words of xarray: KeyError or AttributeError.
+    """
     try:
-        yield
+        with drawing():
+            yield import_module(f"brownpipe.figures.{name}")
     except (AttributeError, KeyError) as error:
         found = re.search(r"(?:'Dataset' object has no attribute|No variable named) '(\w+)'", str(error))
         if found is None:

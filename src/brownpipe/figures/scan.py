@@ -12,7 +12,7 @@ from xarray import Dataset
 from brownpipe.analysis.varied import labels_of_cases
 from brownpipe.figures.cases import axis_of, differs, early_mark, fits_of, has, over_time
 from brownpipe.figures.style import DASHED, SERIES, WIDTH, grid, heads, log_axis, points
-from brownpipe.figures.tables import PARTS, label_of
+from brownpipe.figures.tables import PARTS, frame_of
 
 LOGARITHMIC = 30.0  # ratio of the largest value to the smallest, beyond which an axis is logarithmic
 MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
@@ -102,35 +102,27 @@ def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and fit window: D and the quantities of the case, theory, and differences.
 
     A difference is that from the case before along the axis, whose runs with the same seeds begin alike: its standard
-    error is that of the mean difference of these pairs of runs.
+    error is that of the mean difference of these pairs of runs. That of D is in the first window.
     """
-    axis, rows = axis_of(cases), []
+    axis, ends = axis_of(cases), []
     for series in series_of(cases, axis).values():
         for before, case in pairwise([None, *series]):
-            at_end = over_time(case).isel(time=-1)
-            of_case = {
-                f"{name}{part}": float(at_end[f"{name}{part}"])
-                for name in PANELS
-                if name != D and has(case, name)
-                for part in PARTS
-                if f"{name}{part}" in case
-            }
-            of_case |= {theory: float(case[theory]) for _, _, theory in PANELS.values() if theory and has(case, theory)}
-            of_case |= _differences(before, case)
-            for fit in (case.isel(window=k) for k in range(case.sizes["window"])):
-                window = {name: fit[name].item() for name in ("window_start", "window_end")}
-                rows.append(
-                    label_of(case) | window | {f"{D}{part}": fit[f"{D}{part}"].item() for part in PARTS} | of_case
-                )
-    return DataFrame(rows)
+            ends.append(over_time(case).isel(time=-1).assign(_differences(before, case)))
+    differences = [f"{name}_difference" for name in OF_RUNS]
+    theory = [expected for _, _, expected in PANELS.values() if expected]
+    names = ("packing_fraction", "window_start", "window_end", *PANELS, *theory, *differences)
+    return frame_of(ends, ("window",), names).drop(columns="window")
 
 
 def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
     """Return the differences of means from the case before, over runs with the same seeds, and their errors."""
     found: dict[str, float] = {}
     for name, of_runs in OF_RUNS.items():
-        if before is not None and has(case, of_runs) and has(before, of_runs):
-            pairs = (case[of_runs] - before[of_runs]).dropna("seed").values
-            error = pairs.std(ddof=1) / np.sqrt(len(pairs)) if len(pairs) > 1 else np.nan
-            found |= {f"{name}_difference": pairs.mean(), f"{name}_difference_standard_error": error}
+        if of_runs in case:
+            other = case[of_runs] if before is None else before[of_runs]
+            pairs = (case[of_runs] - other).dropna("seed").values
+            enough = before is not None and len(pairs) > 1
+            error = pairs.std(ddof=1) / np.sqrt(len(pairs)) if enough else np.nan
+            found |= {f"{name}_difference": pairs.mean() if enough else np.nan}
+            found |= {f"{name}_difference_standard_error": error}
     return found

@@ -1,6 +1,7 @@
 """A picture of one whole run at one time: every disk to scale, the tracer in colour with its path so far."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -88,9 +89,8 @@ def shades_of(scene: Scene) -> np.ndarray:
 
 def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
     """The figure and the axes of the empty box, with solid sides for hard walls and dashed ones for a periodic box."""
-    scale = LONGER_SIDE / max(scene.box.width, scene.box.height)
-    width = scene.box.width * scale
-    height = scene.box.height * scale
+    sides = np.array([scene.box.width, scene.box.height])
+    width, height = LONGER_SIDE * sides / sides.max()
     entries = legend_entries(scene, shades)
     size = np.array([max(width, LEAST_WIDTH) + 2 * SIDE, height + BELOW + ABOVE + LINE * len(entries)])
     size = np.ceil(50 * size) / 50  # an even number of pixels at 100 per inch, as videos need
@@ -102,10 +102,10 @@ def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
         spine.set(visible=True, color=INK, linewidth=1.2 if scene.box.periodic else 2.5)
         spine.set_linestyle((0, (4, 3)) if scene.box.periodic else "-")
     figure.text(SIDE / size[0], 1 - 0.12 / size[1], title, fontsize=11, fontweight="bold", va="top")
-    colours = [(FACES[shade], DATA if shade == 0 else RIM) for shade, _ in entries]
-    marks = [Line2D([], [], linestyle="", marker="o", markersize=8, mfc=face, mec=rim) for face, rim in colours]
+    mark = partial(Line2D, [], [], linestyle="", marker="o", markersize=8)
+    marks = [mark(mfc=FACES[shade], mec=RIM if shade else DATA, label=text) for shade, text in entries]
     corner = {"bbox_to_anchor": (SIDE / size[0], 1 - 0.32 / size[1]), "borderpad": 0, "borderaxespad": 0}
-    figure.legend(marks, [text for _, text in entries], loc="upper left", handlelength=1, **corner)
+    figure.legend(handles=marks, loc="upper left", handlelength=1, **corner)
     _scale_bar(axes, scene.box, height)
     return figure, axes
 

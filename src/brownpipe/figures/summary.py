@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -72,23 +72,19 @@ def answer(dataset: Dataset) -> Answer:
     cases = cases_of(dataset)
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
-    rows = [("scene", "N", "engine", "runs", heading_of_msd(cases), "D", *TESTS)]
+    durations = {case.duration.item() for case in cases}
+    end = f"MSD(t = {durations.pop():g})" if len(durations) == 1 else "MSD at the end"
+    rows = [("scene", "N", "engine", "runs", end, "D", *TESTS)]
     for case, of_case, no in zip(cases, p, rejected, strict=True):
         names = (scene_of(case), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
-        rows.append((*names, *estimates_of(case), *map(_verdict, of_case, no)))
+        rows.append((*names, *_estimates(case), *map(_verdict, of_case, no)))
     tests = int(np.count_nonzero(np.isfinite(p)))
     hidden = {*(() if tests else TESTS), *(("engine",) if len({row[2] for row in rows}) == 2 else ())}  # one engine
     columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
     return Answer(columns, [*_legend(dataset, cases, tests)], [*missing_runs(cases)], [*drifting(cases)])
 
 
-def heading_of_msd(cases: list[Dataset]) -> str:
-    """Return the heading above the MSD of each case at the end of its runs."""
-    durations = {case.duration.item() for case in cases}
-    return f"MSD(t = {durations.pop():g})" if len(durations) == 1 else "MSD at the end"
-
-
-def estimates_of(case: Dataset) -> list[str]:
+def _estimates(case: Dataset) -> list[str]:
     """Return the MSD at the end and D in the first fit window with their standard errors; `-` where there is none.
 
     A star marks those of runs that drift, a ring a D whose fit window begins before motion is diffusive.
@@ -101,12 +97,6 @@ def estimates_of(case: Dataset) -> list[str]:
     return [msd, d + early_mark(case.isel(window=0))]
 
 
-def _early_fit(cases: Sequence[Dataset]) -> str | None:
-    """Return one line on cases whose first fit window begins before motion is diffusive; None if there are none."""
-    starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
-    return window_caution((cases[0].window_start.values[0], cases[0].window_end.values[0]), starts)
-
-
 def _p_values(case: Dataset) -> np.ndarray | list[float]:
     """The p-values (2,) of eq. (18) with either D, by rings and kurtosis together; NaN where there is no test."""
     return at_last_distribution(case).p_value_joint.values[: len(TESTS)] if has(case, "msd") else [np.nan] * len(TESTS)
@@ -117,8 +107,14 @@ def _verdict(p: float, rejected: bool) -> str:
 
 
 def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]:
-    """Lines that explain the columns."""
-    yield from legend_of_estimates(dataset)
+    """Lines that explain the columns, and the tests for equilibrium."""
+    whose = dataset.attrs.get("msd_of", "the tracer")
+    yield f"N: number of disks. MSD: mean squared displacement of {whose}. All in the scene's reduced units."
+    yield f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs."
+    starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
+    if caution := window_caution((dataset.window_start.values[0], dataset.window_end.values[0]), starts):
+        yield from textwrap.wrap(f"° {caution}.", LINE)
+    yield from _tests_of_equilibrium(cases)
     if tests:
         shown = [case for case in cases if has(case, "msd")]
         times = sorted({at_last_distribution(case).displacement_time.item() for case in shown})
@@ -128,17 +124,6 @@ def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]
         yield f"yes: rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm); no: not rejected."
         power = max(float(at_last_distribution(case).power_5_percent.max()) for case in shown)
         yield f"Power: by ring counts alone, a D wrong by 5% is rejected with a probability of at most {power:.0%}."
-
-
-def legend_of_estimates(dataset: Dataset) -> list[str]:
-    """Return the lines that explain N, MSD, D and their errors, and the tests for equilibrium."""
-    whose = dataset.attrs.get("msd_of", "the tracer")
-    return [
-        f"N: number of disks. MSD: mean squared displacement of {whose}. All in the scene's reduced units.",
-        f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs.",
-        *(textwrap.wrap(f"° {caution}.", LINE) if (caution := _early_fit(cases_of(dataset))) else []),
-        *_tests_of_equilibrium(cases_of(dataset)),
-    ]
 
 
 def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:

@@ -25,7 +25,6 @@ PANELS = {
     RATE: ("collisions per disk and unit time", "collision rate of all disks"),
     TRACER: ("collisions per unit time", "collision rate of the tracer"),
 }
-MARGIN = 0.12  # beyond the data, as a fraction of their range; at least 0.1 of the value, except for Z
 # Of the markers of the first, second, ... scene: 16 pairs of colour and shape
 LOOKS = [{"color": SERIES[k % 4][0], "fmt": SERIES[(k + k // 4) % 4][2]} for k in range(16)]
 
@@ -38,22 +37,26 @@ def draw(cases: list[Dataset]) -> Figure:
     names = [name for name in PANELS if any(has(case, name) for case in cases)]
     with_theory = any(np.isfinite(_expected(case, name)) for case in cases for name in names)
     legend = 0.19 * max(0, len(by_series(cases)) - 2)  # room for many series [inch]
-    if with_theory:
-        figure, axes = grid(2, len(names), WIDTH, (5.6 + legend) / 2, sharex="col", height_ratios=(2, 1))
-    else:
-        figure, axes = grid(1, len(names), WIDTH, 4.0 + legend)
+    heights = (3.73, 1.87) if with_theory else (4.0,)
+    height = (sum(heights) + legend) / len(heights)
+    figure, axes = grid(len(heights), len(names), WIDTH, height, sharex="col", height_ratios=heights)
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
-        ends = _horizontal(_densities(measured))
         series = by_series(measured)
-        _points(main, series, name)
+        for (label, of_series), looks in zip(series.items(), cycle(LOOKS), strict=False):
+            points(main, _densities(of_series), of_series, name, label=label, **looks)
+        if name == Z:
+            main.axhline(1, color=GREY, linewidth=0.8)  # of the ideal gas
+        main.margins(x=0.15, y=0.12)
+        low_end, high_end = main.get_ylim()
+        ends = (0 if name != Z and 2 * low_end < high_end else low_end, high_end)
+        main.set(xlim=np.maximum(main.get_xlim(), 0), ylim=ends, ylabel=PANELS[name][0])
         compared = [case for case in measured if np.isfinite(_expected(case, name))]
         for panel in low:
             _deviations(panel, series, name)
             panel.set_visible(bool(compared))
         if name == Z and any(has(case, "compressibility_rate") for case in compared):  # equal disks
-            _equations_of_state(main, low[0], ends)
-        main.set_xlim(*ends)
+            _equations_of_state(main, low[0], main.get_xlim())
         main.locator_params(axis="x", nbins=5)
         below = low[0] if compared else main
         below.set_xlabel("packing fraction $\\phi$")
@@ -62,27 +65,8 @@ def draw(cases: list[Dataset]) -> Figure:
     return figure
 
 
-def _horizontal(phi: list[float]) -> tuple[float, float]:
-    """Limits of the axis of packing fractions: from 0 if they differ by more than a factor of 2, else around them."""
-    margin = max(0.15 * (max(phi) - min(phi)), 0.08 * max(phi))
-    return (0.0 if 2 * min(phi) < max(phi) else min(phi) - margin), max(phi) + margin
-
-
 def _densities(cases: list[Dataset]) -> list[float]:
     return [float(case.packing_fraction) for case in cases]
-
-
-def _points(axes: Axes, series: dict[str, list[Dataset]], name: str) -> None:
-    """Draw the values of each series with their 95 % intervals, and set the limits of their axis."""
-    values = [1.0] if name == Z else []
-    for (label, cases), looks in zip(series.items(), cycle(LOOKS), strict=False):
-        points(axes, _densities(cases), cases, name, label=label, **looks)
-        values += [float(case[part]) for case in cases for part in (name, f"{name}_low", f"{name}_high")]
-        values += [_expected(case, name) for case in cases]
-    low, high = np.nanmin(values), np.nanmax(values)
-    margin = max(MARGIN * (high - low), 0.1 * abs(high) if name != Z else 0.02) or 1.0
-    axes.set_ylim(0 if name != Z and 0 <= 2 * low < high else low - margin, high + margin)
-    axes.set_ylabel(PANELS[name][0])
 
 
 def _deviations(axes: Axes, series: dict[str, list[Dataset]], name: str) -> None:

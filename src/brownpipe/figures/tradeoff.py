@@ -34,13 +34,8 @@ HEIGHT = 5.4  # least height of the figure [inch]
 FRAME = 1.3  # height of the figure outside the panel [inch]
 LABEL_DISTANCE = 13.5  # least distance of two labels [point]
 LABELS: dict[str, Any] = {"xycoords": "axes fraction", "va": "center", "fontsize": 8.5, "annotation_clip": False}
-LEADER = {
-    "arrowstyle": "-",
-    "linewidth": 0.6,
-    "relpos": (0, 0.5),
-    "shrinkA": 1,
-    "shrinkB": 0,
-}  # from a curve to its label
+# From a curve to its label
+LEADER = {"arrowstyle": "-", "linewidth": 0.6, "relpos": (0, 0.5), "shrinkA": 1, "shrinkB": 0}
 REMARK_LINE = 105  # characters
 POINTS = 400  # of a curve
 
@@ -53,13 +48,12 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     end = max((exact.spread / LEAST_ERROR) ** 2 * exact.seconds, *(3 * interval.start for interval in front))
     times = np.geomspace(FEWEST_RUNS * min(setting.seconds for setting in settings), end, POINTS)
     figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
-    coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
-    colours = dict(zip(coloured, COLOURS * 9, strict=False))
+    colours = dict(zip(dict.fromkeys(["exact", *(interval.label for interval in front)]), COLOURS * 9, strict=False))
     for setting in settings:
         bound = _unresolved_bound(dataset.sel(scene=scene, setting=setting.label))
         _line(axes, times, setting, bound, colours.get(setting.label, GREY))
     for interval in front:  # in bold, while it is on the Pareto front
-        best = next(setting for setting in settings if setting.label == interval.label)
+        (best,) = (setting for setting in settings if setting.label == interval.label)
         start, end = np.clip([interval.start, interval.end], times[0], times[-1])
         inside = np.geomspace(start, end, POINTS)
         looks: dict[str, Any] = {"color": colours[best.label], "linewidth": 4.0, "solid_capstyle": "round"}
@@ -132,7 +126,11 @@ def _measured(dataset: Dataset, scene: str) -> list[Dataset]:
 
 def summary(dataset: Dataset) -> str:
     """Return the trade-off as text: for every scene a table, and the settings that are not on the Pareto front."""
-    return "\n".join(in_lines(_of_scene(dataset, scene)) for scene in scenes_of(dataset)) + "\n" + REMARK
+    lines = []
+    for scene in scenes_of(dataset):
+        of_scene = [*aligned(columns_of(dataset, scene)), *off_front(dataset, scene)]
+        lines += [scene, *(f"  {line}" for line in of_scene), ""]
+    return in_lines(lines) + "\n" + REMARK
 
 
 REMARK = (
@@ -146,14 +144,6 @@ REMARK = (
 
 
 HEADER = ("setting", "runs", "ms/run", "cost", "MSD bias", "D bias", "distance", "g(contact)", "overlap", "departs")
-
-
-def _of_scene(dataset: Dataset, scene: str) -> Iterator[str]:
-    """The lines of one scene."""
-    yield scene
-    yield from (f"  {line}" for line in aligned(columns_of(dataset, scene)))
-    yield from (f"  {line}" for line in off_front(dataset, scene))
-    yield ""
 
 
 def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:

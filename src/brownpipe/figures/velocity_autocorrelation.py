@@ -26,38 +26,25 @@ def draw(cases: list[Dataset]) -> Figure:
     cases = [over_time(case, TRACER) for case in cases]
     curves = [{name: _normalised(case, name) for name in LOOKS if has(case, name)} for case in cases]
     figure, axes = columns((f"velocity autocorrelation\n{LABEL}", LABEL), len(cases), (3.85, 3.35))
-    for case, of_case, (main, low) in zip(cases, curves, axes.T, strict=True):
+    tails = [_resolved(of_case) for of_case in curves]
+    for case, of_case, tail, (main, low) in zip(cases, curves, tails, axes.T, strict=True):
         _decay(main, case, of_case)
-        _tail(main, low, of_case)
+        _tail(main, low, tail)
         times = case.time.values
         time_axis(main, times)
         log_axis(low, "x", times[times > 0][0], times[-1])
         low.set_xlabel("time $t$")
-    axes[0, 0].set_ylim(*_extent(curves))
-    log_axis(axes[1, 0], "y", *_tail_extent(curves))
+    log_axis(axes[1, 0], "y", *_tail_extent(tails))
     heads(axes[0], map(title_of, cases))
     return figure
 
 
-def _extent(curves: list[dict[str, Dataset]]) -> tuple[float, float]:
-    """Limits of the vertical axis that all cases share: they contain 0, 1, the curves and their bands."""
-    every = [curve for of_case in curves for curve in of_case.values()]
-    values = np.concatenate([part.values for curve in every for part in curve.values()])
-    low, high = min(0.0, np.nanmin(values)), max(1.0, np.nanmax(values))
-    return low - 0.05 * (high - low), high + 0.05 * (high - low)
-
-
-def _tail_extent(curves: list[dict[str, Dataset]]) -> tuple[float, float]:
+def _tail_extent(tails: list[dict[str, Dataset]]) -> tuple[float, float]:
     """Limits of the logarithmic axis that all cases share; bands that come close to 0 are cut off (TAIL)."""
-    low, high = [0.5], [1.2]
-    for of_case in curves:
-        for name, curve in of_case.items():
-            resolved = _resolved(curve, name)
-            if resolved.sizes["time"]:
-                end_of_band = float(resolved.get(f"{name}_low", resolved[name]).min())
-                low.append(max(end_of_band, float(resolved[name].min()) / TAIL))
-                high.append(float(np.nanmax(resolved.to_dataarray())))
-        high += list(_guide(of_case)[1])
+    low, high = [0.5], [1.2, *np.concatenate([_guide(of_case)[1] for of_case in tails])]
+    for name, tail in (named for of_case in tails for named in of_case.items()):
+        low.append(max(float(tail.get(f"{name}_low", tail[name]).min()), float(tail[name].min()) / TAIL))
+        high.append(float(np.nanmax(tail.to_dataarray())))
     return min(low) / 1.2, max(high) * 1.2
 
 
@@ -90,38 +77,37 @@ def _measured_rate(case: Dataset) -> str:
     return f": initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
 
 
-def _tail(main: Axes, axes: Axes, curves: dict[str, Dataset]) -> None:
+def _tail(main: Axes, axes: Axes, tails: dict[str, Dataset]) -> None:
     """Draw the decay on logarithmic axes as far as it is resolved, and the slope of the 1/t tail in two dimensions."""
-    for name, curve in curves.items():
+    for name, tail in tails.items():
         _, colour, line = LOOKS[name]
-        resolved = _resolved(curve, name)
-        band(axes, resolved, name, colour, linestyle=line)
-    guide = _guide(curves)
-    if guide[0].size:
+        band(axes, tail, name, colour, linestyle=line)
+    guide = _guide(tails)
+    if guide.size:
         axes.plot(*guide, color=INK, linewidth=1)
         main.plot([], [], color=INK, linewidth=1, label="decay as $1/t$ (lower panel)")
-    if not any(_resolved(curve, name).sizes["time"] for name, curve in curves.items()):
+    if not tails:
         axes.text(0.5, 0.5, "not resolved from 0", ha="center", color=GREY, transform=axes.transAxes)
 
 
-def _resolved(curve: Dataset, name: str) -> Dataset:
-    """The curve after t = 0 until its 95 % band, or without one the curve, first reaches zero: the rest is noise."""
-    later = curve.isel(time=curve.time.values > 0)
-    lower = later[f"{name}_low"] if f"{name}_low" in later else later[name]
-    reached = np.flatnonzero(~(lower.values > 0))
-    return later.isel(time=slice(0, reached[0] if reached.size else None))
+def _resolved(curves: dict[str, Dataset]) -> dict[str, Dataset]:
+    """The curves after t = 0 until their 95 % band, or without one the curve, first reaches zero: the rest is noise."""
+    tails = {}
+    for name, curve in curves.items():
+        later = curve.isel(time=curve.time.values > 0)
+        positive = later.get(f"{name}_low", later[name]).values > 0
+        tails[name] = later.isel(time=np.logical_and.accumulate(positive))
+    return {name: tail for name, tail in tails.items() if tail.sizes["time"]}
 
 
-def _guide(curves: dict[str, Dataset]) -> np.ndarray:
-    """Times and values (2, 2) of a line of slope -1 above the end of the first curve; (2, 0) if that is too short."""
-    name, curve = next(iter(curves.items()))
-    resolved = _resolved(curve, name)
-    t = resolved.time.values
-    values = resolved[name].values
-    if t.size < 3:
+def _guide(tails: dict[str, Dataset]) -> np.ndarray:
+    """Times and values (2, 2) of a line of slope -1 above the end of the first tail; (2, 0) if that is too short."""
+    name, tail = next(iter(tails.items()), (TRACER, None))
+    if tail is None or tail.sizes["time"] < 3:
         return np.empty((2, 0))
+    t = tail.time.values
     late = t >= t[-1] / 3
-    height = 2.5 * np.exp(np.mean(np.log(values[late] * t[late])))
+    height = 2.5 * np.exp(np.mean(np.log(tail[name].values[late] * t[late])))
     ends = np.array([max(t[-1] / 3, t[0]), t[-1]])
     return np.array([ends, height / ends])
 

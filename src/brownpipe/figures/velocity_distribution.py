@@ -17,7 +17,7 @@ from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
 from brownpipe.figures.tables import frame_of
 
 FEWEST_COUNTS = 5  # expected independent counts of a bin whose residual is shown
-NEIGHBOURS = 5  # bins on either side whose errors are pooled with those of a bin
+NEIGHBOURS = np.ones(11)  # weights of a bin and of five on either side, whose errors are pooled with its own
 LOWEST_DENSITY = 1e-6  # expected density of the outermost bins shown
 LABELS = ("probability density", "(observed - expected)\n/ standard error")
 HEIGHTS = (3.6, 1.4)  # of a density and its residuals [inch]
@@ -51,16 +51,9 @@ def draw(cases: list[Dataset]) -> Figure:
         for case, (main, low) in zip(cases, axes[2 * k : 2 * k + 2].T, strict=True):
             _density(main, low, case, name)
             low.set_xlabel(SHOWN[name].label)
-        axes[2 * k, 0].set_ylim(0, _top(cases, name))
+        axes[2 * k, 0].set_ylim(bottom=0)
         heads(axes[2 * k], [f"{title_of(case)}: {SHOWN[name].name}" for case in cases])
     return figure
-
-
-def _top(cases: list[Dataset], name: str) -> float:
-    """Upper end of the vertical axis that all cases share."""
-    measured = max(float(case[name].max()) for case in cases if has(case, name))
-    expected = max(_expected(case[SHOWN[name].dim].values, name)[1].max() for case in cases)
-    return max(1.15 * expected, 1.05 * measured)
 
 
 def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
@@ -88,16 +81,11 @@ def _residuals(observed: np.ndarray, error: np.ndarray, expected: np.ndarray) ->
     correlated and c depends on v, so it is the ratio of the sums of both over some bins. With its own error alone, a
     bin that happens to be low would have too small a c, and would be shown more often than one that happens to be high.
     """
-    variance, density = (_with_neighbours(values) for values in (error**2, observed))
+    variance, density = (np.convolve(values, NEIGHBOURS, mode="same") for values in (error**2, observed))
     known = (variance > 0) & (density > 0)
     of_count = np.where(known, variance, np.inf) / np.where(known, density, 1)
     enough = expected >= FEWEST_COUNTS * of_count
     return np.where(enough, (observed - expected) / np.sqrt(expected * np.where(enough, of_count, 1)), np.nan)
-
-
-def _with_neighbours(values: np.ndarray) -> np.ndarray:
-    """Return the sums (V,) of values (V,) over each bin and NEIGHBOURS bins on either side of it."""
-    return np.lib.stride_tricks.sliding_window_view(np.pad(values, NEIGHBOURS), 2 * NEIGHBOURS + 1).sum(axis=1)
 
 
 def _expected(centres: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:

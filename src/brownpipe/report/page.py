@@ -1,61 +1,87 @@
 """A page with all results of a dataset: one HTML file that needs neither network nor other files, from `page.html`."""
 
-from __future__ import annotations
-
 import base64
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
+
+from xarray import Dataset
 
 from brownpipe import figures
-from brownpipe.figures.origin import closing_lines
+from brownpipe.figures import tradeoff
+from brownpipe.figures.cases import cases_of
+from brownpipe.figures.origin import Record, closing_lines
 from brownpipe.figures.pages import filled
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from brownpipe.figures.origin import Record
-    from brownpipe.figures.render import Drawing
+from brownpipe.figures.render import Drawing
+from brownpipe.figures.summary import QUESTION, TESTS, answer
 
 CAPTIONS = Path(figures.__file__).parent
 MOST_ROWS = 400  # of a table of numbers
 DIGITS = 6  # of a number
 SVG_SIZE = re.compile(rb'viewBox="0 0 (\S+) (\S+)"')
 NUMBERS = tuple("-+<0123456789")  # first characters of the cells of columns that are set right
+NEXT = re.compile(r"\n(?=\w+: )")  # before the explanation of a column of the trade-off
 
 
-class Table(NamedTuple):
-    """A table of words, as the template takes it."""
+def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
+    """Return the page of a study: the answer, its figures, and the health of its runs."""
+    found, cases = answer(dataset), cases_of(dataset)
+    tests = sum(column[0] in TESTS for column in found.columns)
+    scenes, counts = (dict.fromkeys(str(case[name].item()) for case in cases) for name in ("scene", "particles"))
+    runs = sum(int(case.runs) for case in cases)
+    return _page(
+        "Brownian motion of hard disks",
+        f"{', '.join(scenes)}; N = {', '.join(counts)}; {runs:,} run{'' if runs == 1 else 's'}",
+        record,
+        answers=[("", _table(found.columns, "Answer", (QUESTION, tests) if tests else None, grouped=True), [])],
+        drifting=found.drifting,
+        missing=found.missing,
+        legend=found.legend,
+        figures=[_figure(drawing, drawing.name) for drawing in drawings if drawing.name != "health"],
+        of_runs=[_figure(drawing, drawing.name) for drawing in drawings if drawing.name == "health"],
+    )
 
-    title: str  # says what it shows to those who cannot see it
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    kinds: Sequence[str]  # of its columns: number or nothing
-    groups: Sequence[str]  # of its rows, each group below a line of its own, or none
-    above: tuple[str, int] | None  # a heading above the last columns, and their number
+
+def page_of_tradeoff(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
+    """Return the page of a cost-accuracy trade-off: for each scene the answer and its figure."""
+    scenes, (title, _) = tradeoff.scenes_of(dataset), caption_of("tradeoff")
+    return _page(
+        title,
+        ", ".join(scenes),
+        record,
+        answers=[
+            (scene, _table(tradeoff.columns_of(dataset, scene), scene), [*tradeoff.off_front(dataset, scene)])
+            for scene in scenes
+        ],
+        legend=[" ".join(part.split()) for part in NEXT.split(tradeoff.REMARK.strip())],
+        figures=[_figure(one, "tradeoff") | {"title": scene} for one, scene in zip(drawings, scenes, strict=True)],
+    )
 
 
-def table(
+def _page(title: str, lead: str, record: Record, **contents: Any) -> bytes:
+    """Return the page: a title, a sentence below it, its contents, and how to make it again from its `record`.
+
+    contents: `answers` (heading, table, lines), `drifting`, `missing` and `legend` (lines), `figures` and `of_runs`.
+    """
+    made_by = closing_lines(record).splitlines()[:1]
+    template = Path(__file__).with_suffix(".html")
+    return filled(template, title=title, lead=lead, record=record, made_by=made_by, digits=DIGITS, **contents)
+
+
+def _table(
     columns: Sequence[Sequence[str]], title: str, above: tuple[str, int] | None = None, grouped: bool = False
-) -> Table:
-    """Return a table given its columns of words, each with its heading; `grouped`: the first names groups of rows."""
+) -> dict[str, Any]:
+    """Return a table of words as the template takes it, given its columns, each with its heading.
+
+    title: says what it shows to those who cannot see it. above: a heading above the last columns, and their number.
+    grouped: the first column names groups of rows, each of which stands below a line of its own.
+    """
     groups, columns = (columns[0][1:], columns[1:]) if grouped else ((), columns)
     kinds = ["number" if all(cell.startswith(NUMBERS) for cell in cells) else "" for _, *cells in columns]
     header, *rows = zip(*columns, strict=True)
-    return Table(title, header, rows, kinds, groups, above)
-
-
-def page(title: str, lead: str, record: Record, **contents: Any) -> bytes:
-    """Return the page: a title, a sentence below it, its contents, and how to make it again from its `record`.
-
-    contents: `answers` (heading, table, lines), `drifting`, `missing` and `legend` (lines), `figures` and `of_runs`
-    (`figure`).
-    """
-    made_by = closing_lines(record).splitlines()[:1]
-    return filled(
-        Path(__file__).with_suffix(".html"), title=title, lead=lead, record=record, made_by=made_by, **contents
-    )
+    return {"title": title, "header": header, "rows": rows, "kinds": kinds, "groups": groups, "above": above}
 
 
 def caption_of(name: str) -> tuple[str, list[str]]:
@@ -65,23 +91,21 @@ def caption_of(name: str) -> tuple[str, list[str]]:
     return title.strip().removesuffix("."), [" ".join(part.split()) for part in rest.split("\n\n")]
 
 
-def figure(drawing: Drawing, caption: str, title: str | None = None) -> dict[str, Any]:
-    """Return a figure with the caption of this name and its numbers; `title` replaces that of the caption.
+def _figure(drawing: Drawing, caption: str) -> dict[str, Any]:
+    """Return a figure with the caption of this name and its numbers, of a long table the first MOST_ROWS rows.
 
-    The picture is an image of its own, so that ids in its SVG cannot collide with those of other figures. Of a long
-    table the first MOST_ROWS rows are shown.
+    The picture is an image of its own, so that ids in its SVG cannot collide with those of other figures.
     """
-    own_title, parts = caption_of(caption)
+    title, parts = caption_of(caption)
     svg, shown = drawing.images["svg"], drawing.table.head(MOST_ROWS)
     return {
         "name": drawing.name,
-        "title": title or own_title,
+        "title": title,
         "caption": parts,
         "size": [f"{float(size):g}" for size in SVG_SIZE.search(svg).groups()],
         "image": base64.b64encode(svg).decode(),
-        "numbers": table([[str(name), *map(_in_digits, shown[name])] for name in shown], f"Numbers: {own_title}"),
+        "numbers": _table([[str(name), *map(_in_digits, shown[name])] for name in shown], f"Numbers: {title}"),
         "rows": len(drawing.table),
-        "digits": DIGITS,
     }
 
 

@@ -1,38 +1,23 @@
 """Everything that `brownpipe figures` writes of a dataset: figures, tables, text, a page, and their record."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import matplotlib.backends.backend_agg  # at the head, so that processes that are forked to draw have it
 import matplotlib.backends.backend_svg  # noqa: F401
+from xarray import Dataset
 
 from brownpipe.errors import FigureError, WrongFileError
 from brownpipe.figures import render, tradeoff
-from brownpipe.figures.origin import (
-    RECORD,
-    Record,
-    closing_lines,
-    metadata,
-    read_record,
-    record_of,
-    record_text,
-)
+from brownpipe.figures.origin import RECORD, Record, closing_lines, metadata, read_record, record_of, record_text
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.figures.tables import to_csv
 from brownpipe.parallel import calculated
-from brownpipe.report import study as study_page
-from brownpipe.report import tradeoff as tradeoff_page
+from brownpipe.report.page import page_of_study, page_of_tradeoff
 from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.files import seal_of, write_files
 from brownpipe.tradeoff import is_tradeoff
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from xarray import Dataset
 
 MARKS = (b"Made by brownpipe", b'"made_by"')  # in pictures and texts, and in records and pages
 HEADING = b"scene,particles,"  # of every table
@@ -51,14 +36,9 @@ def read(path: str | Path, names: Sequence[str] | None = None, particles: int | 
 
 
 def write(
-    dataset: Dataset,
-    folder: str | Path,
-    record: Record,
-    names: Sequence[str] | None = None,
-    page: str | Path | None = None,
-    cores: int = 1,
+    dataset: Dataset, folder: str | Path, record: Record, page: str | Path | None = None, cores: int = 1
 ) -> list[Path]:
-    """Write the products of a record into a folder; of the figures only `names`, if given. Return the paths.
+    """Write the products of a dataset, with the options in their record, into a folder. Return the paths.
 
     page: file of the page with all of them. cores: on which figures of a study are drawn at the same time. No file is
     replaced before all are written; then what an earlier drawing made here is removed if it was not drawn again. Raises
@@ -68,13 +48,13 @@ def write(
     folder = Path(folder)
     if is_tradeoff(dataset):
         drawings = tradeoff.drawn(dataset, metadata(record))
-        tables, page_of = {"tradeoff": tradeoff.table(dataset)}, tradeoff_page.page
+        tables, page_of = {"tradeoff": tradeoff.table(dataset)}, page_of_tradeoff
         name, text = "tradeoff.txt", tradeoff.summary(dataset)
     else:
-        cases = render.cases_shown(dataset, record["particles"], names or record["figures"])
+        cases = render.cases_shown(dataset, record["particles"], record["figures"])
         drawings = calculated(partial(render.drawn, cases, metadata(record)), [*cases], "figures", cores)
-        tables, page_of = {one.name: one.table for one in drawings}, study_page.page
-        tables["summary"] = summary_table(dataset)
+        tables = {one.name: one.table for one in drawings} | {"summary": summary_table(dataset)}
+        page_of = page_of_study
         name, text = "summary.txt", summary(dataset)
     files = {f"{one.name}.{suffix}": image for one in drawings for suffix, image in one.images.items()}
     files |= {f"{name}.csv": to_csv(table) for name, table in tables.items()}
