@@ -34,6 +34,7 @@ ORDER = (
     "harrison2020",
     "small",
     "particle_counts",
+    "mass_and_density",
     "spreading",
     "cooling",
     "diffusion",

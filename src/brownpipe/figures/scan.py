@@ -29,7 +29,7 @@ PANELS = {  # title, label of the axis, Enskog's theory
 def draw(cases: list[Dataset]) -> Figure:
     """Draw a panel per quantity: its values along the axis of the scan, a series for each value of what else differs.
 
-    Of a single series D is shown for every fit window, of several for the first one.
+    D is shown for every fit window, or where these are too many for the first one.
     """
     axis = axis_of(cases)
     series = series_of(cases, axis)
@@ -66,13 +66,14 @@ def _shown(series: Mapping[str, list[Dataset]], name: str) -> dict[str, list[Dat
         return {label: [over_time(case).isel(time=-1) for case in cases] for label, cases in series.items()}
     if name != D:
         return {label: [case for case in cases if has(case, name)] for label, cases in series.items()}
-    if len(series) > 1:
-        first = {label: [fit for case in cases for fit in fits_of(case)[:1]] for label, cases in series.items()}
-        return {label + max(map(early_mark, fits), default=""): fits for label, fits in first.items()}
-    fits = [fit for cases in series.values() for case in cases for fit in fits_of(case)]
-    windows = dict.fromkeys(fit.window.item() for fit in fits)
-    by_window = {f"window {name}": [fit for fit in fits if fit.window == name] for name in windows}
-    return {label + max(map(early_mark, fits)): fits for label, fits in by_window.items()}
+    shown = {}
+    windows = next(iter(series.values()))[0].window.values.tolist()
+    for label, cases in series.items():
+        for window in windows if len(series) * len(windows) <= len(SERIES) else windows[:1]:
+            fits = [fit for case in cases for fit in fits_of(case) if fit.window == window]
+            words = [label, f"window {window}"] if len(windows) > 1 else [label]
+            shown[", ".join(filter(None, words)) + max(map(early_mark, fits), default="")] = fits
+    return shown
 
 
 def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str) -> None:
