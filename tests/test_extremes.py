@@ -671,7 +671,7 @@ def test_a_disk_as_large_as_its_box(boundary):
     """Between walls one that cannot move at all; a periodic box must be twice as wide as a disk."""
     where = box(2, 2, boundary)
     if boundary == P:
-        with pytest.raises(RequestError, match="too narrow"):
+        with pytest.raises(RequestError, match="at most a quarter"):
             explicit(where, state_of([(0, 0, 0, 0)], 1.0), 1.0)
         return
     position, _, _, _ = outcome(where, state_of([(0, 0, 0, 0)], 1.0), 1.0)
@@ -688,5 +688,5 @@ def test_a_periodic_box_below_four_radii_is_refused_by_name():
         if width == 1.0:
             parse_scene(mapping, "narrow.yaml")
         else:
-            with pytest.raises(RequestError, match=r"narrow\.yaml: box: a periodic box .* must be at least 1\.0"):
+            with pytest.raises(RequestError, match=r"narrow\.yaml: disks\[0\].radius: must be at most a quarter"):
                 parse_scene(mapping, "narrow.yaml")

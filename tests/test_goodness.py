@@ -1,7 +1,6 @@
 """Tests of eq. (18): true ensembles are rejected as often as stated, wrong ones with the stated power."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -13,23 +12,23 @@ TIMES = np.arange(0, 1.01, 0.05)
 SETS = 600
 
 
-def ensembles(runs, edges, sets=SETS, seed=1):
-    """Free diffusers, D = 1/4, that obey eq. (18): of each set r^2 and ring at t = 1, three estimates of 4 D by run."""
+def ensembles(runs, edges, sets=SETS, seed=1, sample=-1):
+    """Free diffusers, D = 1/4, that obey eq. (18): of each set r^2 and ring at a sample, three 4 D by run."""
     rng = np.random.default_rng(seed)
     weights = [line_weights(TIMES, window)[0] for window in ((0.1, 1.0), (0.5, 1.0))]
     for _ in range(sets):
         track = np.cumsum(rng.normal(0, math.sqrt(0.025), (runs, len(TIMES) - 1, 2)), axis=1)
         squared = np.concatenate([np.zeros((runs, 1)), (track**2).sum(axis=-1)], axis=1)
-        ring = distribution.ring_of(np.sqrt(squared[:, -1]), edges)
-        estimates = squared[:, -1], *(squared @ weight for weight in weights)
-        yield squared[:, -1], ring, estimates
+        ring = distribution.ring_of(np.sqrt(squared[:, sample]), edges)
+        estimates = squared[:, sample] / TIMES[sample], *(squared @ weight for weight in weights)
+        yield squared[:, sample], ring, estimates
 
 
-def model(ring, estimate, edges, scale=1.0):
+def model(ring, estimate, edges, scale=1.0, time=1.0):
     """Counts, what eq. (18) expects with D from these estimates (times a scale), and the source of this D."""
     runs, d = len(ring), estimate.mean() / 4 * scale
     expected, more, less = (
-        distribution.expected_ring_counts(runs, edges, 1.0, d * factor) for factor in (1, 1.0001, 0.9999)
+        distribution.expected_ring_counts(runs, edges, time, d * factor) for factor in (1, 1.0001, 0.9999)
     )
     shared = np.bincount(ring, estimate / estimate.mean() - 1, len(edges))
     source = goodness.Estimated((more - less) / 2e-4, shared, estimate.var() / estimate.mean() ** 2)
@@ -37,17 +36,17 @@ def model(ring, estimate, edges, scale=1.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("runs", "width", "rings"), [(200, 0.1, 24), (2400, 0.04, 24)])
-def test_true_ensembles_are_rejected_as_often_as_stated(runs, width, rings):
+@pytest.mark.parametrize(("runs", "width", "sample"), [(200, 0.1, -1), (2400, 0.04, -1), (400, 0.05, 4)])
+def test_true_ensembles_are_rejected_as_often_as_stated(runs, width, sample):
     """At 5 % and at 1 %, within 4 standard errors (0.9 and 0.4 % of 600 sets) and 0.4 % for the approximations.
 
     With chi-square of K - 2 degrees the slope over [0.5, 1] is refused in 7 to 10 % at the 5 % level: more than that.
     """
-    edges = distribution.ring_edges(width, rings)
+    edges = distribution.ring_edges(width, 24)
     p, joint = [], []
-    for squared, ring, estimates in ensembles(runs, edges):
+    for squared, ring, estimates in ensembles(runs, edges, sample=sample):
         shape = goodness.kurtosis_p_value((squared**2).mean() / (2 * squared.mean() ** 2), runs)
-        p.append([goodness.chi_square(*model(ring, one, edges)).p for one in estimates])
+        p.append([goodness.chi_square(*model(ring, one, edges, time=TIMES[sample])).p for one in estimates])
         joint.append([goodness.both(one, shape) for one in p[-1]])
     for level in (0.05, 0.01):
         bound = 4 * math.sqrt(level * (1 - level) / SETS) + 0.004
@@ -106,20 +105,6 @@ def test_a_d_fitted_to_the_counts_costs_one_degree_of_freedom():
     assert test.p == pytest.approx(chi2.sf(test.statistic, test.degrees_of_freedom), rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    "law", [(18, 1.0, 1.0), (18, 0.0, 3.5), (0, 0.7, 2.0), (1, 0.0, 0.0), (-1, 1.3, 0.0), (5, 8.0, 0.2)]
-)
-def test_the_tail_is_that_of_the_sum(law):
-    """Against 400,000 sums of squares, within 4.5 standard errors."""
-    ones, first, second = law
-    rng, n = np.random.default_rng(3), 400_000
-    sums = first * rng.standard_normal(n) ** 2 + second * rng.standard_normal(n) ** 2 * (ones >= 0)
-    sums += rng.chisquare(ones, n) if ones > 0 else 0.0
-    for x in np.quantile(sums, (0.2, 0.9, 0.99)):
-        chance = goodness.upper_tail(x, *law)
-        assert abs(np.mean(sums > x) - chance) < 4.5 * math.sqrt(chance * (1 - chance) / n) + 1e-6
-
-
 def test_the_moments_of_greenwoods_statistic():
     """Of two parts u and 1 - u of 1, by integration: S = u^2 + (1 - u)^2, twice half of it."""
     mean, variance, skewness = goodness._greenwood(2)
@@ -128,7 +113,6 @@ def test_the_moments_of_greenwoods_statistic():
     assert (mean, variance) == pytest.approx((s.mean(), s.var()), rel=1e-8)
     assert skewness == pytest.approx(((s - s.mean()) ** 3).mean() / s.var() ** 1.5, rel=1e-6)
     assert goodness._greenwood(10**8)[2] == pytest.approx(10 / 10**4, rel=1e-3)
-    assert Fraction(4 * 99, 101**2 * 102 * 103) * 2500 == pytest.approx(goodness._greenwood(100)[1], rel=1e-12)
 
 
 @pytest.mark.slow

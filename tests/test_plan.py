@@ -13,7 +13,7 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.saturation import share_failing
 from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError, RequestError, StorageError
 from brownpipe.scene import parse_scene
-from brownpipe.study import plan, read_study, run_count
+from brownpipe.study import plan, read_study
 from brownpipe.study.plan import Performance, offers
 from brownpipe.study.run_sets import run_sets
 from ensembles import make_scene
@@ -107,23 +107,23 @@ def test_one_engine_for_all_cases_has_the_most_runs_of_any():
 
 def counted(study):
     """How many runs the tolerance of a study needs, as its workflow determines it."""
-    return run_count.write_plan(study, "counted.yaml")
+    return plan.write_plan(study, "counted.yaml")
 
 
 def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, here):
     study = read_study(study_file(tolerance="4%"))
     runs, text = counted(study), Path("counted.yaml").read_bytes()
     assert counted(study) == runs and Path("counted.yaml").read_bytes() == text
-    assert run_count.settled(study, "counted.yaml").seeds == range(runs)
+    assert plan.settled(study, "counted.yaml").seeds == range(runs)
     half = counted(read_study(study_file(tolerance=0.08)))
     assert runs / half == pytest.approx(4, rel=0.02)  # rounded up to whole runs
     other = counted(read_study(study_file(tolerance=0.1, target="displacement_distribution")))
     assert other == math.ceil((tradeoff.bias.spread_of_shares() / 0.1) ** 2)
     Path("counted.yaml").write_bytes(text.replace(b"runs: ", b"runs: 1"))
     with pytest.raises(StorageError, match="was damaged or edited"):
-        run_count.settled(study, "counted.yaml")
+        plan.settled(study, "counted.yaml")
     with pytest.raises(RequestError, match="--plan: missing"):
-        run_count.settled(study, None)
+        plan.settled(study, None)
     with pytest.raises(RequestError, match="is for a study with a tolerance"):
         counted(read_study(study_file(seeds=5)))
 
@@ -131,10 +131,8 @@ def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, 
 def test_runs_that_fail_are_made_up_for(study_file, tmp_path, here, monkeypatch):
     """Three of four runs of the pilot failed: four times as many runs are needed."""
     needed = range(counted(read_study(study_file(tolerance=0.05))))
-    pilot = run_count.run_pilot
-    monkeypatch.setattr(
-        run_count, "run_pilot", lambda *case: (runs := pilot(*case))._replace(failed=3 * len(runs.seeds))
-    )
+    pilot = plan.run_pilot
+    monkeypatch.setattr(plan, "run_pilot", lambda *case: (runs := pilot(*case))._replace(failed=3 * len(runs.seeds)))
     more = range(counted(read_study(study_file(tolerance=0.05))))
     assert len(more) == 4 * len(needed)
     sound, failing = (measured(EXACT, 0.0, 0.0, 1.0, 0.02, share) for share in (1.0, 0.25))
@@ -204,7 +202,7 @@ def test_achieved_error_is_the_tolerance(study_file, tmp_path, here):
     track = exact.simulate(scene, range(counted(study))).tracer
     end = squared_displacement(track.position)[:, -1]
     achieved = end.std(ddof=1) / end.mean() / math.sqrt(len(end))
-    known_to = math.sqrt(2 / run_count.MOST_RUNS + 2 / len(end))
+    known_to = math.sqrt(2 / plan.MOST_RUNS + 2 / len(end))
     assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000
 
 
@@ -232,10 +230,10 @@ sample_interval: 0.5
 
 
 def test_too_many_jobs_take_larger_batches(study_file, here, monkeypatch):
-    monkeypatch.setattr(run_count, "MOST_JOBS", 100)
+    monkeypatch.setattr(plan, "MOST_JOBS", 100)
     study = read_study(study_file(tolerance=0.05, batch=1))
     counted(study)
-    settled = run_count.settled(study, "counted.yaml")
+    settled = plan.settled(study, "counted.yaml")
     assert settled.batch is None
 
 

@@ -95,8 +95,8 @@ SAME = {  # where they are used, and why no stored number depends on them
     "engines/saturation.py: (1.0 - share) ** runs": "a warning",
     "engines/exact/layout.py: math.log2": "rounded up to a power of two",
     "analysis/resampling.py: math.exp": "rounded to integers",
-    "analysis/resampling.py: _weights(block)[:, rows[0]:rows[-1] + 1] @ full": "sums of integers below 2^24",
-    "analysis/goodness.py: first ** 3": "of fractions",
+    "analysis/resampling.py: weights @ steps": "sums of integers below 2^24",
+    "analysis/resampling.py: weights @ there": "sums of integers below 2^24",
 }
 
 

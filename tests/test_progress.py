@@ -111,7 +111,7 @@ def test_a_trade_off_reports_its_cases_by_the_settings_that_are_measured(files, 
 
 def test_a_pilot_reports_its_engines(reported, monkeypatch):
     monkeypatch.setattr(plan.timing, "seconds_per_run", lambda engine, *_, **__: 1.0)
-    monkeypatch.setattr("brownpipe.study.run_count.MOST_RUNS", 10)
+    monkeypatch.setattr("brownpipe.study.plan.MOST_RUNS", 10)
     study = SimpleNamespace(observables=(), average="runs", fit_windows=((0.2, 1.0),))
     plan._by_pilots(study, SCENE, "msd")
     total = 1 + len(plan.candidates(SCENE))

@@ -77,7 +77,7 @@ def test_snakemake_knows_what_to_do(words, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", blocks("python", README + GUIDE), ids=["brownpipe", "h5py", "xarray"])
+@pytest.mark.parametrize("code", blocks("python", README + GUIDE), ids=["brownpipe", "h5py", "xarray", "matplotlib"])
 def test_snippets_run(code, folder):
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=folder, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from brownpipe import interrupts
-from brownpipe.errors import FAILED, WRONG_REQUEST, BrownpipeError
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.provenance import versions
 from brownpipe.quoting import printable
 from brownpipe.verbs import VERBS
@@ -44,7 +44,7 @@ def _status(argv: list[str]) -> int:
     try:
         try:
             arguments = _parsed(argv)
-            return arguments.verb(arguments)
+            return arguments.verb(arguments) or DONE
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt:

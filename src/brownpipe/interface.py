@@ -120,7 +120,9 @@ def simulate(
     chosen = requested(engine, {key: plain(value) for key, value in settings.items()}, str)
     recorded = read_record(_words("record", record), "record")
     names = tuple(filter(None, _words("observables", observables).split(",")))
-    numbers = _seeds(seeds)
+    if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
+        seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
+    numbers = read_seeds(plain(seeds))
     forecast_of_runs(chosen, scene, numbers, recorded, names, average)
     for remark in filter(None, (chosen.definition.caution(scene), growth_caution(scene, len(numbers)))):
         warnings.warn(remark, stacklevel=2)
@@ -224,15 +226,6 @@ def _words(name: str, value: Any) -> str:
     if not isinstance(value, Iterable):
         raise RequestError(f"{name}: must be a name or a list of names, not {value!r}")
     return ",".join(str(word).strip() for word in (value.split(",") if isinstance(value, str) else value))
-
-
-def _seeds(value: Any) -> Sequence[int]:
-    """Return the seeds of a count, a text, a range, a list, a set or an array."""
-    if isinstance(value, range) and value and value.step == 1 and value[0] >= 0:
-        value = f"{value[0]}-{value[-1]}"
-    elif isinstance(value, range | set | frozenset):
-        value = [*value]
-    return read_seeds(plain(value))
 
 
 def _refuse_suffix(path: str | Path, what: str, suffixes: tuple[str, ...]) -> None:

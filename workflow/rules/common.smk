@@ -6,7 +6,7 @@
 # on what Snakemake remembers (`rerun-triggers: input` in the profile).
 from brownpipe.study.workflow import forecast, read_workflow_study, remove_stale_locks
 from brownpipe.study.cost import requests
-from brownpipe.study.run_count import settled
+from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import commands, digests, files_of
 from brownpipe.provenance import PACKAGE
 

@@ -48,7 +48,6 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     scene = case.scene
     return {
         "box_width": scene.box.width,
-        "periodic": scene.box.periodic,
         "duration": case.times[-1],
         "packing_fraction": scene.packing_fraction,
         "initial_square_speed": initial_square_speed(scene),
@@ -57,19 +56,14 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     }
 
 
-BOUNDARY = {"flag_values": np.array([-1, 0, 1], np.int8), "flag_meanings": "no_runs walls periodic"}
-
 VARIABLES = {
     "box_width": Variable(EACH, "length", "width of the box"),
-    "periodic": Variable(EACH, "1", "boundary of the box", (), np.int8, -1, BOUNDARY),
     "duration": Variable(EACH, "time", "duration of a run"),
     "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
     "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
-    "diffusive_from": Variable(
-        EACH, "time", "3/gamma of the tracer (Enskog), after which straight lines may be fitted to the MSD"
-    ),
+    "diffusive_from": Variable(EACH, "time", "3/gamma of the tracer (Enskog): lines may be fitted to the MSD after it"),
     "accessible_half_width": Variable(
-        EACH, "length", "half the side of the square for the centre of a tracer that starts in its middle"
+        EACH, "length", "half the side of the tracer's square, if it starts in its centre"
     ),
 }
 ESTIMATOR = Estimator(lambda case, runs: Columns(), VARIABLES, _derived)

@@ -9,20 +9,20 @@ import numpy as np
 
 from brownpipe import stages
 from brownpipe.analysis import (
+    averaged,
     conditions,
     displacement,
     distribution,
     drift,
     non_gaussian,
-    orientation,
     pairs,
     profile,
     thermodynamics,
     velocity,
 )
-from brownpipe.analysis.displacement import labels
+from brownpipe.analysis.displacement import labels as labels_of
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
-from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs, with_estimates
+from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs
 from brownpipe.analysis.outer_join import Part, joined
 from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_of, reported, select
 from brownpipe.analysis.variables import (
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     import xarray
 
 SINGLE = conditions, displacement, distribution, non_gaussian, velocity  # of single disks, above all the tracer
-COLLECTIVE = pairs, orientation, profile, thermodynamics, drift
+COLLECTIVE = averaged, pairs, profile, thermodynamics, drift
 ESTIMATORS = [module.ESTIMATOR for module in (*SINGLE, *COLLECTIVE)]
 TABLES = [VARIABLES, *(estimator.variables for estimator in ESTIMATORS)]
 ALL_VARIABLES = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
@@ -90,18 +90,13 @@ def aggregate(
     cases = [Case(one.scene, one.engine, one.times, options, one.average) for one in outlines]
     _refuse_unfit(options, cases)
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
-    parts = [_results(*given, total) for given in zip(cases, groups, before, strict=True)]
+    parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
     drift.adjust(parts)
-    seeds = np.unique(np.concatenate([group.seeds for group in groups]))
-    for part, group in zip(parts, groups, strict=True):
-        ends = [other.seeds[[0, -1]] for other in groups if other.outline.engine == group.outline.engine]
-        asked = (seeds >= np.min(ends)) & (seeds <= np.max(ends))
-        part["missing_seeds"] = np.count_nonzero(asked) - len(group.seeds)
     times = [*options.displacement_times]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
     attributes = ATTRIBUTES | {"msd_of": " or ".join(sorted({_followed(one) for one in outlines}))} | made
-    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS, kept=EACH)
+    return joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS)
 
 
 def _followed(outline: Outline) -> str:
@@ -112,7 +107,7 @@ def _followed(outline: Outline) -> str:
 
 def _refuse_unfit(options: Options, cases: Sequence[Case]) -> None:
     """Refuse windows and times that coincide, windows that end after every run, and times that no run samples."""
-    names, last = labels(options.windows), max(case.times[-1] for case in cases)
+    names, last = labels_of(options.windows), max(case.times[-1] for case in cases)
     if len(set(names)) < len(names):
         raise AnalysisError(f"fit windows {', '.join(names)}: must differ in their first six digits")
     for name, (_, end) in zip(names, options.windows, strict=True):
@@ -126,8 +121,11 @@ def _refuse_unfit(options: Options, cases: Sequence[Case]) -> None:
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
 
-def _results(case: Case, group: Group, before: int, total: int) -> Part:
-    """Return the values of all variables for a case, from its group; `before` of the `total` runs are analysed."""
+def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
+    """Return the values of all variables for a case, from its group; `before` of the `total` runs are analysed.
+
+    Those of the displacement distributions come as a part for each time, since each may have rings of its own.
+    """
     averages, health, stopped = NO_RUNS, list[np.ndarray](), dict[int, str]()
 
     def good_runs() -> Iterator[RunBlock]:
@@ -147,10 +145,9 @@ def _results(case: Case, group: Group, before: int, total: int) -> Part:
     for runs in chain(first, blocks):
         parts = zip(*(estimator.columns(case, runs) for estimator in ESTIMATORS), strict=True)
         averages = add_runs(averages, runs.seeds, Columns(*(dict(ChainMap(*part)) for part in parts)))
-    averages = with_estimates(averages)
     failed, *numbers = np.concatenate(health, axis=1)
-    part: Part = dict(zip(EACH, ([label] for label in group.files[0].key), strict=True))
-    part |= {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
+    labels: Part = {name: [label] for name, label in zip(EACH, group.files[0].key, strict=True)}
+    part = labels | {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
     part |= {"runs": np.count_nonzero(failed == 0), "failed_runs": np.count_nonzero(failed)}
     part["run_status"] = np.where(failed == 0, KEPT, FAILED)
     if stopped:
@@ -158,4 +155,5 @@ def _results(case: Case, group: Group, before: int, total: int) -> Part:
     for estimator in ESTIMATORS:
         part |= estimator.estimate(case, averages)
     dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
-    return part | {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
+    part |= {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
+    return [part, *(labels | of_time for of_time in distribution.at_each_time(case, averages))]

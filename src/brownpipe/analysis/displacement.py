@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from brownpipe.analysis import resampling
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, TIME, Mean, Variable, with_interval
+from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, TIME, Mean, Variable
 from brownpipe.observables import displacement as of_a_run
 
 
@@ -29,38 +29,18 @@ def squared_displacement(
 def line_weights(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     """Return weights (2, T) such that slope, intercept = weights @ y is the least-squares line through y(t).
 
-    The line is fitted from the window's start to its end, both included. NaN where it is not defined: the times (T,)
-    end before the window does, or fewer than three lie in it.
+    The line is fitted from the window's start to its end, both included to round-off. NaN where it is not defined: the
+    times (T,) end before the window does, or fewer than three lie in it.
     """
-    inside = _inside(times, window)
+    start, end = window
+    slack = 1e-9 * max(abs(start), abs(end))
+    inside = (times >= start - slack) & (times <= end + slack) & (times[-1] >= end - slack)
     if np.count_nonzero(inside) < 3:
         return np.full((2, len(times)), np.nan)
     middle = times[inside].mean()
     centred = np.where(inside, times - middle, 0.0)
     slope = centred / (centred**2).sum()
     return np.stack([slope, inside / np.count_nonzero(inside) - middle * slope])
-
-
-def _inside(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
-    """(T,) whether times lie in the window, to round-off; False for all if they do not reach its end."""
-    start, end = window
-    slack = 1e-9 * max(abs(start), abs(end))
-    return (times >= start - slack) & (times <= end + slack) & (times[-1] >= end - slack)
-
-
-def naive_slope_error(times: np.ndarray, values: np.ndarray, window: tuple[float, float]) -> float:
-    """Return the standard error of the slope of `values` (T,) in a window by least squares for independent points.
-
-    It is not valid for an MSD (8 to 20 times too small in the note's scene), as all points of the curve come from the
-    same runs. The error of that slope is that of the mean of the slopes of single runs, `per_run_lines`.
-    """
-    slope, intercept = (line_weights(times, window) * values).sum(axis=-1)
-    inside = _inside(times, window)
-    if np.isnan(slope):
-        return np.nan
-    residual = (values - intercept - slope * times)[inside]
-    moment = ((times[inside] - times[inside].mean()) ** 2).sum()
-    return np.sqrt((residual**2).sum() / (residual.size - 2) / moment)
 
 
 def per_run_lines(squared: np.ndarray, times: np.ndarray, windows: Sequence[tuple[float, float]]) -> np.ndarray:
@@ -118,11 +98,11 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
     return {
         **values,
-        **with_interval("msd_over_4t", scaled(msd, over_4t)),
-        **with_interval("slope", slope),
-        **with_interval("intercept", intercept),
-        "naive_slope_error": [naive_slope_error(times, msd.mean, window) for window in windows],
-        **with_interval("diffusion_coefficient", scaled(slope, 0.25)),
+        "msd": msd,
+        "msd_over_4t": scaled(msd, over_4t),
+        "slope": slope,
+        "intercept": intercept,
+        "diffusion_coefficient": scaled(slope, 0.25),
     }
 
 
@@ -133,12 +113,6 @@ VARIABLES = {
     "msd_over_4t": Mean(TIME, RATE, "mean squared displacement over 4 t"),
     "slope": Mean(WINDOW, RATE, "least-squares slope of the mean squared displacement in the window"),
     "intercept": Variable(WINDOW, AREA, "intercept of the least-squares line in the window", ERROR),
-    "naive_slope_error": Variable(
-        WINDOW,
-        RATE,
-        "standard error of the slope by least squares for independent points; not valid here, as all points of "
-        "the MSD come from the same runs",
-    ),
     "diffusion_coefficient": Mean(WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
 }
 COORDINATES = {

@@ -5,10 +5,10 @@ over directions. K rings, D times, M models, n runs. Lengths and times in the re
 docs/theory.md, sections 2 and 5.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from brownpipe import theory
 from brownpipe.analysis import goodness, resampling
@@ -16,7 +16,7 @@ from brownpipe.analysis.conditions import accessible_half_width
 from brownpipe.analysis.displacement import labels, per_run_lines, squared_of, tracer_square_displacement
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Mean, Variable, with_interval
+from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Mean, Variable, with_intervals
 from brownpipe.elementary import exp, log
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
@@ -99,44 +99,39 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
         counts.append(np.bincount(ring, minlength=size))
         shared.append([np.bincount(ring, one, size) for one in (squared[:, k], *slopes.T)])
     sums = {"rings": np.array(counts), "shared": np.array(shared)}
-    return Columns({"r2": r2, "r4": r2**2}, {"r6": r2 * r2 * r2}, sums)
+    return Columns({"r2": r2, "r4": r2**2, "r6": r2 * r2 * r2}, sums)
 
 
-def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
+    """Yield the values of all variables and coordinates at each of the displacement times, which have own rings."""
+    square = ["square"] if np.isfinite(accessible_half_width(case.scene)) else []
+    models = ["msd", *(f"slope {label}" for label in labels(case.options.windows)), *square]
     if "r2" not in averages:
-        return _axes(case)
-    edges, counts = case.edges, averages.counts["rings"]
-    low, high = resampling.wilson_interval(counts, averages.runs)
+        edges = ring_edges(1.0, 1) if case.options.edges is None else case.options.edges
+        yield {"displacement_time": case.times[chosen_times(case)], "model": models} | _rings(edges)
+        return
     of_shape = kurtosis(averages)
-    p_values = [goodness.kurtosis_p_value(value, averages.runs) for value in of_shape.mean]
-    tests = [_tests(case, averages, k, p_value) for k, p_value in enumerate(p_values)]
-    return {
-        **_axes(case),
-        **{name: [test[name] for test in tests] for name in tests[0]},
-        "expected_counts": _on_axis(edges, [test["expected_counts"] for test in tests]),
-        "displacement_counts": _on_axis(edges, counts),
-        "displacement_counts_low": _on_axis(edges, low),
-        "displacement_counts_high": _on_axis(edges, high),
-        "displacement_overflow": [row[len(own) - 1] for row, own in zip(counts, edges, strict=True)],
-        "kurtosis_p_value": p_values,
-        **with_interval("kurtosis", of_shape),
-    }
+    for k, (at, edges) in enumerate(zip(chosen_times(case), case.edges, strict=True)):
+        counts = averages.totals["rings"][k][: len(edges)]
+        low, high = resampling.wilson_interval(counts[:-1], averages.runs)
+        p_value = goodness.kurtosis_p_value(of_shape.mean[k], averages.runs)
+        yield {
+            "displacement_time": [case.times[at]],
+            "model": models,
+            **_rings(edges),
+            **_tests(case, averages, k, p_value),
+            "displacement_counts": counts[:-1],
+            "displacement_counts_low": low,
+            "displacement_counts_high": high,
+            "displacement_overflow": counts[-1],
+            "kurtosis_p_value": p_value,
+            **with_intervals({"kurtosis": resampling.Estimate(*(values[k] for values in of_shape))}),
+        }
 
 
-def _on_axis(edges: Sequence[np.ndarray], values: Sequence[ArrayLike] | np.ndarray) -> np.ndarray:
-    """Values (..., >= K) at each of D times on the common axis of rings (R,): (D, ..., R), NaN for rings of others."""
-    axis, rows = _axis(edges)[0], []
-    for own, row in zip(edges, map(np.asarray, values), strict=True):
-        full = np.full((*row.shape[:-1], len(axis)), np.nan)
-        full[..., np.searchsorted(axis, (own[1:] + own[:-1]) / 2)] = row[..., : len(own) - 1]
-        rows.append(full)
-    return np.array(rows)
-
-
-def _axis(edges: Sequence[np.ndarray]) -> np.ndarray:
-    """Middle, inner and outer radius (R,) of the rings of all times."""
-    rings = np.unique(np.concatenate([np.stack([(e[1:] + e[:-1]) / 2, e[:-1], e[1:]], axis=1) for e in edges]), axis=0)
-    return rings.T
+def _rings(edges: np.ndarray) -> dict[str, np.ndarray]:
+    """Middle, inner and outer radius of the rings."""
+    return {"r": (edges[1:] + edges[:-1]) / 2, "r_inner": edges[:-1], "r_outer": edges[1:]}
 
 
 def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, list]:
@@ -146,11 +141,12 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     mean is not positive.
     """
     at, edges, half_width = chosen_times(case)[k], case.edges[k], accessible_half_width(case.scene)
-    t, counts = case.times[at], averages.counts["rings"][k][: len(edges)]
+    t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
     means = np.array([averages.mean("msd")[at], *averages.mean("lines")[0]])
     means = np.where((means > 0.0) & (t > 0.0), means, np.nan)
-    variances = np.array([averages.variance("msd")[at], *averages.variance("lines")[0]]) / means**2
-    shared = averages.counts["shared"][k][:, : len(edges)] / means[:, None] - counts
+    variances = [resampling.variance_of(averages.of(name)) for name in ("msd", "lines")]
+    variances = np.array([variances[0][at], *variances[1][: len(means) - 1]]) / means**2
+    shared = averages.totals["shared"][k][:, : len(edges)] / means[:, None] - counts
     over = np.array([4 * t or 1.0, *np.full(len(means) - 1, 4.0)])
     models = [(d, None, *of_source) for d, *of_source in zip(means / over, shared, variances, strict=True)]
     if np.isfinite(half_width):
@@ -202,12 +198,12 @@ def kurtosis(averages: Averages, names: tuple[str, str, str] = ("r2", "r4", "r6"
     Of the powers tried this one has the best coverage for a normal distribution: 95, 91, 93 and 94 % of 600 ensembles
     of 20, 50, 100 and 400 runs; the kurtosis itself has 90, 88, 91 and 94 %, plain percentiles 83 to 92 %.
     """
-    squared = names[:2]
-    cube, variance = _inverse_cube(*map(averages.mean, names), *map(averages.variance, squared))
-    drawn, drawn_variance = _inverse_cube(*map(averages.drawn, names), *map(averages.drawn_variance, squared))
+    sums = [averages.of(name) for name in names]
+    cube, variance = _inverse_cube(*map(resampling.mean_of, sums), *map(resampling.variance_of, sums[:2]))
+    drawn = _inverse_cube(*map(resampling.drawn_mean, sums), *map(resampling.drawn_variance, sums[:2]))
     error = np.sqrt(variance / (averages.runs - 1)) if averages.runs > 1 else np.full_like(cube, np.nan)
     degrees = resampling.degrees(averages.sums)
-    of_cube = resampling.studentized(averages.runs, cube, error, drawn - cube, drawn_variance / degrees)
+    of_cube = resampling.studentized(averages.runs, cube, error, drawn[0] - cube, drawn[1] / degrees)
     with np.errstate(over="ignore"):  # an interval that reaches 0 has no upper end
         low, high = (_inverse_root(np.maximum(end, 0.0)) for end in (of_cube.high, of_cube.low))
     mean = _inverse_root(cube)
@@ -231,18 +227,6 @@ def _inverse_cube(
     return cube, 9 * cube**2 * np.maximum(of_logarithm, 0.0)
 
 
-def _axes(case: Case) -> dict[str, ArrayLike]:
-    square = ["square"] if np.isfinite(accessible_half_width(case.scene)) else []
-    r, inner, outer = _axis(case.edges or (ring_edges(1.0, 1) if case.options.edges is None else case.options.edges,))
-    return {
-        "displacement_time": case.times[chosen_times(case)],
-        "r": r,
-        "r_inner": inner,
-        "r_outer": outer,
-        "model": ["msd", *(f"slope {label}" for label in labels(case.options.windows)), *square],
-    }
-
-
 AT = (*EACH, "displacement_time")
 RING, MODEL = (*AT, "r"), (*AT, "model")
 OF_COUNT = "(Wilson) interval of the count"
@@ -258,9 +242,7 @@ VARIABLES = {
     "chi_square": Variable(MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"),
     "degrees_of_freedom": Variable(MODEL, "1", "number of pooled bins minus one for the total and one for D"),
     "p_value": Variable(MODEL, "1", "p-value of the chi-square, D estimated from the same runs"),
-    "p_value_joint": Variable(
-        MODEL, "1", "p-value of rings and kurtosis together; for the reflecting square that of the rings"
-    ),
+    "p_value_joint": Variable(MODEL, "1", "p-value of rings and kurtosis together; for the square that of the rings"),
     "power_5_percent": Variable(MODEL, "1", "power: chance that the test of the rings rejects a D wrong by 5 %"),
     "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
     "kurtosis": Mean(AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution"),
@@ -277,4 +259,4 @@ COORDINATES = {
         "square = diffusion in a reflecting square, D from MSD(t)",
     ),
 }
-ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES, always=True)
+ESTIMATOR = Estimator(_columns, VARIABLES, coordinates=COORDINATES, always=True)

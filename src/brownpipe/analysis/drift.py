@@ -72,17 +72,13 @@ def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
 
     Without quarters, or for fewer than FEWEST_RUNS, no quantity is there.
     """
-    runs = min(map(len, quarters.values()), default=0)
-    if runs < FEWEST_RUNS:
+    values = np.array([*quarters.values()])
+    if not values.size or (runs := values.shape[1]) < FEWEST_RUNS:
         return Drift((), *np.empty((3, 0)))
-    changes, means = (np.array([of(values) for values in quarters.values()]) for of in (_change, np.mean))
-    found = _tested([*quarters], changes.mean(axis=1), changes.std(axis=1, ddof=1) / math.sqrt(runs), means, runs)
+    change = values[..., 3] - values[..., 0]
+    error = change.std(axis=1, ddof=1) / math.sqrt(runs)
+    found = _tested([*quarters], change.mean(axis=1), error, values.mean(axis=(1, 2)), runs)
     return found._replace(p=holm(found.p))
-
-
-def _change(quarters: np.ndarray) -> np.ndarray:
-    """Return the last quarter minus the first (n,) of runs (n, 4)."""
-    return quarters[:, 3] - quarters[:, 0]
 
 
 def _tested(names: Sequence[str], change: np.ndarray, error: np.ndarray, mean: np.ndarray, runs: int) -> Drift:
@@ -140,8 +136,8 @@ def _percent(change: float, error: float) -> str:
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
     found = quarters_of(case.scene, case.times, runs.observables) if is_tested(case.scene, case.engine) else {}
-    changes = {f"{COLUMN}{name}": _change(of) for name, of in found.items()}
-    return Columns(changes, {f"{MEAN}{name}": of.mean(axis=1) for name, of in found.items()})
+    changes = {f"{COLUMN}{name}": of[:, 3] - of[:, 0] for name, of in found.items()}
+    return Columns(changes, {f"{MEAN}{name}": of.mean(axis=1).sum() for name, of in found.items()})
 
 
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -150,9 +146,8 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
     names = [name.removeprefix(COLUMN) for name in averages.places if name.startswith(COLUMN)]
     if names:
-        changes = [averages.estimate(f"{COLUMN}{name}") for name in names]
-        change, error = (np.array([getattr(one, part) for one in changes]) for part in ("mean", "standard_error"))
-        means = np.array([averages.mean(f"{MEAN}{name}") for name in names])
+        change, error, *_ = np.transpose([averages.estimate(f"{COLUMN}{name}") for name in names])
+        means = np.array([averages.totals[f"{MEAN}{name}"] / averages.runs for name in names])
         found = _tested(names, change, error, means, averages.runs)
         values |= dict(zip(("quantity", "drift", "drift_standard_error", "drift_p_value"), found, strict=True))
     return values
@@ -162,9 +157,7 @@ QUANTITY = (*EACH, "quantity")
 VARIABLES = {
     "time_to_try": Variable(EACH, "time", "equilibrate.time to try if the runs drift"),
     "drift": Variable(QUANTITY, "1", "relative change from the first to the last quarter of the runs", ERROR),
-    "drift_p_value": Variable(
-        QUANTITY, "1", "probability of such a change in equilibrium, adjusted for all of the dataset (Holm)"
-    ),
+    "drift_p_value": Variable(QUANTITY, "1", "p-value of the change in equilibrium, adjusted for the dataset (Holm)"),
 }
 COORDINATES = {"quantity": Variable(("quantity",), None, "quantity that may drift")}
 ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES)

@@ -6,12 +6,13 @@ n runs of a block, T sample times. See docs/theory.md, section 4.
 import numpy as np
 from numpy.typing import ArrayLike
 
+from brownpipe.analysis import resampling
 from brownpipe.analysis.displacement import squared_of
 from brownpipe.analysis.distribution import kurtosis
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import ERROR, TIME, Mean, Variable, with_interval
+from brownpipe.analysis.variables import ERROR, TIME, Mean, Variable
 
 COLUMNS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 and their product; `displacement` has msd
 
@@ -22,17 +23,14 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     if "quartic_displacement" not in seen or squared is None or not alike:
         return Columns()
     quartic = seen["quartic_displacement"]
-    return Columns({"quartic_displacement": quartic}, {"square_times_quartic": squared * quartic})
+    return Columns({"quartic_displacement": quartic, "square_times_quartic": squared * quartic})
 
 
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "quartic_displacement" not in averages:
         return {}
     mean, error, low, high = kurtosis(averages, COLUMNS)
-    return {
-        **with_interval("non_gaussian_parameter", Estimate(mean - 1, error, low - 1, high - 1)),
-        **_controlled(averages, mean - 1),
-    }
+    return {"non_gaussian_parameter": Estimate(mean - 1, error, low - 1, high - 1), **_controlled(averages, mean - 1)}
 
 
 def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
@@ -44,8 +42,8 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     """
     if averages.runs < FEWEST_FOR_INTERVAL or len(value) < 2 or not np.isfinite(value[1:]).all():
         return {}
-    filled = averages.sums is not None and averages.sums.weight > 0.0
-    r2, r4 = (averages.drawn(name)[filled, 1:] for name in COLUMNS[:2])
+    drawn = (resampling.drawn_mean(averages.of(name)) for name in COLUMNS[:2])
+    r2, r4 = (means[np.isfinite(means).all(axis=1), 1:] for means in drawn)  # a replicate may have no runs
     change = r4 / (2 * r2**2) - 1 - value[1:]
     first = change[:, :1]
     b = (change * first).mean(axis=0) / (first**2).mean()
@@ -61,12 +59,6 @@ MEANING = "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 f
 
 VARIABLES = {
     "non_gaussian_parameter": Mean(TIME, "1", MEANING),
-    "non_gaussian_parameter_controlled": Variable(
-        TIME,
-        "1",
-        f"{MEANING}, with that of the first sample after 0 as control variate: for normal initial velocities and a"
-        " first sample well within the mean free time",
-        ERROR,
-    ),
+    "non_gaussian_parameter_controlled": Variable(TIME, "1", f"{MEANING}; control variate: the first after 0", ERROR),
 }
 ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

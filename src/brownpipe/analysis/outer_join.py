@@ -19,12 +19,11 @@ def joined(
     coordinates: Mapping[str, Variable],
     attributes: dict,
     always: Collection[str] = (),
-    kept: Collection[str] = (),
 ) -> "xarray.Dataset":
     """Return the outer join of `parts`; where a part has no value, a variable has its value `absent`.
 
-    A variable is there if a part has it, or if it is one of `always`. Labels, and numbers along the dimensions `kept`,
-    come in order of appearance; other numbers ascend. Numbers that differ by less than SAME_TIME count as equal.
+    A variable is there if a part has it, or if it is one of `always`. Labels and particle counts come in order of
+    appearance; other numbers ascend. Numbers that differ by less than SAME_TIME count as equal.
     `xarray.concat` and `unstack` give the same values, but sort all labels and hold every array twice.
     """
     import xarray
@@ -32,7 +31,7 @@ def joined(
     held = {name: one for name, one in variables.items() if name in always or any(name in part for part in parts)}
     dims = {dim for one in held.values() for dim in one.dims}
     held |= {name: one for name, one in coordinates.items() if dims.issuperset(one.dims)}
-    axes = {dim: _union([part[dim] for part in parts if dim in part], dim in kept) for dim in dims}
+    axes = {dim: _union([part[dim] for part in parts if dim in part], dim == "particles") for dim in dims}
     data = {}
     for name, variable in held.items():
         full: np.ndarray = np.full([len(axes[dim]) for dim in variable.dims], variable.absent, variable.dtype)

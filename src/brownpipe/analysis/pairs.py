@@ -12,7 +12,7 @@ from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, sca
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import mean_root, temperature
-from brownpipe.analysis.variables import EACH, Mean, Variable, with_interval
+from brownpipe.analysis.variables import EACH, Mean, Variable
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.pairs import bins, species_pairs
 from brownpipe.observables.species import species_table
@@ -30,11 +30,8 @@ NORMAL = 1.96  # standard errors in half a 95 % interval
 def numbers_of_pairs(scene: Scene) -> tuple:
     """Return the table of species, and for every pair of them, a <= b, (a, b, number of pairs of disks)."""
     table = species_table(scene)
-    number = table.number
-    pairs = [
-        (a, b, number[a] * (number[a] - 1) / 2 if a == b else number[a] * number[b]) for a, b in species_pairs(table)
-    ]
-    return table, pairs
+    every = np.triu(np.outer(table.number, table.number)) - np.diag(table.number * (table.number + 1) / 2)
+    return table, [(a, b, every[a, b]) for a, b in species_pairs(table)]
 
 
 def contact_distances(scene: Scene) -> list[float]:
@@ -165,83 +162,69 @@ def bin_edges(scene: Scene) -> np.ndarray:
     return np.arange(number + 1) * width
 
 
+def weights_of(scene: Scene) -> np.ndarray:
+    """Return the `contact_weights` (2, P, R) of every pair of species."""
+    edges, pairs = bin_edges(scene), zip(contact_distances(scene), decays(scene), strict=True)
+    return np.stack([contact_weights(edges, *pair) for pair in pairs], axis=1)
+
+
 def _columns(case: Case, runs: RunBlock) -> Columns:
     by_rate, seen = _by_rate(case, runs), runs.observables
     if "pair_counts" not in seen:
         return Columns(by_rate)
-    edges, contacts = bin_edges(case.scene), contact_distances(case.scene)
-    weights = [contact_weights(edges, *pair) for pair in zip(contacts, decays(case.scene), strict=True)]
-    uniform = ideal(case.scene, edges) * np.asarray(seen["pair_snapshots"], float)[:, None, None]
-
-    def relative(counts: np.ndarray, suffix: str = "") -> dict[str, np.ndarray]:
-        """Counts over those of uniform points, and extrapolated to contact."""
-        g = _over(np.asarray(counts, float), uniform)
-        value, following = ((g * of_order).sum(axis=-1) for of_order in np.swapaxes(weights, 0, 1))
-        names = ("pair_distribution", "contact_value", "contact_value_following")
-        return dict(zip((f"{name}{suffix}" for name in names), (g, value, following), strict=True))
-
-    ideals = relative(seen["pair_expected"], "_ideal") if "pair_expected" in seen else {}
-    ideals["one_pair"] = _over(np.ones_like(uniform), uniform)
-    return Columns(relative(seen["pair_counts"]) | by_rate, ideals, {"pairs": np.sum(seen["pair_counts"], axis=0)})
+    uniform = ideal(case.scene, bin_edges(case.scene)) * np.asarray(seen["pair_snapshots"], float)[:, None, None]
+    counts = np.asarray(seen["pair_counts"], float)
+    g, around_lone = _over(counts, uniform), _over(seen.get("pair_expected", np.full_like(counts, np.nan)), uniform)
+    value, following = ((g * of_order).sum(axis=-1) for of_order in weights_of(case.scene))
+    means = {"pair_distribution": g, "contact_value": value, "contact_value_following": following}
+    totals = {"pairs": counts, "one_pair": _over(np.ones_like(uniform), uniform), "around_lone": around_lone}
+    return Columns(means | by_rate, {name: values.sum(axis=0) for name, values in totals.items()})
 
 
 def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
     return np.divide(number, expected, out=np.full(number.shape, np.nan), where=expected > 0)
 
 
-def _of_ideal(averages: Averages, name: str) -> Estimate:
-    """Estimate of a mean, relative to that of an ideal gas around the lone disks at their recorded positions.
+def _per_lone(around_lone: np.ndarray) -> np.ndarray:
+    """One over the ideal gas around the lone disks at their recorded positions; 1 for other pairs, where it is NaN.
 
-    Both are relative to uniform points. The error is that of the counts alone, the ideal gas being taken as known. This
-    does not underestimate it: the position of the lone disk shifts the counts of a run and the ideal gas alike, so that
-    part of the spread would cancel.
+    Both it and g(r) are relative to uniform points. It is taken as known. This does not underestimate the error of
+    their ratio: the position of the lone disk shifts the counts of a run and the ideal gas alike, so that part of the
+    spread would cancel.
     """
-    estimate = averages.estimate(name)
-    return scaled(estimate, _over_ideal(averages, name)) if f"{name}_ideal" in averages else estimate
+    return np.where(np.isfinite(around_lone), _over(np.ones_like(around_lone), around_lone), 1.0)
 
 
-def _over_ideal(averages: Averages, name: str) -> np.ndarray:
-    """One over the mean of the ideal gas around the lone disks; 1 for other pairs."""
-    of_ideal = averages.mean(f"{name}_ideal")
-    return np.where(np.isfinite(of_ideal), _over(np.ones_like(of_ideal), of_ideal), 1.0)
-
-
-def _of_few(case: Case, averages: Averages) -> Estimate:
+def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
     """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least that of Poisson.
 
     Without it, that of three pairs in ten runs has the expected number in 78 % of ensembles.
     """
-    estimate, pairs = _of_ideal(averages, "pair_distribution"), averages.counts["pairs"]
-    one = averages.mean("one_pair") / averages.runs
-    if "pair_distribution_ideal" in averages:
-        one = one * _over_ideal(averages, "pair_distribution")
-    low, high = (end * one for end in resampling.poisson_interval(pairs))
+    estimate = scaled(averages.estimate("pair_distribution"), _per_lone(around_lone))
+    pairs, one = averages.totals["pairs"], averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone)
     beyond = bin_edges(case.scene)[1:] > np.array(contact_distances(case.scene))[:, None]
     few = (pairs < FEW) & beyond & np.isfinite(estimate.low)
-    ends = (
-        np.where(few, np.fmin(estimate.low, low), estimate.low),
-        np.where(few, np.fmax(estimate.high, high), estimate.high),
-    )
-    return estimate._replace(low=ends[0], high=ends[1])
+    low, high = (np.where(few, end * one, np.nan) for end in resampling.wilson_interval(pairs))
+    return estimate._replace(low=np.fmin(estimate.low, low), high=np.fmax(estimate.high, high))
 
 
-def _at_contact(averages: Averages) -> Estimate:
-    """Estimate of the contact values, relative to the ideal gas of `_of_ideal`; with the error of the extrapolation."""
-    estimate, following = _of_ideal(averages, "contact_value"), averages.estimate("contact_value_following")
-    if "contact_value_ideal" in averages:
-        lone = np.isfinite(averages.mean("contact_value_ideal"))
-        of_ideal = estimate.mean * averages.mean("contact_value_following_ideal")
-        following = following._replace(mean=following.mean - np.where(lone, of_ideal, 0.0))
-        following = scaled(following, _over_ideal(averages, "contact_value"))
+def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
+    """Estimate of the contact values, with the error of the extrapolation."""
+    of_lone, following_of_lone = (np.sum(around_lone * of_order, axis=-1) for of_order in weights_of(case.scene))
+    estimate = scaled(averages.estimate("contact_value"), _per_lone(of_lone))
+    following = averages.estimate("contact_value_following")
+    of_ideal = np.where(np.isfinite(of_lone), estimate.mean * following_of_lone, 0.0)
+    following = scaled(following._replace(mean=following.mean - of_ideal), _per_lone(of_lone))
     return widened(estimate, truncation(following))
 
 
-def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
     if "pair_distribution" not in averages:
         return {"contact_distance": contact_distances(case.scene)} if "contact_value_rate" in averages else {}
+    around_lone = averages.totals["around_lone"] / averages.runs
     return {
-        **with_interval("pair_distribution", _of_few(case, averages)),
-        **with_interval("contact_value", _at_contact(averages)),
+        "pair_distribution": _of_few(case, averages, around_lone),
+        "contact_value": _at_contact(case, averages, around_lone),
         "contact_distance": contact_distances(case.scene),
     }
 

@@ -1,4 +1,4 @@
-"""Density profile in front of the walls, and its value at contact, the force on the walls over kT and their length.
+"""Density at contact with the walls: the force on the walls over kT and their length.
 
 K species, B bins of distance, n runs. See docs/theory.md, section 3.
 """
@@ -8,8 +8,9 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.pairs import contact_weights, truncation, widened
+from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, Mean, with_interval
+from brownpipe.analysis.variables import EACH, Mean
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.profile import bins
 from brownpipe.observables.species import species_table
@@ -35,21 +36,21 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
         return Columns()
     profile = np.asarray(runs.observables["density_profile"], float)
     contact, following = ((profile * weights).sum(axis=-1) for weights in wall_weights(case.scene))
-    return Columns({"density_profile": profile, "contact_density": contact, "contact_density_following": following})
+    return Columns({"contact_density": contact, "contact_density_following": following})
 
 
-def _derived(case: Case, averages: Averages) -> dict[str, np.ndarray]:
+def _derived(case: Case, averages: Averages) -> dict[str, Estimate]:
     if "contact_density" not in averages:
         return {}
     error = truncation(averages.estimate("contact_density_following"))
-    return with_interval("contact_density", widened(averages.estimate("contact_density"), error))
+    return {"contact_density": widened(averages.estimate("contact_density"), error)}
 
 
 SPECIES = (*EACH, "species")
-DENSITY = "1/length^2"
 
 VARIABLES = {
-    "density_profile": Mean((*SPECIES, "wall_distance"), DENSITY, "number density by distance from the walls"),
-    "contact_density": Mean(SPECIES, DENSITY, "number density at the walls, extrapolated from up to 0.2 diameters"),
+    "contact_density": Mean(
+        SPECIES, "1/length^2", "number density at the walls, extrapolated from up to 0.2 diameters"
+    ),
 }
 ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

@@ -41,64 +41,74 @@ class Estimate(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over runs of d = x - pivot for C quantities x, and of d^2 for the first Q of them; B replicates."""
+    """Sums over runs of d = x - pivot for C quantities x, and of d^2, with the B replicates of both."""
 
     runs: int
     pivot: np.ndarray  # (C,) near the mean, so that no digits are lost
     first: np.ndarray  # (C,) sum of d
-    second: np.ndarray  # (Q,) sum of d^2
+    second: np.ndarray  # (C,) sum of d^2
     weight: np.ndarray  # (B,) sum of the weights w
     drawn_first: np.ndarray  # (B, C) sum of w d
-    drawn_second: np.ndarray  # (B, Q) sum of w d^2
+    drawn_second: np.ndarray  # (B, C) sum of w d^2
 
 
-ALL = slice(None)
+def columns_of(sums: Sums, columns: slice) -> Sums:
+    """Return the sums of some of the quantities."""
+    names = ("pivot", "first", "second", "drawn_first", "drawn_second")
+    return sums._replace(**{name: getattr(sums, name)[..., columns] for name in names})
 
 
-def mean_of(sums: Sums, columns: slice = ALL) -> np.ndarray:
+def mean_of(sums: Sums) -> np.ndarray:
     """Return the means (C,) over runs."""
-    return sums.pivot[columns] + sums.first[columns] / sums.runs
+    return sums.pivot + sums.first / sums.runs
 
 
-def drawn_mean(sums: Sums, columns: slice = ALL) -> np.ndarray:
+def drawn_mean(sums: Sums) -> np.ndarray:
     """Return the means (B, C) over the runs of each replicate; NaN for a replicate without runs."""
-    return sums.pivot[columns] + _per_run(sums.drawn_first[:, columns], sums.weight)
+    return sums.pivot + _per_run(sums.drawn_first, sums.weight)
 
 
-def drawn_variance(sums: Sums, columns: slice = ALL) -> np.ndarray:
-    """Return the variances (B, Q) over the n runs of each replicate, divided by n, not n - 1."""
-    first, second = (_per_run(drawn[:, columns], sums.weight) for drawn in (sums.drawn_first, sums.drawn_second))
+def drawn_variance(sums: Sums) -> np.ndarray:
+    """Return the variances (B, C) over the n runs of each replicate, divided by n, not n - 1."""
+    first, second = (_per_run(drawn, sums.weight) for drawn in (sums.drawn_first, sums.drawn_second))
     return second - np.square(first)
 
 
-def variance_of(sums: Sums, columns: slice = ALL) -> np.ndarray:
-    """Return the variances (Q,) over n runs, divided by n, not n - 1."""
-    return np.maximum(sums.second[columns] / sums.runs - np.square(sums.first[columns] / sums.runs), 0.0)
+def variance_of(sums: Sums) -> np.ndarray:
+    """Return the variances (C,) over n runs, divided by n, not n - 1."""
+    return np.maximum(sums.second / sums.runs - np.square(sums.first / sums.runs), 0.0)
 
 
-def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray, squares: int) -> Sums:
+def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums:
     """Return `sums` with the runs `seeds` (n,) of one block added, n > 0, whose entries are `columns` (n, C).
 
-    Squares are added up for the first `squares` columns. The arrays of `sums` are changed in place. Seeds must ascend,
-    and blocks be added in ascending order; the result is then the same to the bit on any number of threads.
+    The arrays of `sums` are changed in place. Seeds must ascend, and blocks be added in ascending order; the result is
+    then the same to the bit on any number of threads.
     """
-    block, columns = int(seeds[0]) // SEEDS_PER_BLOCK, np.asarray(columns, float)
+    columns = np.asarray(columns, float)
     if sums is None:
-        total = np.cumsum(columns - columns[0], axis=0)[-1]  # same order of additions for any number of columns
-        shapes = columns.shape[1], squares, REPLICATES, (REPLICATES, columns.shape[1]), (REPLICATES, squares)
-        sums = Sums(0, columns[0] + total / len(seeds), *map(np.zeros, shapes))
-    deviation = columns - sums.pivot
-    rows = np.asarray(seeds) - block * SEEDS_PER_BLOCK
-    ones = np.ones((len(seeds), 1))
-    for terms, first, drawn in (
+        pivot, size = columns[0] + _total(columns - columns[0]) / len(seeds), (REPLICATES, columns.shape[1])
+        arrays = np.zeros_like(pivot), np.zeros_like(pivot), np.zeros(REPLICATES), np.zeros(size), np.zeros(size)
+        sums = Sums(0, pivot, *arrays)
+    rows = np.asarray(seeds) % SEEDS_PER_BLOCK
+    weights = _weights(int(seeds[0]) // SEEDS_PER_BLOCK)[:, rows[0] : rows[-1] + 1]
+    there, deviation = np.zeros(weights.shape[1], np.float32), np.zeros((weights.shape[1], columns.shape[1]))
+    there[rows - rows[0]] = 1.0
+    deviation[rows - rows[0]] = columns - sums.pivot  # 0 for seeds without a run
+    weight = sums.weight + weights @ there
+    for terms, total, drawn in (
         (deviation, sums.first, sums.drawn_first),
-        (deviation[:, :squares] ** 2, sums.second, sums.drawn_second),
-        (ones, np.zeros(1), sums.weight[:, None]),
+        (deviation**2, sums.second, sums.drawn_second),
     ):
-        first += np.cumsum(terms, axis=0)[-1] if terms.shape[1] == 1 else terms.sum(axis=0)
+        total += _total(terms)
         for chunk in _chunks(terms.shape[1]):
-            drawn[:, chunk] += _drawn(block, rows, terms[:, chunk])
-    return sums._replace(runs=sums.runs + len(seeds))
+            drawn[:, chunk] += _drawn(weights, terms[:, chunk])
+    return sums._replace(runs=sums.runs + len(seeds), weight=weight)
+
+
+def _total(terms: np.ndarray) -> np.ndarray:
+    """Sums (K,) over rows (n, K), added up in the same order for any number of columns."""
+    return np.cumsum(terms, axis=0)[-1]
 
 
 def _chunks(columns: int) -> list[slice]:
@@ -106,12 +116,10 @@ def _chunks(columns: int) -> list[slice]:
     return [slice(start, min(start + _AT_ONCE, columns)) for start in range(0, columns, _AT_ONCE)]
 
 
-def _drawn(block: int, rows: np.ndarray, terms: np.ndarray) -> np.ndarray:
-    """Weighted sums (B, K) of `terms` (n, K), the entries of `rows` (n,) of a block; missing seeds count as 0."""
+def _drawn(weights: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """Sums (B, K) of `terms` (n, K) with the `weights` (B, n) of the replicates."""
     steps, unit = _on_a_grid(terms)
-    full = np.zeros((rows[-1] + 1 - rows[0], terms.shape[1]), np.float32)
-    full[rows - rows[0]] = steps
-    return (_weights(block)[:, rows[0] : rows[-1] + 1] @ full) * unit
+    return (weights @ steps) * unit
 
 
 @lru_cache(maxsize=4)
@@ -140,22 +148,22 @@ def _on_a_grid(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def estimate(sums: Sums) -> Estimate:
-    """Return the Estimate, arrays (Q,), of the columns whose squares were summed, with its bootstrap-t interval.
+    """Return the Estimate, arrays (C,), with its bootstrap-t interval.
 
     r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard error, which makes
     the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 10 runs
     (B. Efron, Can. J. Stat. 9, 139 (1981)).
     """
-    parts = [_estimate(sums, chunk) for chunk in _chunks(len(sums.second))]
-    return Estimate(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+    parts = [_estimate(columns_of(sums, chunk)) for chunk in _chunks(len(sums.pivot))]
+    return Estimate(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _estimate(sums: Sums, chunk: slice) -> Estimate:
+def _estimate(sums: Sums) -> Estimate:
     """The Estimate of a chunk of the columns."""
-    runs, variance = sums.runs, variance_of(sums, chunk)
+    runs, variance = sums.runs, variance_of(sums)
     error = np.sqrt(variance / (runs - 1)) if runs > 1 else np.full_like(variance, np.nan)
-    shift = _per_run(sums.drawn_first[:, chunk], sums.weight) - sums.first[chunk] / runs
-    return studentized(runs, mean_of(sums, chunk), error, shift, drawn_variance(sums, chunk) / degrees(sums))
+    shift = _per_run(sums.drawn_first, sums.weight) - sums.first / runs
+    return studentized(runs, mean_of(sums), error, shift, drawn_variance(sums) / degrees(sums))
 
 
 def degrees(sums: Sums) -> np.ndarray:
@@ -202,7 +210,7 @@ def resample(samples: np.ndarray, seeds: np.ndarray | None = None) -> Estimate:
     if not runs:
         return Estimate(*np.full((4, *shape), np.nan))
     columns = samples.reshape(runs, -1)
-    sums = _added_up(np.arange(runs) if seeds is None else np.asarray(seeds), columns, columns.shape[1])
+    sums = _added_up(np.arange(runs) if seeds is None else np.asarray(seeds), columns)
     return Estimate(*(values.reshape(shape) for values in estimate(sums)))
 
 
@@ -212,34 +220,24 @@ def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
     The replicates are those of `resample`; with `other` a second set, independent of the first.
     """
     samples = np.asarray(samples, float)
-    sums = _added_up(np.arange(len(samples)) + _OTHER * other, samples, 0)
+    sums = _added_up(np.arange(len(samples)) + _OTHER * other, samples)
     return drawn_mean(sums) - mean_of(sums)
 
 
-def _added_up(seeds: np.ndarray, columns: np.ndarray, squares: int) -> Sums:
+def _added_up(seeds: np.ndarray, columns: np.ndarray) -> Sums:
     """Sums over all runs, seeds ascending."""
     sums = None
     for rows in np.split(np.arange(len(seeds)), np.flatnonzero(np.diff(seeds // SEEDS_PER_BLOCK)) + 1):
-        sums = add_block(sums, seeds[rows], columns[rows], squares)
+        sums = add_block(sums, seeds[rows], columns[rows])
     return sums
 
 
-def wilson_interval(count: np.ndarray, total: int) -> tuple[np.ndarray, np.ndarray]:
+def wilson_interval(count: np.ndarray, total: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
     """Return the 95 % interval of the expected number behind `count` (...) of `total` independent runs.
 
-    E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927). Its upper end is positive at a count of 0.
-    """
-    share, z2 = np.asarray(count, float) / total, _NORMAL_975**2
-    centre = (share + z2 / (2 * total)) / (1 + z2 / total)
-    half = np.sqrt(share * (1 - share) * z2 / total + (z2 / (2 * total)) ** 2) / (1 + z2 / total)
-    return total * (centre - half), total * (centre + half)
-
-
-def poisson_interval(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the 95 % interval of the expected number behind `count` (...) of rare events.
-
-    `wilson_interval` for infinitely many runs.
+    E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927). Its upper end is positive at a count of 0. Of infinitely many
+    runs, `count` is a number of rare events (Poisson).
     """
     count, z2 = np.asarray(count, float), _NORMAL_975**2
-    half = np.sqrt(z2 * (count + z2 / 4))
-    return count + z2 / 2 - half, count + z2 / 2 + half
+    half = np.sqrt(z2 * (count * (1 - count / total) + z2 / 4))
+    return (count + z2 / 2 - half) / (1 + z2 / total), (count + z2 / 2 + half) / (1 + z2 / total)

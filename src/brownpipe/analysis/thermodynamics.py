@@ -142,23 +142,17 @@ VARIABLES = {
     "collision_rate": Mean(EACH, "1/time", "collisions of a disk with others per time"),
     "tracer_collision_rate": Mean(EACH, "1/time", "collisions of the tracer with others per time"),
     "collision_rate_at_temperature": Mean(EACH, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}"),
-    "tracer_collision_rate_at_temperature": Mean(
-        EACH, "1/time", f"collisions of the tracer with others {AT_TEMPERATURE}"
-    ),
+    "tracer_collision_rate_at_temperature": Mean(EACH, "1/time", f"collisions of the tracer {AT_TEMPERATURE}"),
     "kinetic_temperature": Mean(EACH, "energy", "temperature kT from the kinetic energy"),
     "compressibility": Mean(
-        EACH,
-        "1",
-        "compressibility factor 1 + W/(2 N kT t), W the virial of pair collisions in time t; P/(n kT) if periodic",
+        EACH, "1", "compressibility factor 1 + W/(2 N kT t), W the pair virial; P/(n kT) if periodic"
     ),
     "wall_compressibility": Mean(EACH, "1", "compressibility factor P/(n kT), P the pressure on the walls, n = N/A"),
     "compressibility_rate": Mean(EACH, "1", "compressibility factor of equal disks from their collision rate"),
     "wall_pressure": Mean(EACH, "energy/length^2", "pressure on the walls: momentum transferred per length and time"),
     "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
     "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
-    "enskog_contact_value": Variable(
-        EACH, "1", "theoretical contact value of the tracer and the main species of its bath"
-    ),
+    "enskog_contact_value": Variable(EACH, "1", "theoretical contact value of tracer and main species of its bath"),
     "enskog_compressibility": Variable(EACH, "1", "compressibility factor from Enskog's contact values"),
     "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient by Enskog's theory, at the scene's total momentum"),
 }

@@ -6,11 +6,15 @@ Units are the reduced units of the scene: `length`, `time`, `mass`. "95 %" inter
 from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe.analysis.resampling import Estimate
+
+if TYPE_CHECKING:
+    import xarray
 
 SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt depends on dt by round-off
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
@@ -69,9 +73,22 @@ def with_uncertainties(variables: Mapping[str, Variable]) -> dict[str, Variable]
     return table
 
 
-def with_interval(name: str, estimate: Estimate) -> dict[str, np.ndarray]:
-    """Return mean, standard error and the ends of the interval by the names of their variables."""
-    return dict(zip((name, *(f"{name}_{part}" for part in UNCERTAINTIES)), estimate, strict=True))
+def estimate_in(dataset: "xarray.Dataset", name: str) -> Estimate:
+    """Return the Estimate of the quantity `name` in a dataset."""
+    return Estimate(*(dataset[one].values for one in names_of(name)))
+
+
+def names_of(name: str) -> list[str]:
+    """Return the names of the variables of an Estimate, in its order."""
+    return [name, *(f"{name}_{part}" for part in UNCERTAINTIES)]
+
+
+def with_intervals(values: Mapping[str, ArrayLike | Estimate]) -> dict[str, Any]:
+    """Return values by the names of their variables: those of an Estimate x, for example, as `x`, `x_low`, `x_high`."""
+    parts: dict[str, Any] = {}
+    for name, value in values.items():
+        parts |= dict(zip(names_of(name), value, strict=True)) if isinstance(value, Estimate) else {name: value}
+    return parts
 
 
 SEED = (*EACH, "seed")
@@ -79,18 +96,7 @@ STATUS = {"flag_values": np.array([KEPT, FAILED, MISSING], np.int8), "flag_meani
 
 VARIABLES = {  # numbers and health of the runs; every estimator has a table of its own
     "runs": Variable(EACH, "1", "number of runs averaged", (), np.int64, 0),
-    "failed_runs": Variable(
-        EACH,
-        "1",
-        "number of runs left out: energy drift beyond its bound (exact engine: also overlap or momentum residual; time "
-        "steps: also a disk that has left the box), a number not finite, or a run that could not go on",
-        (),
-        np.int64,
-        0,
-    ),
-    "missing_seeds": Variable(
-        EACH, "1", "number of seeds, from the first to the last of this engine, without a run", (), np.int64, 0
-    ),
+    "failed_runs": Variable(EACH, "1", "number of runs left out: not healthy, or unable to go on", (), np.int64, 0),
     "energy_drift": Variable(SEED, "1", "relative change of the energy over the run"),
     "worst_overlap": Variable(SEED, "1", "deepest overlap, in contact distances"),
     "momentum_residual": Variable(SEED, "1", "relative residual of the momentum balance, wall impulses included"),

@@ -12,12 +12,11 @@ from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
-from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable, with_interval
+from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable
 from brownpipe.engines.friction import partners_of
 from brownpipe.observables import ARRAYS, AXES, displacement
 from brownpipe.scene import Scene
 
-CORRELATIONS = ("velocity_autocorrelation", "bath_velocity_autocorrelation")
 EARLY = 0.25  # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
 COARSE = 0.2  # decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
 LATEST = 1.0  # latest of these samples, in units of the inverse of `fastest_rate`
@@ -131,8 +130,9 @@ def _with_velocity(case: Case, runs: RunBlock, name: str) -> np.ndarray | None:
 
 
 def _columns(case: Case, runs: RunBlock) -> Columns:
-    means = {name: runs.observables[name] for name in (*CORRELATIONS, "species_energy") if name in runs.observables}
-    if "velocity_autocorrelation" in means and len(case.times) > 2:
+    names = ("velocity_autocorrelation",)
+    means = {name: runs.observables[name] for name in names if name in runs.observables}
+    if means and len(case.times) > 2:
         rate, fastest = enskog_rate(case.scene), fastest_rate(case.scene)
         samples = early(case.times, fastest)
         times, first = case.times[samples], means["velocity_autocorrelation"][:, samples]
@@ -152,28 +152,20 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "velocity_autocorrelation" not in averages or len(case.times) < 3:
         return {}
-    slope = with_interval("vacf_initial_slope", initial_slope(case, averages))
-    return {**slope, "vacf_initial_slope_expected": expected_slope(case, averages)}
+    slope, expected = initial_slope(case, averages), expected_slope(case, averages)
+    return {"vacf_initial_slope": slope, "vacf_initial_slope_expected": expected}
 
 
-SPECIES = (*EACH, "species")
+SPECIES, SLOPE = (*EACH, "species"), "length^2/time^3"
 
 VARIABLES = {
     "diffusion_running": Mean(TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4"),
     "velocity_autocorrelation": Mean(TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
-    "bath_velocity_autocorrelation": Mean(TIME, SPEED2, "velocity autocorrelation v(0).v(t) in the bath"),
-    "green_kubo": Mean(
-        TIME, RATE, f"half of <v(0).(r(t) - r(0))> {FOLLOWED}, the integral of the autocorrelation over 2"
-    ),
-    "vacf_initial_slope": Mean(
-        EACH,
-        "length^2/time^3",
-        "initial slope of the autocorrelation; errors include that of sampling",
-    ),
+    "green_kubo": Mean(TIME, RATE, f"half of the integral of the autocorrelation, <v(0).(r(t) - r(0))>/2, {FOLLOWED}"),
+    "vacf_initial_slope": Mean(EACH, SLOPE, "initial slope of the autocorrelation; errors include that of sampling"),
     "vacf_initial_slope_expected": Variable(
-        EACH, "length^2/time^3", "-(2 mu/m) (2 kT/m) times the measured collision rate; kT from <v^2> of the tracer"
+        EACH, SLOPE, "that of equilibrium, from the tracer's <v^2> and collision rate"
     ),
-    "species_energy": Mean((*TIME, "species"), "energy", "kinetic energy per disk; kT in equilibrium"),
     "velocity_density": Mean((*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"),
     "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
 }

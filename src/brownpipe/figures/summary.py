@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 TESTS = ("with D = MSD/4t", "with fitted D")  # of eq. (18), the first two models of a dataset
 QUESTION = "eq. (18) rejected?"  # above the columns of the tests
 FIT = (
-    *("window_start", "window_end", "slope", "slope_standard_error", "naive_slope_error"),
+    *("window_start", "window_end", "slope", "slope_standard_error"),
     *("diffusion_coefficient", "diffusion_coefficient_standard_error"),
 )
 TESTED = ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
@@ -191,7 +191,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
 
     rows = []
     for case in cases_of(dataset):
-        counts = {name: case[name].item() for name in ("runs", "failed_runs", "missing_seeds")}
+        counts = {name: case[name].item() for name in ("runs", "failed_runs")}
         last = over_time(case).isel(time=slice(-1, None))
         end = {name: last[name].item() if last.sizes["time"] else np.nan for name in ("msd", "msd_standard_error")}
         distribution = at_last_distribution(case)

@@ -5,7 +5,7 @@ It names the file, its line, the key, the allowed values and the value found.
 
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, NoReturn, Self
 
 import numpy as np
@@ -28,7 +28,7 @@ WORDS = {  # of pydantic, and the same in messages here
     "a valid string": "a text",
     "a valid tuple": "a list",
 }
-TINY = 1e-100  # a bound that only the range of floating-point numbers sets
+TINY = 1e-99  # a bound below it is there for the range of floating-point numbers alone
 BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 NO_MINUS_ZERO = AfterValidator(lambda value: value + 0.0)
@@ -75,11 +75,25 @@ def key(meaning: str, default: Any = ..., **more: Any) -> Any:
     return Field(default, description=meaning, **more)
 
 
+def converted(convert: Callable[[Any], Any], schema: Any) -> BeforeValidator:
+    """Read what a function makes of a value; `schema` is the type of what may be given."""
+    return BeforeValidator(convert, json_schema_input_type=schema)
+
+
 def alone(name: str, schema: Any) -> BeforeValidator:
     """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
-    return BeforeValidator(
-        lambda value: value if isinstance(value, Mapping | Record) else {name: value}, json_schema_input_type=schema
-    )
+    return converted(lambda value: value if isinstance(value, Mapping | Record) else {name: value}, schema)
+
+
+def distinct(kind: Any, least: int = 0) -> Any:
+    """Return the type of a list of values that differ, at least so many."""
+    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_refuse_equal)]
+
+
+def _refuse_equal(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if any(value in values[:k] for k, value in enumerate(values)):
+        refuse("must be values that differ")
+    return values
 
 
 def refuse(problem: str, *path: str | int) -> NoReturn:
@@ -124,7 +138,7 @@ def _place_and_problem(error: ValidationError) -> tuple[list[str | int], str]:
     if kind == "string_pattern_mismatch":
         problem = "must be a name: letters, digits, '.', '_', '-', the first a letter or digit, at most 64"
     for name in BOUNDS.keys() & context.keys():
-        far_below = name == "ge" and value <= 0 < context[name] < TINY
+        far_below = value <= 0 < context[name] < TINY
         problem = "must be > 0" if far_below else f"must be {BOUNDS[name]} {context[name]:.10g}"
     for theirs, ours in WORDS.items():
         problem = problem.replace(theirs, ours)
@@ -140,7 +154,7 @@ def plain(value: Any) -> Any:
         value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+    return [plain(item) for item in value] if isinstance(value, list | tuple | range | set | frozenset) else value
 
 
 def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:

@@ -17,38 +17,22 @@ from pydantic import Discriminator, Field, StrictBool, Tag, model_validator
 from brownpipe.errors import RequestError
 from brownpipe.quoting import shell_path
 from brownpipe.scene import sample_times
-from brownpipe.scene.packing import ROUND_OFF, most_disks, overlap
-from brownpipe.scene.reading import (
-    NO_MINUS_ZERO,
-    AtLeastOne,
-    Count,
-    Name,
-    NotNegative,
-    Pair,
-    Positive,
-    Record,
-    alone,
-    key,
-    refuse,
-    validated,
-)
+from brownpipe.scene.packing import ROUND_OFF, overlap
+from brownpipe.scene.reading import Count, Name, NotNegative, Pair, Positive, Record, alone, key, refuse, validated
 from brownpipe.scene.yaml_file import Document, read_yaml, yaml_text
 
 MOST_SAMPLES = 10_000_000
-LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
 LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
-SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
 HEAVIEST = 1e302  # mass; its inverse the lightest
-FASTEST = 1e300  # velocity component
+LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
+SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
+HEXAGONAL = (1 + 1e-9) / math.sqrt(12)  # disks in a square of side R in the densest packing, and round-off
 SLOWEST_SQUARE = 1e-300  # smallest kT/m except 0
 ONLY_WITH_SPECIES = ("particles", "velocities", "equilibrate")  # keys
 STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
 
 Mass = Annotated[Positive, Field(ge=1 / HEAVIEST, le=HEAVIEST)]
-Velocity = Annotated[float, Field(strict=True, ge=-FASTEST, le=FASTEST, allow_inf_nan=False), NO_MINUS_ZERO]
-Width = Annotated[float, Field(strict=True, ge=0, le=FASTEST, allow_inf_nan=False), NO_MINUS_ZERO]
-PerDecade = Annotated[AtLeastOne, Field(le=10_000)]
-FirstTime = Annotated[Positive, Field(gt=1e-290)]
+PerDecade = Annotated[int, Field(strict=True, ge=1, le=10_000)]
 
 
 class Box(Record):
@@ -61,10 +45,9 @@ class Box(Record):
     @model_validator(mode="after")
     def _check(self) -> "Box":
         for side, (low, high) in (("x", self.x), ("y", self.y)):
-            if not low < high:
-                refuse(f"must be [low, high] with low < high, not {[low, high]}", side)
             if not 1 / LONGEST <= high - low <= LONGEST:
-                refuse(f"must be {1 / LONGEST:g} to {LONGEST:g} long, not {high - low!r}; choose other units", side)
+                allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
+                refuse(f"must be {allowed}, not {[low, high]}", side)
         return self
 
     @property
@@ -101,7 +84,7 @@ class Disk(Record):
     """A disk of an explicit list."""
 
     position: Pair = key("initial centre, [x, y] [length]")
-    velocity: tuple[Velocity, Velocity] = key("[x, y] [length/time]")
+    velocity: Pair = key("[x, y] [length/time]")
     radius: Positive = key("[length]")
     mass: Mass = key("[mass]")
     count: ClassVar = 1
@@ -162,7 +145,7 @@ class Velocities(Record):
     Theory relies on it, wherever `scene.velocities` is read.
     """
 
-    standard_deviation: Width | None = key("of every velocity component of every disk [length/time]", None)
+    standard_deviation: NotNegative | None = key("of every velocity component of every disk [length/time]", None)
     temperature: NotNegative | None = key("kT: velocity components have variance kT/m [energy]", None)
     zero_momentum: StrictBool | None = key(
         "subtract the velocity of the centre of mass (default: in a periodic box with several disks)", None
@@ -179,7 +162,7 @@ class Samples(Record):
     """Logarithmic sample times: 0, first * 10^(k/per_decade) for k = 0, 1, ..., and the duration."""
 
     per_decade: PerDecade = key("sample times per factor of ten in time")
-    first: FirstTime | None = key("the first sample time after 0 [time] (default: 1e-4 of the duration)", None)
+    first: Positive | None = key("the first sample time after 0 [time] (default: 1e-4 of the duration)", None)
 
 
 class Equilibration(Record):
@@ -221,19 +204,11 @@ class Scene(Record):
             self._check_motion(self.disks.tracer is not None)
         else:
             self._check_list(self.disks)
-        self._check_sizes([disk for disk in self.listed or self.species if disk.count])
-        return self
-
-    def _check_sizes(self, disks: list[Any]) -> None:
-        """Refuse masses too far apart, and a periodic box in which a disk could touch two images of one neighbour."""
-        masses = [disk.mass for disk in disks] or [1.0]
-        if max(masses) / LARGEST_MASS_RATIO > min(masses):
-            pair = f"masses {min(masses)!r} and {max(masses)!r} are too far apart"
+        light, heavy = self.mass.min(initial=HEAVIEST), self.mass.max(initial=1 / HEAVIEST)
+        if heavy / LARGEST_MASS_RATIO > light:
+            pair = f"masses {light:g} and {heavy:g} are too far apart"
             refuse(f"{pair}; must be within a factor of {LARGEST_MASS_RATIO:g}", "disks")
-        least = 4 * max((disk.radius for disk in disks), default=0.0)
-        if self.box.periodic and min(self.box.width, self.box.height) < least:
-            size = f"a periodic box of {self.box.width!r} by {self.box.height!r}"
-            refuse(f"{size} is too narrow; must be at least {least!r} both ways, four times the largest radius", "box")
+        return self
 
     def _resolve_times(self) -> None:
         if self.samples is not None:
@@ -243,14 +218,10 @@ class Scene(Record):
             self._resolve(samples=self.samples.model_copy(update={"first": first}))
             if first >= self.duration:
                 refuse(f"must be below the duration, {self.duration!r}, not {first!r}", "samples", "first")
-            if sample_times.intervals(self.samples.per_decade, first, self.duration) > MOST_SAMPLES:
-                refuse(f"must be smaller, for at most {MOST_SAMPLES} samples", "samples", "per_decade")
         interval = self.duration if self.sample_interval is None else self.sample_interval
-        if interval > self.duration:
-            refuse(f"must be at most the duration, {self.duration!r}, not {interval!r}", "sample_interval")
-        if self.duration / interval > MOST_SAMPLES:
-            least = f"at least {self.duration / MOST_SAMPLES:g}, for at most {MOST_SAMPLES} samples"
-            refuse(f"must be {least}, not {interval!r}", "sample_interval")
+        if not interval <= self.duration <= MOST_SAMPLES * interval:
+            allowed = f"at most the duration, {self.duration!r}, and at least {self.duration / MOST_SAMPLES:g}"
+            refuse(f"must be {allowed}, for {MOST_SAMPLES} samples, not {interval!r}", "sample_interval")
         self._resolve(sample_interval=interval)
 
     def _check_list(self, disks: tuple[Disk, ...]) -> None:
@@ -276,10 +247,10 @@ class Scene(Record):
         for k, species in enumerate(disks.species):
             self._check_disk(species, "disks", "species", k)
         for s in self.species:
-            most = most_disks(self.box.width, self.box.height, 2 * s.radius, self.box.periodic)
+            most = HEXAGONAL * (self.box.width / s.radius) * (self.box.height / s.radius)
             if s.count > most:
                 crowd = f"{s.count} disks of radius {s.radius!r} ({s.name})"
-                refuse(f"{crowd} cannot fit; must be at most {most}", "disks")
+                refuse(f"{crowd} cannot fit; must be at most {math.floor(most)}", "disks")
         if self.packing_fraction > 1:
             refuse(f"the disks cover {self.packing_fraction:.4g} times the area of the box; must be at most 1", "disks")
 
@@ -315,14 +286,19 @@ class Scene(Record):
             self._resolve(velocities=self.velocities.model_copy(update={"zero_momentum": drifts}))
 
     def _check_disk(self, disk: Disk | Tracer | Species, *path: str | int) -> None:
-        """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box or in a wall."""
-        box, radius, found = self.box, disk.radius, f"not {disk.radius!r}"
-        most, longer = min(box.width, box.height) / 2, max(box.width, box.height)
+        """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box or in a wall.
+
+        In a periodic box of less than four radii a disk could touch two images of one neighbour.
+        """
+        box, radius = self.box, disk.radius
+        most = min(box.width, box.height) / (4 if box.periodic else 2)
+        least = SMALLEST_RADIUS * max(box.width, box.height)
         if radius > most:
-            refuse(f"must be at most half the shorter side of the box, {most!r}, {found}", *path, "radius")
-        if radius < SMALLEST_RADIUS * longer:
-            least = f"{SMALLEST_RADIUS:g} of the longer side of the box, {SMALLEST_RADIUS * longer:.4g}"
-            refuse(f"must be at least {least}, {found}", *path, "radius")
+            share = "a quarter of the shorter side of a periodic" if box.periodic else "half the shorter side of the"
+            refuse(f"must be at most {share} box, {most!r}, not {radius!r}", *path, "radius")
+        if radius < least:
+            share = f"{SMALLEST_RADIUS:g} of the longer side of the box"
+            refuse(f"must be at least {share}, {least:.4g}, not {radius!r}", *path, "radius")
         for axis, value, (low, high) in zip("xy", disk.position or (), (box.x, box.y), strict=False):
             slack, found = ROUND_OFF * radius + 2 * math.ulp(max(-low, high)), f"not {list(disk.position or ())}"
             if box.periodic and not low <= value < high:

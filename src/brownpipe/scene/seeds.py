@@ -11,9 +11,9 @@ from pydantic import Field, PlainValidator
 from brownpipe.scene.reading import refuse, shown, validated
 
 MOST_SEEDS = 10_000_000
-LARGEST_SEED = 2**63 - 1
+LARGEST_SEED = 10**18 - 1
 LONGEST_TEXT = 60  # characters of a brief list of seeds
-RANGE = re.compile(r"([0-9]{1,19})(?:-([0-9]{1,19}))?")
+RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 
 
 def read_seeds(value: object) -> Sequence[int]:
@@ -30,16 +30,13 @@ def _seeds(value: Any) -> Sequence[int]:
     if isinstance(value, int) and not isinstance(value, bool):
         return range(value) if 1 <= value <= MOST_SEEDS else _must_be(f"an integer from 1 to {MOST_SEEDS}", value)
     parts = value if isinstance(value, list | tuple) else [value]
-    if not parts or not all(isinstance(part, int | str) and not isinstance(part, bool) for part in parts):
-        _must_be("a count like 2400, a range like 0-2399, or a list of seeds and ranges", value)
     found = [RANGE.fullmatch(word.strip()) for part in parts for word in str(part).split(",")]
     ends = [(int(part[1]), int(part[2] or part[1])) for part in found if part]
-    if None in found:
-        _must_be("seeds like 17, 0-2399 or 3,5,9", value)
+    if None in found or not ends:
+        counted = "a count like 2400, a range like 0-2399, or a list of seeds and ranges"
+        _must_be("seeds like 17, 0-2399 or 3,5,9" if isinstance(value, str) else counted, value)
     if any(first > last for first, last in ends):
         _must_be("ranges that ascend, like 0-2399", value)
-    if any(last > LARGEST_SEED for _, last in ends):
-        _must_be("seeds below 2**63", value)
     if sum(last - first + 1 for first, last in ends) > MOST_SEEDS:
         _must_be(f"at most {MOST_SEEDS} seeds", value)
     if len(ends) == 1:
@@ -77,15 +74,3 @@ def ranges(seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     gaps = np.flatnonzero(np.diff(seeds) != 1)
     first, last = np.insert(seeds[gaps + 1], 0, seeds[:1]), np.append(seeds[gaps], seeds[-1:])
     return list(zip(first.tolist(), last.tolist(), strict=True))
-
-
-def batches(seeds: Sequence[int] | np.ndarray, size: int) -> list[tuple[int, int]]:
-    """Return first and last seed of each batch.
-
-    Every range of consecutive seeds is cut at multiples of `size`: a study with more seeds keeps its complete batches.
-    """
-    cut = []
-    for first, last in ranges(seeds):
-        starts = [first, *range(first - first % size + size, last + 1, size)]
-        cut += [(start, min(last, start - start % size + size - 1)) for start in starts]
-    return cut

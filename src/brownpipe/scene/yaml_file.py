@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,37 +21,26 @@ LOADER = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 
 
 class Document(dict[str, object]):
-    """A mapping with the text that it was read from, of which some keys may be replaced by other values."""
+    """A mapping with the lines that it was read from, of which some keys may be replaced by other values."""
 
-    text = ""
+    lines: Mapping[tuple[str | int, ...], int] = {}  # from 1, of each value by its path of keys and indices
     replaced: tuple[str, ...] = ()
 
     def with_values(self, values: dict[str, Any]) -> "Document":
         """Return the mapping with other values of some keys; a key of value None is left out."""
         document = Document({key: value for key, value in {**self, **values}.items() if value is not None})
-        document.text, document.replaced = self.text, tuple(values)
+        document.lines, document.replaced = self.lines, tuple(values)
         return document
 
     def line_of(self, path: Sequence[str | int]) -> int | None:
-        """Return the line, from 1, of a value: of its key, or of its item in a list.
+        """Return the line of a value: of its key, or of its item in a list.
 
         That of the mapping that lacks it if it is missing; None if it is not from the text.
         """
-        node = yaml.compose(self.text, Loader=LOADER) if self.text else None
-        if node is None or (path and path[0] in self.replaced):
+        if path and path[0] in self.replaced:
             return None
-        line = node.start_mark.line + 1
-        for part in path:
-            found: dict[Any, Any] = {}  # nodes of key (or item) and value
-            if isinstance(node, yaml.MappingNode):
-                found = {key.value: (key, value) for key, value in node.value}
-            elif isinstance(node, yaml.SequenceNode):
-                found = {index: (item, item) for index, item in enumerate(node.value)}
-            if part not in found:
-                break
-            key, node = found[part]
-            line = key.start_mark.line + 1
-        return line
+        parts = (tuple(path[:length]) for length in range(len(path), -1, -1))
+        return next((self.lines[part] for part in parts if part in self.lines), None)
 
 
 def read_yaml(path: str | Path) -> Any:
@@ -60,12 +49,12 @@ def read_yaml(path: str | Path) -> Any:
     A mapping is returned as a `Document`. Raises RequestError if the file cannot be read or is not such YAML.
     """
     try:
-        text = Path(path).read_text("utf-8-sig")
-        events = yaml.parse(text, Loader=LOADER)
+        lines: dict[tuple[str | int, ...], int] = {}
+        events = yaml.parse(Path(path).read_text("utf-8-sig"), Loader=LOADER)
         next(events)  # the start of the stream
         if isinstance(next(events), yaml.StreamEndEvent):
             raise ValueError("empty; must be a mapping of keys to values")
-        value, _ = _value(events, next(events)), next(events)  # the end of the document
+        value, _ = _value(events, next(events), (), lines), next(events)  # the end of the document
         if not isinstance(next(events), yaml.StreamEndEvent):
             raise ValueError("more than one YAML document; must be one")
     except OSError as error:
@@ -83,20 +72,24 @@ def read_yaml(path: str | Path) -> Any:
         raise RequestError(f"{path}: {line}not valid YAML: {problem}") from None
     if isinstance(value, dict):
         value = Document(value)
-        value.text = text
+        value.lines = lines
     return value
 
 
-def _value(events: Iterator[Any], event: Any) -> object:
-    """Return the value that begins with `event`; a list or mapping takes its parts from the following `events`."""
+def _value(events: Iterator[Any], event: Any, path: tuple[str | int, ...], lines: dict) -> object:
+    """Return the value that begins with `event`, and add its line and those of all in it to `lines`.
+
+    A list or mapping takes its parts from the following `events`.
+    """
+    lines.setdefault(path, event.start_mark.line + 1)
     if event.anchor is not None or event.tag is not None:
         raise ValueError(f"line {event.start_mark.line + 1}: anchors, aliases and tags are not allowed")
     if isinstance(event, yaml.ScalarEvent):
         return scalar(event.value) if event.implicit[0] else event.value
     if isinstance(event, yaml.SequenceStartEvent):
-        values = []
+        values: list[object] = []
         while not isinstance(event := next(events), yaml.SequenceEndEvent):
-            values.append(_value(events, event))
+            values.append(_value(events, event, (*path, len(values)), lines))
         return values
     mapping: dict[str, object] = {}
     while not isinstance(event := next(events), yaml.MappingEndEvent):
@@ -104,7 +97,8 @@ def _value(events: Iterator[Any], event: Any) -> object:
         if key is None or key in mapping:
             problem = "a key must be a plain word" if key is None else f"duplicate key {key!r}; must be given once"
             raise ValueError(f"line {event.start_mark.line + 1}: {problem}")
-        mapping[key] = _value(events, next(events))
+        lines[*path, key] = event.start_mark.line + 1
+        mapping[key] = _value(events, next(events), (*path, key), lines)
     return mapping
 
 

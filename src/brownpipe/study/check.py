@@ -5,18 +5,8 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 
 import pandas as pd
 
-from brownpipe.engines import DEFINITIONS, configured, forecast
-from brownpipe.engines.friction import (
-    DECAY_TIMES,
-    DENSEST,
-    bath_of,
-    bath_share,
-    default_windows,
-    diffusive_from,
-    drift_square_speed,
-    followed,
-    window_caution,
-)
+from brownpipe.engines import DEFINITIONS, configured, forecast, friction
+from brownpipe.engines.friction import DECAY_TIMES, diffusive_from, window_caution
 from brownpipe.engines.lattice import lattice_gaps
 from brownpipe.engines.saturation import is_grown, placement_caution
 from brownpipe.engines.settling import settling_caution, settling_in_words
@@ -47,7 +37,7 @@ def describe_scene_or_study(path: str, particles: int | None = None) -> str:
 def _scene(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
     cost, start = forecast.of_run(scene), diffusive_from(scene)
-    theory = "Enskog" if scene.packing_fraction <= DENSEST else "free volume of a crystal"
+    theory = "Enskog" if scene.packing_fraction <= friction.DENSEST else "free volume of a crystal"
     counts = f"{cost.pair_collisions:,.0f} between disks, {cost.wall_collisions:,.0f} with walls"
     lines = [
         f"box         {scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
@@ -60,8 +50,12 @@ def _scene(scene: Scene) -> list[str]:
         f"collisions  {counts} per run ({theory}, in equilibrium)",
         f"memory      {in_bytes(forecast.memory(cost, 1))} for one run; {in_bytes(cost.recorded)} of file per run",
     ]
-    window = default_windows([scene])[0]
-    cautions = [placement_caution(scene, RUNS), settling_caution(scene), window_caution(window, {scene.name: start})]
+    window = friction.default_windows([scene])[0]
+    cautions = [
+        placement_caution(scene, RUNS),
+        settling_caution(scene),
+        window_caution(window, {scene.name: start}),
+    ]
     for name, definition in DEFINITIONS.items():
         engine = configured(name, **definition.candidates(scene)[0])
         try:
@@ -109,10 +103,11 @@ def _momentum(scene: Scene) -> str | None:
     if not scene.box.periodic or scene.listed or scene.particles < 2:
         return None
     if scene.velocities.zero_momentum:
-        factor = bath_share(scene) ** 2
+        factor = friction.bath_share(scene) ** 2
         return f"zero in total: D is {factor:.3g} = (1 - m/M)^2 times that without recoil of the bath"
-    growth = drift_square_speed(scene) * scene.duration / 2
-    expected = bath_of(scene).temperature / followed(scene).mass * diffusive_from(scene) / DECAY_TIMES
+    growth = friction.drift_square_speed(scene) * scene.duration / 2
+    mass, temperature = friction.followed(scene).mass, friction.bath_of(scene).temperature
+    expected = temperature / mass * diffusive_from(scene) / DECAY_TIMES
     return f"not zero: the centre of mass drifts, which adds {growth:.2g} to a D of {expected:.2g} by the end of a run"
 
 

@@ -1,7 +1,10 @@
-"""`brownpipe plan`: a table of engines for a tolerance, from pilot runs.
+"""The number of runs and the engine that a tolerance needs, from pilot runs with seeds that no study uses.
 
-The squared error of n runs is bias^2 + se^2 + spread^2/n, with the standard error se of the bias and the standard
-deviation `spread` over runs. An engine that costs more than the exact one is not compared.
+`write_plan` is for a study with a tolerance, of the exact engine alone. The number of pilot runs follows from the
+forecast, not from a clock: a study has as many runs on every machine.
+`performance_of` and what follows are for `brownpipe plan`, a table of engines. The squared error of n runs is
+bias^2 + se^2 + spread^2/n, with the standard error se of the bias and the standard deviation `spread` over runs. An
+engine that costs more than the exact one is not compared.
 """
 
 import os
@@ -11,21 +14,27 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
-from brownpipe.engines import DEFINITIONS, Engine, configured
-from brownpipe.errors import RequestError
+from brownpipe import tradeoff
+from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
+from brownpipe.engines.saturation import share_failing
+from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.formatting import in_time
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import MOST_SEEDS
 from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.stages import tracked
-from brownpipe.storage import write_file
-from brownpipe.study.run_count import DISTRIBUTION, case_title, run_pilot
-from brownpipe.study.study import REFERENCE, Study
-from brownpipe.tradeoff import compare, runs_for, timing
+from brownpipe.storage.files import naming, read_sealed, sealed, write_file
+from brownpipe.study.study import MOST_JOBS, REFERENCE, Study
+from brownpipe.tradeoff import timing
 
+COMMENT = "# The number of runs that the tolerance of this study needs, determined once."
+SQUARES, DISTRIBUTION = "square_displacement", "displacement_distribution"  # an observable; a target
+LEAST_SOUND = 0.01  # share of runs that do not fail
+FIRST_SEED = 2**40
+PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
+FEWEST_RUNS, MOST_RUNS = 10, 400  # of a pilot
 VARIABLES = {  # of `tradeoff.compare`: bias, its standard error or noise, spread of a run
     "msd": ("msd_bias", "msd_bias_standard_error", "msd_spread"),
     "d": ("d_bias", "d_bias_standard_error", "d_spread"),
@@ -34,6 +43,91 @@ VARIABLES = {  # of `tradeoff.compare`: bias, its standard error or noise, sprea
 NOT_INHERITED = ("batch", "tolerance", "target", "instead_of", "figures", "record")  # keys of a study that is planned
 TIMING_REPEATS = 3
 EQUAL = 0.1  # relative difference of costs within which the exact engine is preferred
+
+
+# -- the runs of a study with a tolerance
+
+
+def write_plan(study: Study, path: str | Path) -> int:
+    """Determine by pilot runs how many runs the tolerance of a study needs, store it in a file, and return it.
+
+    It is the largest number of all cases and covers statistical errors only: more runs do not reduce an engine's bias.
+    Raises RequestError for too many runs, and for a study without a tolerance.
+    """
+    if study.tolerance is None:
+        raise RequestError(f"{study.name}: --count is for a study with a tolerance; this one says its seeds")
+    needed = {case_title(case): _runs_needed(case, study) for case in tracked(study.cases, "cases")}
+    runs = max(needed.values())
+    plan = {"tolerance": study.tolerance, "target": study.target, "needed": needed, "runs": runs}
+    write_file(path, sealed(f"{COMMENT}\n\n{yaml_text(plan)}".encode()))
+    return runs
+
+
+def settled(study: Study, path: str | Path | None) -> Study:
+    """Return the study with as many seeds as the file that `write_plan` wrote says; one that has seeds is unchanged.
+
+    A `batch` too small for so many runs is replaced by batches of their cost. Raises RequestError if there is no such
+    file, StorageError if it is not as it was written.
+    """
+    if study.tolerance is None:
+        return study
+    if path is None:
+        raise RequestError("--plan: missing; the number of runs for a tolerance is in results/STUDY/plan/*.yaml")
+    with naming(path, "plan"):
+        read_sealed(path)
+    runs = read_yaml(path)["runs"]
+    too_many = study.batch is not None and runs * len(study.cases) > MOST_JOBS * study.batch
+    return study.model_copy(update={"seeds": range(runs)} | ({"batch": None} if too_many else {}))
+
+
+def run_pilot(study: Study, scene: Scene, engine: Engine, target: str) -> tradeoff.EngineRuns:
+    """Run the pilot of a scene by an engine, with the same seeds for all engines.
+
+    Squared displacements are averaged within a run as in the study, unless the target is their distribution.
+    """
+    failing = 1.0 - _share_sound(scene)
+    names = (SQUARES,) if SQUARES in study.observables and target != DISTRIBUTION else ()
+    measured: dict[str, Any] = {"observables": names, "average": study.average if names else "runs"}
+    seconds = forecast.of_run(scene, **measured).seconds - forecast.SECONDS_TO_FAIL * failing
+    number = int(np.clip(PILOT_SECONDS / seconds, FEWEST_RUNS, MOST_RUNS))  # of failing ones more, as they take no time
+    ensemble = engine.simulate(scene, range(FIRST_SEED, FIRST_SEED + number), frozenset({"tracer"}), **measured)
+    runs = tradeoff.runs_of(scene, engine, ensemble)
+    sound = ensemble.observables["failed"] == 0
+    return runs._replace(squared=ensemble.observables[SQUARES][sound]) if names else runs
+
+
+def case_title(scene: Scene) -> str:
+    """Return scene and number of disks, as messages name a case."""
+    return f"{scene.name}, N = {scene.particles}"
+
+
+def _share_sound(scene: Scene) -> float:
+    """Return the share of runs that find places for all disks. Raises RequestError if hardly any does."""
+    failing = share_failing(scene)
+    if failing > 1 - LEAST_SOUND:
+        share = f"{100 * failing:.4g} % of the runs are expected to fail"
+        raise RequestError(f"{case_title(scene)}: {share}; must be fewer or smaller disks, or `placement: lattice`")
+    return 1.0 - failing
+
+
+def _runs_needed(scene: Scene, study: Study) -> int:
+    """Return the number of exact runs of a scene, with failing ones, whose standard error is the study's tolerance."""
+    if study.target == DISTRIBUTION:  # known without pilot runs
+        scatter, sound = tradeoff.bias.spread_of_shares(), _share_sound(scene)
+    else:
+        pilot = run_pilot(study, scene, REFERENCE, study.target)
+        try:
+            scatter, sound = tradeoff.spread_of(pilot, study.target, study.fit_windows[0]), pilot.share_sound
+        except AnalysisError as error:
+            raise RequestError(str(error)) from error
+    runs = tradeoff.runs_for(study.tolerance, 0.0, scatter, sound)
+    if runs > MOST_SEEDS:
+        needed = f"a tolerance of {study.tolerance:g} needs {runs} runs; at most {MOST_SEEDS}"
+        raise RequestError(f"{case_title(scene)}: {needed}")
+    return runs
+
+
+# -- engines for a tolerance
 
 
 class Performance(NamedTuple):
@@ -51,7 +145,7 @@ class Performance(NamedTuple):
         """Return the runs, failing ones included, that a tolerance needs; None for a bias too large or not compared."""
         if np.isnan(self.bias):
             return None
-        return runs_for(tolerance, self.bias**2 + self.bias_error**2, self.spread, self.share_sound)
+        return tradeoff.runs_for(tolerance, self.bias**2 + self.bias_error**2, self.spread, self.share_sound)
 
 
 class Offer(NamedTuple):
@@ -77,7 +171,7 @@ def _by_pilots(study: Study, scene: Scene, target: str) -> list[Performance]:
         runs = run_pilot(study, scene, engine, target)
         if engine == REFERENCE:  # the first
             exact = runs
-        values = compare(runs, exact, study.fit_windows[0], seconds)
+        values = tradeoff.compare(runs, exact, study.fit_windows[0], seconds)
         bias, error, spread = (float(values[name]) for name in VARIABLES[target])
         found.append(Performance(scene, engine, bias, error, spread, seconds, runs.share_sound))
     return found
@@ -111,6 +205,8 @@ def offers(cases: Sequence[Sequence[Performance]], tolerance: float) -> list[Off
 
 def recommendation(cases: Sequence[Sequence[Performance]], target: str, tolerance: float) -> str:
     """Return a table of the engines in each case, and the best two offers for all cases."""
+    import pandas as pd  # takes 0.3 s
+
     rows = [
         {
             "case": case_title(each.scene),

@@ -15,7 +15,7 @@ from brownpipe.engines import Engine, forecast
 from brownpipe.provenance import STEPS, digest_of, source_digest
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
-from brownpipe.scene.seeds import batches, ranges, seed_text
+from brownpipe.scene.seeds import ranges, seed_text
 from brownpipe.storage.store import DIGITS, StoredFile, folder_of_runs, runs_digest, stored_batches, without
 from brownpipe.study.study import Study
 
@@ -43,7 +43,7 @@ class RunSet(NamedTuple):
 
     def jobs(self, seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
         """Return first and last seed of each job that makes these seeds."""
-        return batches(seeds, self.batch) if self.batch else automatic_batches(seeds, self.cost)
+        return batches(seeds, self.cost, self.batch)
 
     @property
     def most_seeds(self) -> int:
@@ -51,21 +51,21 @@ class RunSet(NamedTuple):
         return max(last - first + 1 for first, last in self.jobs(self.seeds))
 
 
-def automatic_batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost) -> list[tuple[int, int]]:
-    """Return first and last seed of each batch, for ascending seeds of runs of this cost.
+def batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int | None = None) -> list[tuple[int, int]]:
+    """Return first and last seed of each batch, for ascending seeds of runs of this cost; None: of SECONDS and more.
 
     Neither the number of cores nor that of seeds enters: a study has the same jobs on every machine, and complete
-    batches stay valid when seeds are added. Every range of consecutive seeds begins with batches of SECONDS.
+    batches stay valid when seeds are added. Every range of consecutive seeds is cut from its first seed on.
     """
-    most = max(1, forecast.most_runs(cost, LARGEST))
-    size = min(most, _power_of_two((SECONDS + OFTEN * cost.once) / (cost.seconds + cost.storing)))
+    most = length or max(1, forecast.most_runs(cost, LARGEST))
+    size = length or min(most, _power_of_two((SECONDS + OFTEN * cost.once) / (cost.seconds + cost.storing)))
     found = []
     for first, last in ranges(seeds):
         start = first
         while start <= last:
-            length = min(most, size * _power_of_two((start - first) / (EQUAL_JOBS * size)))
-            found.append((start, min(start + length - 1, last)))
-            start += length
+            following = start + min(most, size * _power_of_two((start - first) / (EQUAL_JOBS * size)))
+            found.append((start, min(following - 1, last)))
+            start = following
     return found
 
 

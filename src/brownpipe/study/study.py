@@ -3,23 +3,14 @@
 Its fields are the keys of study files, with their bounds.
 """
 
+import json
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Discriminator,
-    Field,
-    GetPydanticSchema,
-    Tag,
-    ValidationInfo,
-    create_model,
-    model_validator,
-)
+from pydantic import Discriminator, Field, GetPydanticSchema, Tag, ValidationInfo, create_model, model_validator
 
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
@@ -28,16 +19,34 @@ from brownpipe.engines.friction import default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SEVERAL_COUNTS, SPREADING, TRACKED
+from brownpipe.provenance import digest_of
+from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene, parse_scene
-from brownpipe.scene.reading import AtLeastOne, Count, NotNegative, Positive, Record, alone, key, refuse
+from brownpipe.scene.reading import (
+    AtLeastOne,
+    Count,
+    Name,
+    NotNegative,
+    Positive,
+    Record,
+    alone,
+    converted,
+    distinct,
+    key,
+    refuse,
+    validated,
+)
+from brownpipe.scene.scene import is_study
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
-from brownpipe.scene.yaml_file import read_yaml
+from brownpipe.scene.yaml_file import Document, read_yaml
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
 MOST_RINGS = 100_000
 MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
+PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
+REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of these keys
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
 
 
@@ -48,17 +57,9 @@ def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, 
 
 def one_or_more(kind: Any, least: int = 1) -> Any:
     """Return the type of a list of values that differ; a single value stands for a list of one."""
-    listed = BeforeValidator(
-        lambda value: value if isinstance(value, list | tuple) else [value],
-        json_schema_input_type=kind | Annotated[list[kind], Field(min_length=least)],
-    )
-    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_distinct), listed]
-
-
-def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    if any(value in values[:k] for k, value in enumerate(values)):
-        refuse("must be values that differ")
-    return values
+    schema = kind | Annotated[list[kind], Field(min_length=least)]
+    listed = converted(lambda value: value if isinstance(value, list | tuple) else [value], schema)
+    return Annotated[distinct(kind, least), listed]
 
 
 def _share(value: Any) -> Any:
@@ -78,15 +79,11 @@ def _engine_kind(name: str) -> Any:
 
 
 Text = Annotated[str, Field(min_length=1)]
-Tolerance = Annotated[
-    float,
-    Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1),
-    BeforeValidator(_share, json_schema_input_type=float | str),
-]
+Tolerance = Annotated[float, Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1), converted(_share, float | str)]
 Target = Annotated[str, As(Literal[TARGETS])]
 Batch = Annotated[
     Annotated[AtLeastOne, Field(le=MOST_SEEDS)] | None,
-    BeforeValidator(lambda value: None if value == "auto" else value, json_schema_input_type=int | Literal["auto"]),
+    converted(lambda value: None if value == "auto" else value, int | Literal["auto"]),
 ]
 EngineKey: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Discriminator(_engine_name)]  # noqa: UP007  # as many as there are
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
@@ -96,7 +93,7 @@ Observables = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(measures.O
 Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
-Windows = Annotated[tuple[tuple[NotNegative, NotNegative], ...], Field(min_length=1), AfterValidator(_distinct)]
+Windows = Annotated[tuple[tuple[float, float], ...], As(distinct(tuple[NotNegative, NotNegative], 1))]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
 
 
@@ -295,3 +292,28 @@ def forecast_of_runs(
 def _repetition(name: str, runs: int) -> str:
     why = f"as the disks of {name} are listed one by one and leave nothing to chance"
     return f"must be one seed, {why}; found {runs}"
+
+
+def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
+    """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
+
+    `overrides` replaces top-level keys; seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError,
+    one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
+    """
+    mapping, overrides = read_yaml(path), overrides or {}
+    if isinstance(mapping, Document):
+        if not is_study(mapping) and mapping.keys() & {"box", "disks", "duration"}:
+            cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
+            raise RequestError(f"{path}: is a scene, not a study; {cure}")
+        gone = {
+            REPLACED[new]: None for new in overrides.keys() & REPLACED if overrides[new] and REPLACED[new] in mapping
+        }
+        mapping = mapping.with_values({**gone, **overrides}) if overrides else mapping
+    name = validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
+    return validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
+
+
+def variant(overrides: Mapping[str, Any]) -> str:
+    """Return what the name of a study gets for keys that are replaced, so that its results stand in another folder."""
+    words = {key: value if isinstance(value, str) else json.dumps(value) for key, value in sorted(overrides.items())}
+    return "".join(f"+{key}={word if PLAIN.fullmatch(word) else digest_of(word)}" for key, word in words.items())

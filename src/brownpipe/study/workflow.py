@@ -20,11 +20,10 @@ from brownpipe.errors import RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.provenance import PACKAGE
 from brownpipe.quoting import shell_path
-from brownpipe.scene.yaml_file import read_yaml
+from brownpipe.scene.yaml_file import read_yaml, scalar
 from brownpipe.study.cost import seconds_of_jobs
 from brownpipe.study.run_sets import run_sets
-from brownpipe.study.study import Study
-from brownpipe.study.study_file import from_command_line, read_study
+from brownpipe.study.study import Study, read_study
 
 LOCKS = Path(".snakemake/locks")
 _held: list[int] = []  # the open file that says that a Snakemake is alive in this folder
@@ -52,12 +51,24 @@ def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object
             if not isinstance(keys, dict):
                 raise RequestError(f"{file}: must be a mapping of keys of a study")
             replaced |= keys
-        replaced |= from_command_line(config)
+        replaced |= from_command_line(dict(config))
         study = read_study(first, replaced)
     except RequestError as error:
         sys.exit(f"brownpipe: {error}")
     words = [shlex.quote(f"{key}={json.dumps(value)}") for key, value in replaced.items()]
     return study, " ".join([shell_path(first), *(["--config", *words] if words else [])])
+
+
+def from_command_line(value: Any) -> Any:
+    """Return a value of `snakemake --config KEY=VALUE`, or all of them, with the types that they have in a study file.
+
+    Snakemake reads numbers inside lists and mappings, null, true and false as text.
+    """
+    if isinstance(value, dict):
+        return {key: from_command_line(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [from_command_line(part) for part in value]
+    return scalar(value) if isinstance(value, str) else value
 
 
 def remove_stale_locks() -> None:
@@ -102,8 +113,7 @@ def run_study(study_file: str, cores: int | None, profile: str | None, further: 
     place = ["--cores", str(cores or "all")]
     if profile is not None:
         place = ["--profile", str(profile_folder(profile)), *(["--jobs", str(cores)] if cores else [])]
-    scripts = Path(sys.argv[0]).parent if Path(sys.argv[0]).name == "brownpipe" else Path(sysconfig.get_path("scripts"))
-    path = os.pathsep.join([str(scripts.absolute()), os.environ.get("PATH", os.defpath)])
+    path = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", os.defpath)])
     snakefile = str(pipeline_folder() / "Snakefile")
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", snakefile, "--configfile", study_file]
     os.execve(sys.executable, [*command, *place, *further], os.environ | {"PATH": path})

@@ -10,7 +10,6 @@ differences.
 
 from itertools import pairwise
 from statistics import NormalDist
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,18 +19,6 @@ SHELLS, NEAR_CONTACT = 5, 1.25  # of equal width, from contact to so many contac
 RINGS = 10  # of equal probability, in which displacement distributions are compared
 CERTAIN = 0.95
 Pairs = tuple[np.ndarray, np.ndarray]  # (n,), (n,) rows of the runs of equal seeds in two samples
-
-
-class Distance(NamedTuple):
-    """The total variation distance of two distributions over rings."""
-
-    value: float  # noise subtracted, not below 0
-    low: float  # 95 % interval
-    high: float
-    noise: float  # mean distance of two samples of this size from one distribution
-
-
-NO_DISTANCE = Distance(0.0, 0.0, 0.0, 0.0)
 
 
 def no_bias(shape: tuple[int, ...]) -> Estimate:
@@ -106,14 +93,14 @@ def _corrected(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None) 
     return paired - slope * partner, slope
 
 
-def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Distance:
+def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Estimate:
     """Return the total variation distance of displacements (S_a,) and (S_e,): half the sum of abs(p_a - p_e).
 
     p are the shares of the runs in rings, which hold equal shares of the exact runs; differences inside a ring are not
     detected. Noise alone gives a positive distance. Its size is that of the distances between resampled shares and the
     measured ones: the square of their mean is subtracted from the square of the distance, and their 95 % quantile q is
     the half-width of the interval, as the true distance is within q of the measured one (triangle inequality). The
-    coverage is above 95 %.
+    coverage is above 95 %. In place of a standard error it has the mean of these distances, the noise.
     """
     edges = np.quantile(exact, np.linspace(0.0, 1.0, RINGS + 1))
     edges[0], edges[-1] = 0.0, np.inf
@@ -126,8 +113,8 @@ def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | N
     distance = _half_sum(residual.mean(axis=0) - (1.0 - slope) * reference.mean(axis=0))
     noise = np.sort(_half_sum(replicates(residual) - (1.0 - slope) * replicates(reference, other=True)))
     quantile = noise[int(np.ceil(CERTAIN * len(noise))) - 1]
-    value = np.sqrt(max(distance**2 - noise.mean() ** 2, 0.0))
-    return Distance(float(value), float(max(distance - quantile, 0.0)), float(distance + quantile), float(noise.mean()))
+    value = np.sqrt(np.maximum(distance**2 - noise.mean() ** 2, 0.0))
+    return Estimate(value, noise.mean(), np.maximum(distance - quantile, 0.0), distance + quantile)
 
 
 def contact_deviation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Estimate | None:

@@ -1,12 +1,12 @@
 """All biases of one engine and setting, relative to the exact runs of a scene, with their uncertainties."""
 
-import json
+from typing import Any
 
 import numpy as np
 
 from brownpipe.analysis.displacement import per_run_lines
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.variables import with_interval
+from brownpipe.analysis.variables import with_intervals
 from brownpipe.errors import AnalysisError
 from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Pairs
@@ -18,7 +18,7 @@ APART = 1e-3  # of the tracer's radius: two trajectories further apart than this
 
 def compare(
     runs: EngineRuns, exact: EngineRuns, window: tuple[float, float], seconds: float, paired: bool = True
-) -> dict[str, str | float | np.ndarray]:
+) -> dict[str, Any]:
     """Return every variable of one setting: name -> value. `seconds` is the CPU time of a run; `window` that of D.
 
     `paired`: runs of equal seeds start from the same state. Raises AnalysisError for fewer than two runs, and if the
@@ -29,18 +29,15 @@ def compare(
     if pairs is not None and len(pairs[0]) < 2:
         pairs = None
     return {
-        "engine": json.dumps({"name": runs.engine.name, **dict(runs.engine.settings)}),
         "runs": len(runs.seeds),
         "failed_runs": runs.failed,
         "paired_runs": 0 if pairs is None else len(pairs[0]),
         "seconds": seconds,
-        "study_seconds": seconds * (len(runs.seeds) + runs.failed),
-        "worst_energy_drift": np.abs(runs.outcomes["energy_drift"]).max(),
-        "worst_overlap": runs.outcomes["worst_overlap"].max(),
+        "worst_overlap": runs.worst_overlap.max(),
         "departure_time": np.nan if pairs is None else _departure(runs, exact, pairs),
         **_biases(runs, exact, pairs, window),
         **_distances(runs, exact, pairs),
-        **_contact(runs, exact, pairs),
+        **with_intervals({} if (deviation := _contact(runs, exact, pairs)) is None else {"contact_bias": deviation}),
     }
 
 
@@ -68,19 +65,14 @@ def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> flo
     return float(values.std(ddof=1) / abs(values.mean()))
 
 
-def _biases(
-    runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]
-) -> dict[str, float | np.ndarray]:
+def _biases(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]) -> dict[str, Any]:
     """MSD at the end and D in the window, in one resampling."""
     samples, references = _per_run(runs, window), _per_run(exact, window)
     biases = bias.no_bias(references.shape[1:]) if runs is exact else bias.relative_bias(samples, references, pairs)
-    values: dict[str, float | np.ndarray] = {}
+    values: dict[str, Any] = {}
     for name, column in TARGET_COLUMNS.items():
-        of_target = Estimate(*(part[column] for part in biases))
-        values |= with_interval(f"{name}_bias", of_target)
+        values |= with_intervals({f"{name}_bias": Estimate(*(part[column] for part in biases))})
         values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(references[:, column].mean())
-        values[f"{name}_bias_square"] = bias.square(of_target)
-        values[f"{name}_bias_careful"] = bias.careful_square(of_target)
     return values
 
 
@@ -90,26 +82,22 @@ def _per_run(runs: EngineRuns, window: tuple[float, float]) -> np.ndarray:
     return np.concatenate([runs.squared[:, -1:], slope], axis=1)
 
 
-def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, float]:
+def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Any]:
     """The displacement distribution at the end."""
     ends = np.sqrt(runs.squared[:, -1]), np.sqrt(exact.squared[:, -1])
-    distance = bias.NO_DISTANCE if runs is exact else bias.total_variation(*ends, pairs)
-    return {
-        "displacement_bias": distance.value,
-        "displacement_bias_low": distance.low,
-        "displacement_bias_high": distance.high,
-        "displacement_bias_noise": distance.noise,
-        "displacement_spread": bias.spread_of_shares(),
-    }
+    distance = bias.no_bias(()) if runs is exact else bias.total_variation(*ends, pairs)
+    noise, spread = distance.standard_error, bias.spread_of_shares()
+    return with_intervals(
+        {"displacement_bias": distance, "displacement_bias_noise": noise, "displacement_spread": spread}
+    )
 
 
-def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, np.ndarray]:
-    """g(r) near contact; {} without pair counts, or if the two sets of runs have different bins."""
+def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> Estimate | None:
+    """g(r) near contact; None without pair counts, or if the two sets of runs have different bins."""
     counts, reference = runs.pair_counts, exact.pair_counts
     if counts is None or reference is None or counts.shape[1:] != reference.shape[1:]:
-        return {}
-    deviation = bias.no_bias(()) if runs is exact else bias.contact_deviation(counts, reference, pairs)
-    return {} if deviation is None else with_interval("contact_bias", deviation)
+        return None
+    return bias.no_bias(()) if runs is exact else bias.contact_deviation(counts, reference, pairs)
 
 
 def _departure(runs: EngineRuns, exact: EngineRuns, pairs: Pairs) -> float:

@@ -15,7 +15,7 @@ from brownpipe.stages import tracked
 from brownpipe.storage import made_by, origin_attributes
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import compare
-from brownpipe.tradeoff.front import REFERENCE_NAME, MeasuredSetting, pareto_front
+from brownpipe.tradeoff.front import REFERENCE_NAME, pareto_front, settings_of
 from brownpipe.tradeoff.runs import EngineRuns, read_runs
 from brownpipe.tradeoff.variables import ATTRIBUTES, COORDINATES, VARIABLES
 
@@ -55,18 +55,21 @@ def measure(
         fitted = window or (exact.times[-1] / 10, exact.times[-1])
         of_scene = {
             "scene": [exact.scene.label],
-            "digest": exact.scene.digest,
             "particles": exact.scene.particles,
             "duration": exact.times[-1],
             "window_start": fitted[0],
             "window_end": fitted[1],
         }
-        for label, values in _settings(exact, compared, fitted, seconds_per_run).items():
-            parts.append(of_scene | {"setting": [label]} | values)
+        unit = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene)
+        for label, runs in tracked(compared.items(), "settings"):
+            cost = _cost(runs, exact, unit, seconds_per_run)
+            values = compare(runs, exact, fitted, unit * cost.ratio, paired=runs.scene.label == exact.scene.label)
+            costs = dict(zip(("cost_ratio", "cost_ratio_low", "cost_ratio_high"), cost, strict=True))
+            parts.append(of_scene | {"setting": [label]} | values | costs)
     stand_ins = {scene: [*others] for scene, others in instead_of.items()}
     options = {"instead_of": stand_ins, "fit_window": window}
     made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in groups), options)
-    return joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES, kept=COORDINATES)
+    return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES))
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
@@ -89,22 +92,6 @@ def _compared(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequ
     return compared
 
 
-def _settings(
-    exact: EngineRuns, compared: dict[str, EngineRuns], window: tuple[float, float], seconds_per_run: Callable | None
-) -> dict[str, dict]:
-    """The variables of every setting of a scene: label -> values."""
-    unit, settings = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene), {}
-    for label, runs in tracked(compared.items(), "settings"):
-        cost, paired = _cost(runs, exact, unit, seconds_per_run), runs.scene.label == exact.scene.label
-        settings[label] = compare(runs, exact, window, unit * cost.ratio, paired) | {
-            "cost_ratio": cost.ratio,
-            "cost_ratio_low": cost.low,
-            "cost_ratio_high": cost.high,
-        }
-    _add_front(settings, unit)
-    return settings
-
-
 def _cost(runs: EngineRuns, exact: EngineRuns, unit: float, seconds_per_run: Callable | None) -> timing.Ratio:
     """CPU time of a run over that of an exact run, which is `unit` seconds."""
     if runs is exact:
@@ -115,21 +102,18 @@ def _cost(runs: EngineRuns, exact: EngineRuns, unit: float, seconds_per_run: Cal
     return timing.ratio_to((exact.engine, exact.scene), runs.engine, runs.scene)
 
 
-def _add_front(settings: dict[str, dict], unit: float) -> None:
-    """Add to each setting of a scene the CPU times [s] between which it is on the Pareto front of the MSD; else NaN.
+def _with_front(dataset: "xarray.Dataset") -> "xarray.Dataset":
+    """Return the dataset with the CPU times [s] between which each setting is on the Pareto front of the MSD.
 
     `pays`: unresolved biases at their 95 % upper bound, the cost at its median. `may_pay`: biases at their estimates,
     the cost at the lower end of its range.
     """
-    for name, kind, ratio in (("pays", "careful", "cost_ratio"), ("may_pay", "square", "cost_ratio_low")):
-        candidates = []
-        for label in sorted(settings, key=lambda label: label != REFERENCE_NAME):  # of equal ones the first counts
-            values = settings[label]
-            values[f"{name}_from"], values[f"{name}_to"] = np.nan, np.nan
-            candidates.append(
-                MeasuredSetting(label, values[f"msd_bias_{kind}"], values["msd_spread"], unit * values[ratio])
-            )
-        for interval in pareto_front(candidates):
-            values = settings[interval.label]
-            values[f"{name}_from"] = np.fmin(values[f"{name}_from"], interval.start)
-            values[f"{name}_to"] = interval.end
+    cheapest = dataset.assign(seconds=dataset.seconds * dataset.cost_ratio_low / dataset.cost_ratio)
+    for scene in dataset.scene.values:
+        fronts = {"pays": settings_of(dataset, scene, careful=True), "may_pay": settings_of(cheapest, scene)}
+        for name, settings in fronts.items():
+            for label, start, end in pareto_front(settings):
+                began = dataset[f"{name}_from"].loc[scene, label]
+                dataset[f"{name}_from"].loc[scene, label] = np.fmin(began, start)
+                dataset[f"{name}_to"].loc[scene, label] = end
+    return dataset

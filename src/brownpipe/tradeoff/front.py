@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from brownpipe.analysis.variables import estimate_in
+from brownpipe.tradeoff import bias
+
 if TYPE_CHECKING:
     import xarray
 
@@ -81,12 +84,10 @@ def settings_of(dataset: "xarray.Dataset", scene: str, careful: bool = False) ->
         otherwise take all biases at their estimates, with their variances subtracted.
     """
     of_scene = dataset.sel(scene=scene)
-    settings = []
-    for label in of_scene.setting.values:
-        values = of_scene.sel(setting=label)
-        if values.runs > 0:
-            square = float(values.msd_bias_careful if careful else values.msd_bias_square)
-            settings.append(MeasuredSetting(str(label), square, float(values.msd_spread), float(values.seconds)))
+    of_scene = of_scene.isel(setting=of_scene.runs.values > 0)
+    squares = (bias.careful_square if careful else bias.square)(estimate_in(of_scene, "msd_bias"))
+    columns = of_scene.setting.values, squares, of_scene.msd_spread.values, of_scene.seconds.values
+    settings = [MeasuredSetting(str(label), *map(float, of_one)) for label, *of_one in zip(*columns, strict=True)]
     return sorted(settings, key=lambda setting: setting.label != REFERENCE_NAME)
 
 

@@ -13,8 +13,6 @@ from brownpipe.observables.displacement import displacement
 from brownpipe.scene import Scene
 from brownpipe.tradeoff.front import REFERENCE_NAME
 
-OUTCOMES = ("energy_drift", "worst_overlap")
-
 
 class EngineRuns(NamedTuple):
     """All runs of one scene, number of disks and engine, in the order of their seeds; failed ones left out."""
@@ -25,7 +23,7 @@ class EngineRuns(NamedTuple):
     times: np.ndarray  # (T,) [time]
     displacement: np.ndarray  # (S, T, 2) of the tracer from its start [length]
     squared: np.ndarray  # (S, T) its square [length^2]
-    outcomes: dict[str, np.ndarray]  # name -> (S,), of OUTCOMES; NaN where an engine does not report it
+    worst_overlap: np.ndarray  # (S,) in contact distances; NaN where an engine does not report it
     pair_counts: np.ndarray | None  # (S, P, R) pairs of species by distance, if recorded
     failed: int  # number of runs left out
 
@@ -63,6 +61,6 @@ def _of_blocks(scene: Scene, engine: Engine, times: np.ndarray, blocks: Sequence
     runs = select(every, reported(every, "failed") == 0)
     moved = displacement(runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height))
     moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
-    squared, outcomes = (moved**2).sum(axis=-1), {name: reported(runs, name) for name in OUTCOMES}
+    squared, overlap = (moved**2).sum(axis=-1), reported(runs, "worst_overlap")
     counts, failed = runs.observables.get("pair_counts"), len(every.seeds) - len(runs.seeds)
-    return EngineRuns(scene, engine, runs.seeds, times, moved, squared, outcomes, counts, failed)
+    return EngineRuns(scene, engine, runs.seeds, times, moved, squared, overlap, counts, failed)

@@ -24,17 +24,13 @@ DISTRIBUTION = "total variation distance of the distribution of displacements at
 
 COORDINATES = {
     "scene": Variable(SCENE, None, "scene and number of disks, NAME_N150, whose exact runs are the reference"),
-    "setting": Variable(
-        ("setting",), None, "engine and settings; `exact in X`: the exact engine in scene X, in place of this scene"
-    ),
+    "setting": Variable(("setting",), None, "engine and settings; `exact in X`: exact runs of X in place of the scene"),
 }
 _TABLE = {
-    "digest": Variable(SCENE, "1", "digest of the scene's physics", (), object, ""),
     "particles": Variable(SCENE, "1", "number of disks", (), np.int64, 0),
     "duration": Variable(SCENE, "time", "duration of a run"),
     "window_start": Variable(SCENE, "time", "start of the window of time in which D is fitted"),
     "window_end": Variable(SCENE, "time", "end of the window of time in which D is fitted"),
-    "engine": Variable(SETTING, "1", "name and settings of the engine, as in a study (JSON)", (), object, ""),
     "runs": Variable(SETTING, "1", "number of runs that did not fail", (), np.int64, 0),
     "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", (), np.int64, 0),
     "paired_runs": Variable(SETTING, "1", "number of runs that start like an exact run", (), np.int64, 0),
@@ -42,14 +38,11 @@ _TABLE = {
     "cost_ratio": Variable(SETTING, "1", "CPU time of a run over that of an exact run, median of pairs taken in turn"),
     "cost_ratio_low": Variable(SETTING, "1", "smallest of these ratios"),
     "cost_ratio_high": Variable(SETTING, "1", "largest of these ratios"),
-    "study_seconds": Variable(SETTING, "s", "CPU time of all runs"),
     "pays_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, unresolved biases at their 95 % upper bounds"),
     "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"),
     "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"),
     "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"),
     "msd_bias": Mean(SETTING, "1", f"relative bias of the {MSD}"),
-    "msd_bias_square": Variable(SETTING, "1", f"square of the relative bias of the {MSD}, less its variance"),
-    "msd_bias_careful": Variable(SETTING, "1", f"that square, an unresolved bias of the {MSD} at its upper bound"),
     "msd_spread": Variable(SETTING, "1", f"relative standard deviation of the {MSD} in one run"),
     "d_bias": Mean(SETTING, "1", f"relative bias of {D}"),
     "d_spread": Variable(SETTING, "1", f"relative standard deviation of {D} in one run"),
@@ -57,10 +50,7 @@ _TABLE = {
     "displacement_bias_noise": Variable(SETTING, "1", f"mean of the {DISTRIBUTION}, due to noise alone"),
     "displacement_spread": Variable(SETTING, "1", "mean distance due to noise in the distribution of one run"),
     "contact_bias": Mean(SETTING, "1", "most significant relative deviation of g(r) near contact"),
-    "worst_energy_drift": Variable(SETTING, "1", "largest relative change of the energy in a run"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
-    "departure_time": Variable(
-        SETTING, "time", "median time at which the tracer is 0.001 of its radius off the exact path; inf: never"
-    ),
+    "departure_time": Variable(SETTING, "time", "median time until the tracer is 0.001 R off its exact path; or inf"),
 }
 VARIABLES = with_uncertainties(_TABLE)

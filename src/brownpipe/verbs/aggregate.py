@@ -3,7 +3,7 @@
 from argparse import Namespace
 from collections.abc import Callable
 
-from brownpipe.errors import DONE, RequestError
+from brownpipe.errors import RequestError
 from brownpipe.formatting import counted
 from brownpipe.verbs.output import NETCDF, show, writable
 from brownpipe.verbs.values import add_runs_of_study, list_runs, several, study_of, typed, window
@@ -29,7 +29,7 @@ def add_arguments(add: Callable) -> None:
     add("--rings", type=typed(AtLeastOne), metavar="COUNT", help=count)
 
 
-def aggregate(arguments: Namespace) -> int:
+def aggregate(arguments: Namespace) -> None:
     """Analyse trajectory files: one dataset of displacements, fits and distributions, with their errors over runs.
 
     With `--study` instead of files, those in `results` of this folder are analysed as the study says. A file that holds
@@ -54,7 +54,6 @@ def aggregate(arguments: Namespace) -> int:
     if study is not None:
         list_runs(study, arguments)
     show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
-    return DONE
 
 
 def _refuse_together(arguments: Namespace) -> None:

@@ -3,7 +3,6 @@
 from argparse import Namespace
 from collections.abc import Callable
 
-from brownpipe.errors import DONE
 from brownpipe.verbs.output import show
 from brownpipe.verbs.values import SCENE, add_particles
 
@@ -15,9 +14,8 @@ def add_arguments(add: Callable) -> None:
     add_particles(add)
 
 
-def check(arguments: Namespace) -> int:
+def check(arguments: Namespace) -> None:
     """Say whether a scene or study is valid, what will be simulated, and what it will cost."""
     from brownpipe.study.check import describe_scene_or_study
 
     show(*describe_scene_or_study(arguments.file, arguments.particles).split("\n"))
-    return DONE

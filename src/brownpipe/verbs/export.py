@@ -21,7 +21,7 @@ def add_arguments(add: Callable) -> None:
     add("--output", metavar="FILE", help="*.gsd, *.xyz or *.csv (default: name of the file, in this folder)")
 
 
-def export(arguments: Namespace) -> int:
+def export(arguments: Namespace) -> None:
     """Export a run to GSD (HOOMD-blue, freud, MDAnalysis, OVITO), extended XYZ (ASE, OVITO, VMD) or a table (CSV).
 
     The file must have been recorded with `--record all`. Without whole runs, CSV has the tracers of all runs.
@@ -40,4 +40,3 @@ def export(arguments: Namespace) -> int:
     runs = f"{'seed' if len(written.seeds) == 1 else 'seeds'} {seed_text(written.seeds)}"
     contents = f"{counted(written.samples, 'sample')} of {counted(written.disks, 'disk')}"
     show(f"{output}: {runs}: {contents}, {in_bytes(Path(output).stat().st_size)}")
-    return DONE

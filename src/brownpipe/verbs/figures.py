@@ -4,7 +4,6 @@ from argparse import Namespace
 from collections.abc import Callable
 from typing import Literal
 
-from brownpipe.errors import DONE
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.formatting import counted
 from brownpipe.verbs.output import PAGE, folder, show, writable
@@ -26,7 +25,7 @@ def add_arguments(add: Callable) -> None:
     add("--cores", type=typed(AtLeastOne), metavar="N", default=1, help=cores)
 
 
-def figures(arguments: Namespace) -> int:
+def figures(arguments: Namespace) -> None:
     """Draw the figures of a dataset, each with a table of its numbers, and write the summary.
 
     provenance.json in the folder says what they were made from, and so do the pictures in their metadata. Those of
@@ -41,4 +40,3 @@ def figures(arguments: Namespace) -> int:
     with progress.shown("figures"):
         written = write(dataset, output, record, page=page, cores=arguments.cores)
     show(f"{output}: {counted(len(written), 'file')}" + (f", all on one page: {page}" if page else ""))
-    return DONE

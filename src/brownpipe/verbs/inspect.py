@@ -42,15 +42,14 @@ def inspect(arguments: Namespace) -> int:
     if arguments.reproduce:
         return _reproduce(arguments)
     if arguments.scene:
-        show(*inspection.scene_text(arguments.file).splitlines())
+        lines = inspection.scene_text(arguments.file).splitlines()
     elif arguments.variables:
-        show(*inspection.variables(arguments.file).split("\n"))
-    elif arguments.seed is not None:
-        show(*inspection.report(arguments.file, arguments.seed).split("\n"))
-    elif Path(arguments.file).suffix.lower() in products.SUFFIXES:
-        show(*products.describe_product(arguments.file))
+        lines = inspection.variables(arguments.file).split("\n")
+    elif arguments.seed is None and Path(arguments.file).suffix.lower() in products.SUFFIXES:
+        lines = products.describe_product(arguments.file)
     else:
-        show(*inspection.report(arguments.file).split("\n"))
+        lines = inspection.report(arguments.file, arguments.seed).split("\n")
+    show(*lines)
     return DONE
 
 
@@ -66,13 +65,13 @@ def _failed(path: str, allowed: int) -> int:
     """Say which runs of a dataset failed, if any."""
     from brownpipe.analysis.failed import failed_runs
 
-    found = failed_runs(path)
-    if not found.failed:
+    failed, runs, cases = failed_runs(path)
+    if not failed:
         return DONE
-    status = FAILED if found.failed > allowed else DONE
+    status = FAILED if failed > allowed else DONE
     limit = f"allow_failed: {allowed} accepts no more" if status else f"accepted by allow_failed: {allowed}"
-    which = f"{found.failed:,} of {found.runs:,} runs failed and are in no average, {limit}"
-    return say(f"{path}: {which}: {found.cases}", status)
+    which = f"{failed:,} of {runs:,} runs failed and are in no average, {limit}"
+    return say(f"{path}: {which}: {cases}", status)
 
 
 def _reproduce(arguments: Namespace) -> int:

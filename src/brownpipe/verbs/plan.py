@@ -32,8 +32,7 @@ def plan(arguments: Namespace) -> int:
     from brownpipe import progress
     from brownpipe.scene.reading import Name, validated
     from brownpipe.study import read_study
-    from brownpipe.study.plan import offers, performance_of, recommendation, write_study
-    from brownpipe.study.run_count import write_plan
+    from brownpipe.study.plan import offers, performance_of, recommendation, write_plan, write_study
     from brownpipe.study.study import why_no_relative_error
 
     study = read_study(arguments.study, dict(arguments.config))

@@ -4,7 +4,6 @@ import json
 from argparse import Namespace
 from collections.abc import Callable
 
-from brownpipe.errors import DONE
 from brownpipe.verbs.output import show
 
 EXAMPLE = "study"
@@ -14,7 +13,7 @@ def add_arguments(add: Callable) -> None:
     add("kind", choices=("scene", "study"), metavar="scene|study", help="the kind of file")
 
 
-def schema(arguments: Namespace) -> int:
+def schema(arguments: Namespace) -> None:
     """Print the JSON Schema of scene or study files, with which editors complete and check their keys.
 
     An editor with a YAML language server reads it if the file begins with a comment that says where it is:
@@ -25,4 +24,3 @@ def schema(arguments: Namespace) -> int:
 
     made = (Scene if arguments.kind == "scene" else Study).model_json_schema()
     show(*json.dumps(made, indent=1).split("\n"))
-    return DONE

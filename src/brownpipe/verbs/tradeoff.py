@@ -4,7 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 
-from brownpipe.errors import DONE, RequestError
+from brownpipe.errors import RequestError
 from brownpipe.quoting import shell_path
 from brownpipe.verbs.output import NETCDF, show, writable
 from brownpipe.verbs.values import add_runs_of_study, list_runs, study_of, window
@@ -21,7 +21,7 @@ def add_arguments(add: Callable) -> None:
     add("--fit-window", type=window, metavar="T0:T1", help=fitted)
 
 
-def tradeoff(arguments: Namespace) -> int:
+def tradeoff(arguments: Namespace) -> None:
     """Measure the cost-accuracy trade-off: bias and CPU time of every engine of a study, relative to its exact runs.
 
     Compares the trajectory files of the study, or those given by --files, and runs each engine for some seconds to
@@ -47,4 +47,3 @@ def tradeoff(arguments: Namespace) -> int:
     write_dataset(output, dataset)
     list_runs(study, arguments)
     show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")
-    return DONE

@@ -86,7 +86,7 @@ def add_runs_of_study(add: Callable) -> None:
 def study_of(arguments: Namespace) -> "Study":
     """Return the study that the options say, with its number of runs."""
     from brownpipe.study import read_study
-    from brownpipe.study.run_count import settled
+    from brownpipe.study.plan import settled
 
     return settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
 
