@@ -1,7 +1,6 @@
 """Figure `health`: energy drift, deepest overlap and momentum balance of every run, in the exact engine round-off."""
 
 import textwrap
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,7 +21,6 @@ WIDTH = 3.6  # of a panel, with its share of the labels beside the panels [inch]
 LABEL = 32  # characters of a line of such a label
 LINE = 0.16  # height of a line of text [inch]
 QUANTILES = {"least": 0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1}
-THICK: dict[str, Any] = {"linewidth": 6, "alpha": 0.45, "solid_capstyle": "butt"}
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -34,7 +32,7 @@ def draw(cases: list[Dataset]) -> Figure:
         for row, case in enumerate(cases):
             least, low, middle, high, greatest = np.maximum(_quantiles(case, name), LEFT_END)
             panel.plot([least, greatest], [row, row], color=DATA, linewidth=1.2)
-            panel.plot([low, high], [row, row], color=DATA, **THICK)
+            panel.plot([low, high], [row, row], color=DATA, linewidth=6, alpha=0.45, solid_capstyle="butt")
             panel.plot([middle], [row], "o", color=DATA, markersize=5)
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
         panel.set_title(f"expected below {bound:g}", color=FIT, loc="right", fontsize=10, fontweight="normal")
