@@ -224,6 +224,6 @@ def test_axes_are_logarithmic_where_values_span_more_than_a_factor_of_30(result)
     figure = bp.plot(result, "scan")
     assert [panel.get_xscale() for panel in figure.axes] == ["log"] * len(figure.axes)
     drawn = [line for panel in figure.axes[1:2] for line in panel.lines if len(line.get_xdata()) == 3]
-    assert len(drawn) == 2 * 2  # measured and Enskog, for two packing fractions
+    assert len(drawn) == 2 * 2 + 2  # of two packing fractions in two windows, and Enskog's
     narrow = bp.plot(result.sel(tracer_mass=[1.0, 10.0]), "scan")
     assert narrow.axes[0].get_xscale() == "linear"
