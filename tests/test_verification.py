@@ -95,6 +95,14 @@ def test_what_is_wrong_is_said(study, capsys):
     ]
 
 
+def test_files_that_were_exchanged_are_damaged(study):
+    first, second = sorted(Path("results/runs").rglob("*.h5"))
+    contents = first.read_bytes()
+    first.write_bytes(second.read_bytes())
+    second.write_bytes(contents)
+    assert verify_results(RESULTS)[1] == [str(first), str(second)]
+
+
 def test_single_files_can_be_verified(study, capsys):
     dataset, first, _ = sealed()
     assert main(["verify", dataset, first]) == DONE

@@ -11,22 +11,24 @@ from brownpipe.figures.origin import RECORD
 from brownpipe.inspection import read_contents
 from brownpipe.scene.seeds import brief_seed_text, read_seeds
 from brownpipe.stages import tracked
-from brownpipe.storage.store import stored_batches, without
+from brownpipe.storage.store import DIGITS, stored_batches, without
+from brownpipe.storage.trajectories import Outline, Trajectories
 
 
 def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]:
     """Read every dataset of a study and every file of its runs, and look for figures and runs that are missing.
 
     What there has to be stands beside the results: the runs in `made_from_*.txt`, the figures in `provenance.json`.
-    Returns the paths of intact, damaged and missing files; of missing runs their folder and seeds. Raises
-    WrongFileError if there is no such folder, or nothing in it that can be verified. Nothing is written.
+    Returns the paths of intact, damaged and missing files; of missing runs their folder and seeds. A file that holds
+    other runs than its name says is damaged. Raises WrongFileError if there is no such folder, or nothing in it that
+    can be verified. Nothing is written.
     """
     folder = Path(folder)
     runs = {line for path in folder.glob("*/made_from_*.txt") for line in path.read_text().splitlines()}
     files = sorted(path for path in folder.rglob("*") if path.suffix in (".h5", ".nc"))
     if not files and not runs:
         raise WrongFileError(f"{folder}: has no results of a study; must be results/STUDY, or files")
-    missing = []
+    missing, named = [], dict[Path, tuple[int, int]]()
     for record in folder.glob(f"*/{RECORD}"):
         figures = [record.parent / name for name in json.loads(record.read_text())["files"]]
         missing += [str(path) for path in figures if not path.is_file()]
@@ -34,13 +36,22 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
         where, text = line.rsplit(" ", 1)
         place, seeds = Path(os.path.relpath(folder.absolute().parents[1] / where)), np.asarray(read_seeds(text))
         stored = stored_batches(place, seeds)
-        files += [place / f"{first}-{last}.h5" for first, last in stored]
+        named |= {place / f"{first}-{last}.h5": (first, last) for first, last in stored}
         if len(left := without(seeds, stored)):
             missing.append(f"{where}: seeds {brief_seed_text(left)}")
     damaged = []
+    files += named
     for file in tracked(files, "files"):
         try:
-            read_contents(file)
+            contents = read_contents(file)
+            if isinstance(contents, Trajectories) and file in named:
+                _refuse_others(contents.outline, file, *named[file])
         except StorageError:
             damaged.append(file)
     return [str(file) for file in files if file not in damaged], [*map(str, damaged)], missing
+
+
+def _refuse_others(outline: Outline, file: Path, first: int, last: int) -> None:
+    """Refuse a file that holds other runs than its name and that of its folder say."""
+    if not (file.parent.name.endswith(outline.digest[:DIGITS]) and [*outline.seeds] == [*range(first, last + 1)]):
+        raise StorageError(f"{file}: holds other runs than its name says")
