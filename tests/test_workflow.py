@@ -343,7 +343,8 @@ def test_every_lint_left_has_a_reason():
     printed = forked.snakemake("--snakefile", ROOT / "Snakefile", "--lint", cwd=ROOT, env=environment()).printed
     lints = set(re.findall(r"^ +\* (.*):$", printed, re.MULTILINE))
     assert lints
-    assert [lint for lint in lints if lint not in (ROOT / "CONTRIBUTING.md").read_text()] == []
+    reasons = " ".join((ROOT / "CONTRIBUTING.md").read_text().split())
+    assert [lint for lint in lints if lint not in reasons] == []
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "workflow" / "rules").iterdir()), ids=lambda path: path.name)
