@@ -12,9 +12,8 @@ from brownpipe import inspection, observables, storage, theory
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.cli import main
 from brownpipe.engines import Engine, forecast
-from brownpipe.engines.batch import RunResult
+from brownpipe.engines.ensemble import RunResult, Track
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.engines.state import Track
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, Observable, RunArray, observe, orientation
 from brownpipe.scene import parse_scene, read_scene

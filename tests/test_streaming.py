@@ -5,7 +5,7 @@ import pytest
 
 from brownpipe.analysis import aggregate, runs
 from brownpipe.engines import Engine
-from brownpipe.engines.state import Ensemble, Track
+from brownpipe.engines.ensemble import Ensemble, Track
 from brownpipe.errors import AnalysisError
 from brownpipe.storage import Trajectories, read_outline, read_trajectories, write_dataset, write_trajectories
 from ensembles import make_scene, walk

@@ -36,7 +36,7 @@ from brownpipe.analysis.variables import (
     Variable,
     with_uncertainties,
 )
-from brownpipe.engines.failures import HEALTH
+from brownpipe.engines.ensemble import HEALTH
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES

@@ -85,7 +85,7 @@ def of_run(
 ) -> Cost:
     """Return the forecast for one run of the exact engine that records `record` and measures `observables`.
 
-    `record` and `average` as in `engines.batch.new_batch`.
+    `record` and `average` as in `engines.ensemble.new_batch`.
     """
     time = scene.duration + scene.equilibrate.time
     mixture = mixture_of(scene)

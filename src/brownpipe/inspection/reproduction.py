@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines import forecast
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.forecast import Cost
-from brownpipe.engines.state import Ensemble
 from brownpipe.formatting import counted, in_time
 from brownpipe.inspection import trajectories_of
 from brownpipe.inspection.lines import DIGITS

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
-from brownpipe.engines.failures import stopped_in_words
-from brownpipe.engines.state import Ensemble
+from brownpipe.engines.ensemble import Ensemble, stopped_in_words
 from brownpipe.errors import RequestError
 from brownpipe.formatting import counted
 from brownpipe.inspection.lines import provenance, worst

@@ -19,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.failures import stopped_in_words
-from brownpipe.engines.state import Track
+from brownpipe.engines.ensemble import Track, stopped_in_words
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene

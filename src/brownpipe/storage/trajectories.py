@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, recorded
-from brownpipe.engines.state import Ensemble
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import observables_making
 from brownpipe.provenance import modules_of, source_digest, versions

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.engines.state import Track
+from brownpipe.engines.ensemble import Track
 from brownpipe.errors import RequestError, StorageError
 from brownpipe.scene import Scene
 from brownpipe.storage.layout import LOG, described, dims_of, ensemble_of, groups_of

@@ -6,10 +6,10 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from brownpipe.engines.batch import Batch
+from brownpipe.engines.ensemble import Batch, Ensemble, Events, blank
 from brownpipe.engines.exact.run import RunState, Saving
 from brownpipe.engines.recording import SAMPLES
-from brownpipe.engines.state import Ensemble, Events, Track, blank
+from brownpipe.observables.tracks import Track
 
 Record = TypeVar("Record", bound=NamedTuple)
 

@@ -5,24 +5,22 @@ alone (`events.begin_block`): cell list, event queue and neighbour lists are bui
 RunState is therefore bit-identical to one that was never interrupted.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines import recording
-from brownpipe.engines.batch import RunResult
 from brownpipe.engines.compiling import compile_all
+from brownpipe.engines.ensemble import Events, RunResult
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
-from brownpipe.engines.exact.recording import each_report, ending_of, joined, logged, new_recorder, quarter_of, take_totals
+from brownpipe.engines.exact.recording import joined, logged, new_recorder, quarter_of, report_of, take_totals
 from brownpipe.engines.insertion import insert_nothing
-from brownpipe.engines.recording import SAMPLES, EndedRun, tracer_samples, whole_track
-from brownpipe.engines.state import Events, State
-from brownpipe.engines.units import Frame, frame_of, motion_of
+from brownpipe.engines.recording import SAMPLES, report_nothing, tracks_of
+from brownpipe.engines.units import Frame, State, frame_of, motion_of
 from brownpipe.errors import RunError
 from brownpipe.scene import Scene
 
@@ -73,7 +71,7 @@ def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
     """Return a scene with its workspace and with its kernels compiled; a `pinned` tracer has infinite mass."""
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
-    compile_all(insert_nothing, partial(advance, w, new_recorder(scene, frame, w, np.zeros(0), ()), 0))
+    compile_all(insert_nothing, report_nothing, partial(advance, w, new_recorder(scene, frame, w, np.zeros(0), ()), 0))
     return PreparedScene(scene, frame, w, pinned)
 
 
@@ -99,14 +97,7 @@ def evolve(
 
     Raises RunError if the run makes no progress.
     """
-    recorder = recorder_of(prepared, times, record)
-    return results_of(prepared, [to_end(prepared, start, recorder, saving)])[0]
-
-
-def results_of(prepared: PreparedScene, ended: Sequence[EndedRun]) -> list[RunResult]:
-    """Return the results of runs, with their reports: quicker for many short runs at once."""
-    scene, frame, w, _ = prepared
-    return recording.results_of(scene, frame, ended, each_report(scene, frame, w.mass, [run.ending for run in ended]))
+    return to_end(prepared, start, recorder_of(prepared, times, record), saving)
 
 
 def recorder_of(prepared: PreparedScene, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
@@ -117,8 +108,8 @@ def recorder_of(prepared: PreparedScene, times: np.ndarray, record: Collection[s
     return new_recorder(prepared.scene, prepared.frame, prepared.workspace, times, record)
 
 
-def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Saving = NOT_SAVED) -> EndedRun:
-    """Continue a run to its end, as `evolve`; the next run overwrites arrays of its ending and of the recorder.
+def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Saving = NOT_SAVED) -> RunResult:
+    """Continue a run to its end, as `evolve`; the tracer's track is in the recorder's arrays.
 
     A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next run starts with the
     default capacity, as it must not depend on earlier runs.
@@ -131,8 +122,8 @@ def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, savi
         if _to_last_sample(prepared, w, recorder, start, logs, saving):
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
-    whole, ending = whole_track(scene, frame, recorder), ending_of(w, start.first[:, 2:])
-    return EndedRun(tracer_samples(recorder), whole, joined(logs), ending._replace(totals=recorder.totals))
+    tracer, whole, finite = tracks_of(scene, frame, recorder)
+    return RunResult(tracer, whole, joined(logs), report_of(scene, frame, w, recorder, start.first, finite))
 
 
 def _to_last_sample(
