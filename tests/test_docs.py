@@ -137,7 +137,7 @@ def test_the_table_of_observables_has_all_with_their_arrays():
     rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", table, re.MULTILINE))
     assert list(rows) == list(OBSERVABLES)
     for name, row in rows.items():
-        assert [array for array in OBSERVABLES[name].arrays[1:] if f"`{array}`" not in row] == []
+        assert [array for array in [*OBSERVABLES[name].arrays][1:] if f"`{array}`" not in row] == []
     (average,) = [row for key, *row in rows_of("study") if key == "average"]
     assert {name for name in OBSERVABLES if f"`{name}`" in "".join(average)} == set(of_tracer(OBSERVABLES)[0])
 
