@@ -39,21 +39,13 @@ class PreparedScene(NamedTuple):
 
 
 class RunState(NamedTuple):
-    """A run at its beginning or at the end of a block, all but `events` in the engine's units and order.
-
-    The fields have the same names in checkpoint files (`checkpoint.pack`).
-    """
+    """A run at its beginning or at the end of a block, all but `events` in the engine's units and order."""
 
     equilibrating: bool  # before t = 0
     slots: int  # capacity of a cell; above the default a run has no neighbour lists, which changes its round-off
     first: np.ndarray  # (N, 4) float64, positions and velocities at the beginning
     motion: np.ndarray  # (N, 4) float64, positions and velocities now
-    image: np.ndarray | None = None  # (2 N,) int32, periodic boxes only
-    progress: np.ndarray | None = None  # int64, as in the workspace, like the next two; None at the beginning
-    count: np.ndarray | None = None  # type: ignore[assignment]  # int64; hides tuple.count
-    tally: np.ndarray | None = None  # float64
-    samples: dict[str, np.ndarray] | None = None  # the rows of a Recorder that are filled, by the names in SAMPLES
-    totals: np.ndarray | None = None  # those of the Recorder
+    arrays: dict[str, np.ndarray]  # those of `_arrays_of`, samples as far as they are taken; empty at the beginning
     events: Events | None = None  # the log so far, in the scene's units and order
 
 
@@ -78,7 +70,7 @@ def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
 def beginning(prepared: PreparedScene, state: State) -> RunState:
     """Return a run that begins from the given state of all disks."""
     motion = motion_of(state, prepared.frame)
-    return RunState(equilibrating=False, slots=prepared.workspace.grid.slots, first=motion, motion=motion)
+    return RunState(False, prepared.workspace.grid.slots, motion, motion, {})
 
 
 def run(prepared: PreparedScene, state: State, times: np.ndarray, record: Collection[str] = ()) -> RunResult:
@@ -121,7 +113,7 @@ def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, savi
         logs = _restore(start, w, recorder)
         if _to_last_sample(prepared, w, recorder, start, logs, saving):
             break
-        start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
+        start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first, {})
     tracer, whole, finite = tracks_of(scene, frame, recorder)
     return RunResult(tracer, whole, joined(logs), report_of(scene, frame, w, recorder, start.first, finite))
 
@@ -168,16 +160,16 @@ def _to_last_sample(
 
 def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: list[Events]) -> RunState:
     """Return a run at the end of a block, as views of the arrays of its workspace and recorder."""
-    return start._replace(
-        motion=_moving(w),
-        image=w.image,
-        progress=w.progress,
-        count=w.count,
-        tally=w.tally,
-        samples={name: getattr(recorder, name)[: w.progress[ws.SAMPLE]] for name in SAMPLES},
-        totals=recorder.totals,
-        events=joined(logs),
-    )
+    arrays = _arrays_of(w, recorder)
+    arrays |= {name: arrays[name][: w.progress[ws.SAMPLE]] for name in SAMPLES}
+    return start._replace(motion=_moving(w), arrays=arrays, events=joined(logs))
+
+
+def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
+    """Return what a run changes in its workspace and recorder, besides the motion of its disks and the log."""
+    arrays = {"progress": w.progress, "count": w.count, "tally": w.tally, "totals": recorder.totals}
+    arrays |= {} if w.image is None else {"images_now": w.image}
+    return arrays | {name: getattr(recorder, name) for name in SAMPLES}
 
 
 def _moving(w: ws.Workspace) -> np.ndarray:
@@ -191,16 +183,9 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
     Cells, event queue and neighbour lists are left alone, as the next block builds them anew.
     """
     begin(w, state.motion)
-    if state.progress is None:
-        return []
-    w.progress[:] = state.progress
-    w.count[:] = state.count
-    w.tally[:] = state.tally
-    if w.image is not None:
-        w.image[:] = state.image
-    recorder.totals[:] = state.totals
-    for name, rows in state.samples.items():
-        getattr(recorder, name)[: len(rows)] = rows
+    if state.arrays:
+        for name, array in _arrays_of(w, recorder).items():
+            array[: len(state.arrays[name])] = state.arrays[name]
     return [] if state.events is None else [state.events]
 
 
