@@ -21,9 +21,8 @@ from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.exact.workspace import BLOCK, CROSSINGS
 from brownpipe.engines.initial_state import draw, without_total_momentum
 from brownpipe.engines.recording import represented
-from brownpipe.engines.timestep import recording as stepping_recording
+from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
-from brownpipe.engines.timestep.settings import largest_step
 from brownpipe.engines.timestep.workspace import STEP
 from brownpipe.engines.units import State, motion_of
 from brownpipe.errors import RequestError
@@ -384,7 +383,7 @@ def report_of(prepared, first):
 
 def stepping_report_of(setup, first):
     """The same of a run by time steps."""
-    return stepping_recording.report_of(setup.scene, setup.frame, setup.workspace, first, finite=True)
+    return timestep.report_of(setup.scene, setup.frame, setup.workspace, first, finite=True)
 
 
 def with_broken(engine, index, value):

@@ -6,9 +6,10 @@ there, up to a step after contact and displaced from it, and short encounters ar
 that given to the walls, are conserved as by the exact engine.
 """
 
+import math
 from collections.abc import Collection, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,15 +19,22 @@ from brownpipe.engines.ensemble import Ensemble, RunResult, make_runs, new_batch
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
-from brownpipe.engines.recording import report_nothing, tracks_of
+from brownpipe.engines.recording import (
+    conservation,
+    images_fit,
+    report,
+    report_nothing,
+    sample_arrays,
+    tracks_of,
+)
+from brownpipe.engines.timestep import refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.layout import begin, prepare
-from brownpipe.engines.timestep.recording import recorder, report_of
-from brownpipe.engines.timestep.settings import refuse_unfit
 from brownpipe.engines.timestep.steps import advance
 from brownpipe.engines.units import Frame, State, frame_of, motion_of
 from brownpipe.scene import Scene
 
+REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
 DISK_STEPS_PER_CALL = 100_000_000  # between two chances for Python to handle signals
 
 
@@ -110,3 +118,48 @@ def _with_twice_the_capacity(setup: SteppingSetup, w: ws.Workspace) -> ws.Worksp
     larger = prepare(*setup[:-1], capacity=2 * len(w.within.a))
     names = ("within", "across", "candidate", "contact_time", "contact_key", "contact_pair")
     return w._replace(**{name: getattr(larger, name) for name in names})
+
+
+# -- samples and reports --------------------------------------------------------------------------------------------
+
+
+def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
+    """Return memory for samples, free flights after the last step before each: no step depends on sample times."""
+    n = scene.particles
+    steps = times / time_step
+    last = np.rint(steps)
+    last = np.where(np.abs(steps - last) <= 1e-9 + 1e-12 * steps, last, np.floor(steps))
+    return ws.Recorder(
+        tracer=int(frame.back[0]) if n else 0,
+        step=last.astype(np.int64),
+        rest=(times - last * time_step) / frame.time,
+        **sample_arrays(len(times), n if "all" in record else 0),
+    )
+
+
+def report_of(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray, finite: bool) -> dict[str, Any]:
+    """Return the report of a run from its workspace at the end and its motion (N, 4) at the beginning.
+
+    It fails, too, if its samples are not `finite`.
+    """
+    last = np.empty((len(w.disk), 4))
+    last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
+    count, impulses, elapsed = w.count.tolist(), w.tally[ws.VIRIAL :].tolist(), float(w.counters[ws.STEP] * w.step)
+    conserved = conservation(w.mass, first, last, impulses[1:])
+    sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(scene, frame, w, last[:, :2])
+    sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
+    collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
+    overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
+    missed = {"missed_collisions": count[ws.MISSED]} if w.late else {}
+    return report(scene, frame, conserved, collisions, impulses, overlap, sound, missed)
+
+
+def _are_inside(scene: Scene, frame: Frame, w: ws.Workspace, place: np.ndarray) -> bool:
+    """Whether, between walls, no disk at `place` (N, 2) has escaped: REACHES."""
+    if w.box.periodic:
+        return True
+    radius = (scene.radius[frame.order] / frame.length)[:, None]
+    low = np.array([w.box.x, w.box.y]) + radius
+    high = np.array([w.box.x + w.box.width, w.box.y + w.box.height]) - radius
+    beyond = REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
+    return bool(((place >= low - beyond) & (place <= high + beyond)).all())
