@@ -16,7 +16,7 @@ import numpy as np
 from bench_exact import processor, write
 
 from brownpipe.engines import Engine
-from brownpipe.engines.timestep.settings import largest_step
+from brownpipe.engines.timestep import largest_step
 from brownpipe.figures.style import DATA, FIT, drawing, grid, heads, image_bytes, shades
 from brownpipe.scene import parse_scene
 

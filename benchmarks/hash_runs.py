@@ -64,7 +64,7 @@ class Case(NamedTuple):
     seeds: str = "0-2"
     options: str = ""  # further ones of `brownpipe simulate`, for all engines
     more: tuple[str, ...] = ()  # further engines
-    record: str | None = None  # instead of RECORDS; with tracer or none, runs are reported several at a time
+    record: str | None = None  # instead of RECORDS
     aggregated: bool = False
 
 

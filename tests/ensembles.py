@@ -3,7 +3,7 @@
 import numpy as np
 
 from brownpipe.engines import Engine
-from brownpipe.engines.state import Ensemble, Track
+from brownpipe.engines.ensemble import Ensemble, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
 

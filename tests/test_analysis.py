@@ -12,8 +12,8 @@ from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution, goodness
 from brownpipe.analysis.conditions import initial_square_speed
 from brownpipe.engines import configured
+from brownpipe.engines.ensemble import Track
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.state import Track
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import parse_scene
 from brownpipe.storage import trajectories

@@ -16,8 +16,8 @@ import pytest
 from brownpipe.engines import placement
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
-from brownpipe.engines.timestep.settings import largest_step
 from brownpipe.scene import parse_scene
 
 ASPECTS = (1, 7, 50, 5000)

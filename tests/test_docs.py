@@ -143,7 +143,7 @@ def test_the_table_of_observables_has_all_with_their_arrays():
     rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", table, re.MULTILINE))
     assert list(rows) == list(OBSERVABLES)
     for name, row in rows.items():
-        assert [array for array in OBSERVABLES[name].arrays[1:] if f"`{array}`" not in row] == []
+        assert [array for array in [*OBSERVABLES[name].arrays][1:] if f"`{array}`" not in row] == []
     averaged = section("study")[0].partition("The `average` of ")[2].partition(" can only ")[0]
     assert set(re.findall(r"`(\w+)`", averaged)) == set(of_tracer(OBSERVABLES)[0])
 

@@ -9,9 +9,9 @@ from brownpipe import analysis, observables, theory
 from brownpipe.analysis import displacement, estimator, non_gaussian, pairs, runs, thermodynamics, velocity
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
+from brownpipe.engines.ensemble import Track
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.langevin import simulation as langevin
-from brownpipe.engines.state import Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_scene

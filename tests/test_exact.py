@@ -18,8 +18,7 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.recording import kept
-from brownpipe.engines.state import State
+from brownpipe.engines.units import State
 from brownpipe.scene import packing, parse_scene
 
 W, P = "reflecting", "periodic"
@@ -441,23 +440,6 @@ def test_seeds_differ():
     scene = note_scene(0.1)
     last = simulate(scene, range(20)).tracer.position[-1]
     assert len(np.unique(last, axis=0)) == 20
-
-
-@pytest.mark.parametrize("pinned", [False, True])
-@pytest.mark.parametrize("boundary", [W, P])
-def test_runs_reported_together_have_the_reports_of_each(boundary, pinned):
-    scene = make(box(9, 9, boundary), [(40, 0.4, 1.0)], 2.0, tracer={"radius": 0.8, "mass": 30.0})
-    prepared, alone, ended = exact_run.prepare_scene(scene, pinned), [], []
-    recorder = exact_run.recorder_of(prepared, scene.times, {"tracer"})
-    for seed in range(5):
-        state = draw(scene, seed)
-        state.velocity[0] *= not pinned
-        start = exact_run.beginning(prepared, state)
-        alone.append(exact_run.evolve(prepared, start, scene.times, {"tracer"}))
-        ended.append(kept(exact_run.to_end(prepared, start, recorder)))
-    together = exact_run.results_of(prepared, ended)
-    assert [run.observables for run in together] == [run.observables for run in alone]
-    assert len({run.observables["kinetic_energy"] for run in together}) == 5
 
 
 def test_a_workspace_that_had_to_grow_changes_nothing():

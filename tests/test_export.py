@@ -16,9 +16,8 @@ import brownpipe as bp
 from brownpipe.analysis.dataset import aggregate
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.engines.batch import RunResult
+from brownpipe.engines.ensemble import RunResult, Track
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.engines.state import Track
 from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.observables import observe
 from brownpipe.observables.pairs import bins

@@ -14,7 +14,6 @@ from brownpipe.analysis.failed import failed_runs
 from brownpipe.analysis.runs import groups_of
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.engines import batch as engines_batch
 from brownpipe.engines.exact import equilibration, layout
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact_simulation
@@ -119,44 +118,6 @@ def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, e
             assert all(np.isnan(values[column]) for values in batch.observables.values() if values.dtype.kind == "f")
 
 
-@pytest.mark.parametrize("most", [1, 3, 64])
-def test_runs_drawn_together_are_those_drawn_one_by_one(crowd, whole, most, monkeypatch):
-    """Each seed is drawn once, up to the next one that finds no place."""
-    drawn = []
-    monkeypatch.setattr(exact_simulation, "draw", lambda scene, seed: drawn.append(seed) or draw_state(scene, seed))
-    monkeypatch.setattr(engines_batch, "MOST_TOGETHER", most)
-    batch = simulate(crowd, SEEDS)
-    assert drawn == [*SEEDS]
-    assert batch.stopped == whole.stopped and 0 < len(batch.stopped) < len(SEEDS)
-    for one, other in zip(batch.tracer, whole.tracer, strict=True):
-        assert one is other is None or one.tobytes() == other.tobytes()
-    assert batch.observables["failed"].tobytes() == whole.observables["failed"].tobytes()
-
-
-@pytest.mark.parametrize("record", ["tracer", "none"])
-@pytest.mark.parametrize("engine", [*ENGINES, Engine("langevin", (("friction", "enskog"),))], ids=lambda e: e.name)
-def test_runs_reported_together_are_those_reported_one_by_one(crowd, engine, record, monkeypatch):
-    batches, sizes, add_runs = {}, [], engines_batch.add_runs
-
-    def counted(batch, columns, runs):
-        sizes.append(len(runs))
-        add_runs(batch, columns, runs)
-
-    monkeypatch.setattr(engines_batch, "add_runs", counted)
-    for most in (1, 3, 64):
-        sizes.clear()
-        monkeypatch.setattr(engines_batch, "MOST_TOGETHER", most)
-        batches[most] = engine.simulate(crowd, SEEDS, {record})
-        assert (max(sizes) == 1) == (most == 1)
-    for most in (3, 64):
-        one, other = batches[1], batches[most]
-        assert one.stopped == other.stopped and bool(one.stopped) == (engine.name != "langevin")
-        assert list(one.observables) == list(other.observables)
-        assert all(one.observables[name].tobytes() == values.tobytes() for name, values in other.observables.items())
-        for own, values in zip(one.tracer or (), other.tracer or (), strict=True):
-            assert own is values is None or own.tobytes() == values.tobytes()
-
-
 def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(monkeypatch):
     """In the middle of a run, by a bound on the path of a disk that some runs do not reach."""
     scene = parse_scene(yaml.safe_load(CROWD) | {"particles": 30}, "crowd.yaml")
@@ -166,11 +127,6 @@ def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(mon
     batch = simulate(scene, SEEDS)
     assert 0 < len(batch.stopped) < len(SEEDS)
     assert all(reason.startswith("no progress at t = ") for reason in batch.stopped.values())
-    for most in (1, 3):  # runs reported at once, with stopped ones between them
-        monkeypatch.setattr(engines_batch, "MOST_TOGETHER", most)
-        same = simulate(scene, SEEDS)
-        assert same.stopped == batch.stopped and list(same.observables) == list(batch.observables)
-        assert all(values.tobytes() == batch.observables[name].tobytes() for name, values in same.observables.items())
     going = [seed for seed in SEEDS if seed not in batch.stopped]
     assert batch.tracer.position[:, going].tobytes() == whole.tracer.position[:, going].tobytes()
     monkeypatch.undo()

@@ -18,13 +18,14 @@ from matplotlib.text import Text
 from brownpipe import provenance
 from brownpipe.analysis import aggregate, velocity
 from brownpipe.analysis.variables import FAILED
-from brownpipe.engines import Engine, configured, state
+from brownpipe.engines import Engine, configured, recording
 from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, health, pair_distribution, style, velocity_distribution
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import draw as draw_figure
 from brownpipe.figures.summary import summary
 from brownpipe.figures.tables import to_csv
+from brownpipe.observables.tracks import Track
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures
@@ -168,7 +169,7 @@ def test_every_figure_decides_what_the_figures_are_made_with():
 
 def test_the_caption_of_health_has_the_bounds_of_the_engines():
     caption = " ".join((provenance.PACKAGE / "figures" / "health.rst").read_text().split())
-    bounds = (state.HEALTH_BOUND, health.LEFT_END)
+    bounds = (recording.HEALTH_BOUND, health.LEFT_END)
     bound, least = (f"{value:.0e}".replace("e-0", "e-") for value in bounds)
     assert f"exact engine has failed if it exceeds {bound} in any panel" in caption
     assert f"energy drifts by more than {bound}," in caption
@@ -857,7 +858,7 @@ def test_few_runs_draw_without_a_warning(runs, tmp_path, run_through):
 @pytest.mark.slow
 def test_disk_at_rest_and_no_disk(tmp_path, run_through):
     trajectories = make_runs(make_scene(), range(12))
-    rest = trajectories.ensemble._replace(tracer=state.Track(0 * trajectories.ensemble.tracer.position))
+    rest = trajectories.ensemble._replace(tracer=Track(0 * trajectories.ensemble.tracer.position))
     nothing = trajectories.ensemble._replace(tracer=None)
     for ensemble, shown in ((rest, len(OF_TRAJECTORIES)), (nothing, 2)):
         with warnings.catch_warnings():

@@ -175,7 +175,7 @@ def test_mirrored_paths_are_reflected_paths():
     start = np.zeros((RUNS, 2, 2))
     start[:, 0], start[:, 1] = 1.5, (4.0, -3.0)
     paths = free_path(gamma, square_speed, np.array([0.0, duration]), start)
-    tracks = langevin.folded(scene, paths)
+    tracks = [langevin.folded(scene, path)[0] for path in paths]
     x = np.array([track.position[-1, 0] for track in tracks])
     v = np.array([track.velocity[-1, 0] for track in tracks])
     assert np.abs(x).max() <= 2.7
@@ -198,7 +198,7 @@ def test_without_noise_it_goes_from_wall_to_wall():
     path = np.zeros((2, 2, 2))
     path[:, 1] = (1.0, -1.0)
     langevin.follow(path, np.zeros((1, 2, 2)), step_weights(np.array([100.0]), 0.0, 0.0))
-    (track,) = langevin.folded(scene_of(), path[None])
+    track, _ = langevin.folded(scene_of(), path)
     assert np.allclose(track.position[1, 0], [2.6, -2.6], rtol=0, atol=1e-12)
     assert track.velocity[1, 0].tolist() == [-1.0, 1.0]
 
@@ -206,7 +206,7 @@ def test_without_noise_it_goes_from_wall_to_wall():
 def test_in_a_periodic_box_it_is_wrapped_and_counted():
     path = np.zeros((2, 2, 2))
     path[:, 0] = [(-2.0, 2.5), (20.0, -9.5)]
-    (track,) = langevin.folded(scene_of(boundary="periodic"), path[None])
+    track, _ = langevin.folded(scene_of(boundary="periodic"), path)
     assert track.position[:, 0].tolist() == [[-2.0, 2.5], [2.0, 2.5]]
     assert track.image[:, 0].tolist() == [[0, 0], [3, -2]]
 
@@ -426,9 +426,9 @@ def test_a_path_too_long_to_be_known_fails(boundary):
     path = np.zeros((2, 2, 2))
     for value in (math.nan, math.inf, -math.inf):
         path[1, 0, 0] = value
-        assert langevin.are_known(scene, np.stack([np.zeros((2, 2, 2)), path])).tolist() == [True, False]
+        assert not langevin.folded(scene, path)[1]
     path[1, 0, 0] = 5.0
-    assert langevin.are_known(scene, path[None]).tolist() == [True]
+    assert langevin.folded(scene, path)[1]
 
 
 def test_steps_of_any_length_diffuse():

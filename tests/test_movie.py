@@ -9,7 +9,7 @@ from PIL import Image, ImageSequence
 
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.engines.state import Track
+from brownpipe.engines.ensemble import Track
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.figures import snapshot
 from brownpipe.formatting import in_bytes

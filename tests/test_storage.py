@@ -13,7 +13,7 @@ import xarray
 import brownpipe
 from brownpipe import inspection, provenance
 from brownpipe.engines import Engine, configured
-from brownpipe.engines.state import Ensemble, Events, Track
+from brownpipe.engines.ensemble import Ensemble, Events, Track
 from brownpipe.errors import StorageError
 from brownpipe.scene import parse_scene
 from brownpipe.storage import files, trajectories

@@ -5,7 +5,7 @@ import pytest
 
 from brownpipe.analysis import aggregate, runs
 from brownpipe.engines import Engine
-from brownpipe.engines.state import Ensemble, Track
+from brownpipe.engines.ensemble import Ensemble, Track
 from brownpipe.errors import AnalysisError
 from brownpipe.storage.datasets import write_dataset
 from brownpipe.storage.trajectories import Trajectories, read_outline, read_trajectories, write_trajectories

@@ -16,8 +16,8 @@ from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
+from brownpipe.engines.timestep import COLLISIONS, largest_step
 from brownpipe.engines.timestep import simulation as timestep
-from brownpipe.engines.timestep.settings import COLLISIONS, largest_step
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.tradeoff.compare import departure_time

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 import brownpipe as bp
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.state import State
+from brownpipe.engines.units import State
 from brownpipe.figures.style import GREY, SERIES, drawing, grid, image_bytes
 from brownpipe.scene import Scene
 from validation.stability.game import space_of

@@ -18,7 +18,7 @@ from xarray import Dataset, DataTree
 from brownpipe import progress
 from brownpipe.analysis import aggregate
 from brownpipe.engines import read_record, requested
-from brownpipe.engines.failures import failures
+from brownpipe.engines.ensemble import failures
 from brownpipe.engines.saturation import growth_caution
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.catalogue import FIGURES

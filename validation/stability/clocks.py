@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from brownpipe.engines.state import HEALTH_BOUND
+from brownpipe.engines.recording import HEALTH_BOUND
 from brownpipe.figures.style import DOTTED, GREY, SERIES, grid
 from validation.stability.game import pymunk, time_step
 from validation.stability.outcome import Outcome

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from brownpipe.engines.state import HEALTH_BOUND
+from brownpipe.engines.recording import HEALTH_BOUND
 from brownpipe.figures.style import DOTTED, GREY, SERIES, grid, shades
 from validation.stability.game import MOST_STEPS, pymunk, time_step
 from validation.stability.outcome import Outcome

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from brownpipe.engines.state import State
+from brownpipe.engines.units import State
 from validation.stability.outcome import Outcome, measured
 from validation.stability.start import Start
 

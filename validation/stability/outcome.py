@@ -7,7 +7,7 @@ import numpy as np
 
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.recording import conservation
-from brownpipe.engines.state import State
+from brownpipe.engines.units import State
 from validation.stability.start import Start
 
 
@@ -35,11 +35,10 @@ def measured(
     counts: (2,) pair and wall collisions. impulse: (4,) total impulses >= 0 given by the walls left, right, bottom and
     top. depth: deepest overlap.
     """
-    with np.errstate(all="ignore"):
-        kept = conservation(start.state.mass, start.state.velocity[None], velocity[None], impulse[None])
     state = start.state._replace(position=position, velocity=velocity)
-    drift, residual = float(kept.energy_drift[0]), float(kept.momentum_residual[0])
-    return Outcome(state, int(counts[0]), int(counts[1]), depth, drift, residual)
+    first, last = (np.hstack([each.position, each.velocity]) for each in (start.state, state))
+    kept = conservation(start.state.mass, first, last, impulse.tolist())
+    return Outcome(state, int(counts[0]), int(counts[1]), depth, kept.energy_drift, kept.momentum_residual)
 
 
 def brownpipe(start: Start, duration: float) -> Outcome:

@@ -8,7 +8,7 @@ import math
 
 from matplotlib.figure import Figure
 
-from brownpipe.engines.state import HEALTH_BOUND
+from brownpipe.engines.recording import HEALTH_BOUND
 from brownpipe.figures.style import DOTTED, GREY, SERIES, grid
 from validation.stability.game import pymunk
 from validation.stability.outcome import Outcome

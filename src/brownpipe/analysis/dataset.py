@@ -37,7 +37,7 @@ from brownpipe.analysis.variables import (
     with_uncertainties,
 )
 from brownpipe.analysis.varied import over_keys
-from brownpipe.engines.failures import HEALTH
+from brownpipe.engines.ensemble import HEALTH
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES

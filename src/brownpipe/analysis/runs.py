@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
-from brownpipe.engines.state import NONE_STOPPED, Ensemble, Track, blank
+from brownpipe.engines.ensemble import NONE_STOPPED, Ensemble, Track, blank
 from brownpipe.errors import AnalysisError
 from brownpipe.stages import tracked
 from brownpipe.storage.store import StoredFile

@@ -1,11 +1,11 @@
 """Forecast of the cost of a run: Enskog's collision rates, and from them CPU time, memory and file size.
 
-CPU time is a sum of terms in proportion to the numbers of collisions, of cell crossings, of samples, and of disks that
+CPU time is a sum of terms in proportion to the numbers of collisions and cell crossings, of samples, and of disks that
 an observable measures in a sample; the costs of an observable are in its record (`observables.Observable`).
 
-The forecast is rough on purpose. Collision counts hold in equilibrium, within some percent, those above a packing
-fraction of 0.7 for crystals. In a scene that gives disks of all masses the same standard deviation of the velocity,
-they hold for the first collisions only. docs/theory.md, section 3.
+The forecast is rough on purpose, good to a factor of 2. Collision counts hold in equilibrium, within some percent,
+those above a packing fraction of 0.7 for crystals. In a scene that gives disks of all masses the same standard
+deviation of the velocity, they hold for the first collisions only. docs/theory.md, section 3.
 """
 
 import math
@@ -21,26 +21,22 @@ from brownpipe import theory
 from brownpipe.engines.friction import DENSEST
 from brownpipe.engines.lattice import lattice_gaps
 from brownpipe.engines.saturation import is_grown, share_stuck
-from brownpipe.engines.units import PATH_PER_BLOCK
 from brownpipe.errors import RequestError
 from brownpipe.observables import Observable
-from brownpipe.observables.species import bath_disks, equal_disks
+from brownpipe.observables.species import bath_disks, equal_disks, species_table
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
-EACH_RUN = 1.1e-4  # CPU seconds to begin a run, and to store what is recorded
-EQUILIBRATION = 2.5e-4  # CPU seconds to begin the time to equilibrate, and to check its end
+EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it
 SECONDS_TO_FAIL = 0.09  # CPU seconds of the tries of a disk that finds no place by random insertion
 SECONDS_TO_GROW = 4e-5  # CPU seconds for each disk that grows, some hundred sweeps
 SECONDS_PER_DISK = 1e-6  # CPU seconds to draw the initial state of one disk, list it, and predict its first event
-SECONDS_PER_COLLISION = 2e-7  # CPU seconds, with a disk or a wall
-SECONDS_PER_CROSSING = 1.6e-7  # CPU seconds for a disk that moves by the distance of neighbours
-DISKS = (1e3, 1e4, 1e5, 1e6)  # numbers of disks: the larger, the less of their data fits the processor's cache
-SLOWER = (1.0, 1.2, 1.6, 2.1)  # factor on the cost of collisions and crossings for these numbers
-SECONDS_PER_BLOCK = 1.2e-7  # CPU seconds to predict the events of one disk afresh, at the start of a block
-SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time, if all are recorded
-SECONDS_PER_SAMPLE = 1e-7  # CPU seconds to record the tracer at one sample time
+SECONDS_PER_EVENT = 1.9e-7  # CPU seconds of a collision, or of a disk that moves by the distance of neighbours
+FITS_CACHE, SLOWER = 1e3, 0.1  # number of disks whose data fit the cache, and a power of more: events cost more there
+SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
+SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, and
+SECONDS_PER_LAG = 8e-6  # for each lag, averaged over time origins
 SECONDS_PER_BYTE = 4e-8  # CPU seconds to compress, write and verify a byte of a file
 PROCESS = 140e6  # bytes of memory of a process besides its runs: Python, packages, kernels
 BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the engine
@@ -52,7 +48,7 @@ BYTES_PER_NUMBER = 8
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of equal disks
 SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
 MOST_RUNS = 10**9  # of one process
-COPIES_KEPT, COPIES_WRITTEN = 2, 2  # of what is recorded, as arrays and as a file, while it is written
+COPIES = 2  # of what is recorded, as arrays and as a file, while it is written
 
 
 class Cost(NamedTuple):
@@ -85,35 +81,32 @@ def of_run(
 ) -> Cost:
     """Return the forecast for one run of the exact engine that records `record` and measures `observables`.
 
-    `record` and `average` as in `engines.batch.new_batch`.
+    `record` and `average` as in `engines.ensemble.new_batch`.
     """
     time = scene.duration + scene.equilibrate.time
     mixture = mixture_of(scene)
     pair_collisions = time * pair_rate(scene, mixture)
     wall_collisions = time * wall_rate(scene, mixture)
-    events = pair_collisions + wall_collisions
-    slower = float(np.interp(np.log(max(scene.particles, 1)), np.log(DISKS), SLOWER))
-    recorded, kept = _bytes_of_record(scene, record, observables, events)
-    every_disk = measures.needs_every_disk(scene, observables, average)
-    disks_recorded = 1 + (scene.particles if every_disk or "all" in record else 0)
+    collisions = pair_collisions + wall_collisions
+    recorded, kept = _bytes_of_record(scene, record, observables, collisions)
+    every_disk = "all" in record or measures.needs_every_disk(scene, observables, average)
+    disks_recorded = 1 + (scene.particles if every_disk else 0)
     working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * len(scene.times) * disks_recorded
-    seconds = EACH_RUN + EQUILIBRATION * (scene.equilibrate.time > 0) + _seconds_to_place(scene)
-    seconds += (SECONDS_PER_DISK + SECONDS_PER_BLOCK * blocks(time, mixture, scene.box.area)) * scene.particles
-    seconds += slower * SECONDS_PER_COLLISION * events
-    seconds += slower * SECONDS_PER_CROSSING * time * crossing_rate(scene, mixture)
-    if every_disk or "all" in record:
-        seconds += SECONDS_PER_DISK_SAMPLE * len(scene.times) * scene.particles
-    bath = len(bath_disks(scene))
-    seconds += sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average, bath) for name in observables)
-    storing = SECONDS_PER_SAMPLE * len(scene.times) + SECONDS_PER_BYTE * recorded
+    slower = max(scene.particles / FITS_CACHE, 1.0) ** SLOWER
+    seconds = EACH_RUN * (1 + (scene.equilibrate.time > 0)) + _seconds_to_place(scene)
+    seconds += slower * SECONDS_PER_EVENT * (collisions + time * crossing_rate(scene, mixture))
+    seconds += SECONDS_PER_DISK_SAMPLE * len(scene.times) * scene.particles * every_disk
+    seconds += sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average) for name in observables)
+    storing = SECONDS_PER_DISK_SAMPLE * len(scene.times) + SECONDS_PER_BYTE * recorded
     return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working, storing)
 
 
 def _seconds_to_place(scene: Scene) -> float:
-    """Return the CPU seconds of the tries of disks that find no place, and of disks that grow."""
+    """Return the CPU seconds to place the disks, with the tries of those that find no place, and of those that grow."""
     share = share_stuck(scene)
     tried = 0.0 if is_grown(scene) else SECONDS_TO_FAIL * share
-    return tried + (SECONDS_TO_GROW * scene.particles * share if scene.placement == "auto" else 0.0)
+    grown = SECONDS_TO_GROW * share if scene.placement == "auto" else 0.0
+    return tried + (SECONDS_PER_DISK + grown) * scene.particles
 
 
 def _bytes_of_record(
@@ -134,29 +127,27 @@ def _bytes_of_record(
 
 def memory(cost: Cost, runs: int) -> float:
     """Return the peak memory [bytes] of a process that makes and writes so many runs."""
-    written = COPIES_KEPT * cost.kept + COPIES_WRITTEN * cost.recorded
-    return PROCESS + max(cost.working + runs * cost.kept, runs * written)
+    return PROCESS + max(cost.working + runs * cost.kept, COPIES * runs * (cost.kept + cost.recorded))
 
 
 def seconds_to_measure_tracer(scene: Scene, observables: Iterable[str], average: str) -> float:
     """Return the CPU seconds to measure the tracer's part of `observables`, for an engine of the tracer alone."""
     names, average = measures.of_tracer(observables, average)
-    return sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average, 0) for name in names)
+    return sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average, of_bath=False) for name in names)
 
 
-def _seconds_to_measure(scene: Scene, observable: Observable, average: str, bath: int) -> float:
-    """Return the CPU seconds to measure an observable in a run with `bath` disks beside the tracer."""
-    samples, per_disk_sample = len(scene.times), observable.seconds_per_disk_sample
+def _seconds_to_measure(scene: Scene, observable: Observable, average: str, of_bath: bool = True) -> float:
+    """Return the CPU seconds to measure an observable in a run, or without its part `of_bath`."""
+    samples, disks = len(scene.times), scene.particles
     if observable.of_single_disks:
         disks = len(equal_disks(scene)) if average == "disks" else 1
-        disks += bath if observable.is_also_of_bath else 0
-        if average != "origins":
-            return observable.seconds_per_run + per_disk_sample * samples * disks
-        products = observable.seconds_per_product * disks * samples / 2
-        return observable.seconds_per_run + samples * (observable.seconds_per_lag * (2 if disks > 1 else 1) + products)
-    samples = 1 if observable.is_over_samples and not is_stationary(scene) else samples
-    seconds = observable.seconds_per_run + per_disk_sample * samples * scene.particles
-    return seconds + samples * observable.seconds_per_sample(scene)
+        disks += len(bath_disks(scene)) if of_bath and observable.is_also_of_bath else 0
+    elif observable.is_over_samples and not is_stationary(scene):
+        samples = 1
+    of_sample = disks * observable.seconds_per_disk_sample
+    if average == "origins" and observable.of_single_disks:
+        of_sample = SECONDS_PER_LAG + disks * observable.seconds_per_product * samples / 2
+    return SECONDS_TO_MEASURE + samples * of_sample
 
 
 def machine_memory() -> int:
@@ -178,14 +169,9 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
 
 
 def mixture_of(scene: Scene) -> Mixture:
-    """Return the disks of a scene by radius and mass, in ascending order."""
-    groups = scene.species or scene.listed
-    counts = [getattr(group, "count", 1) for group in groups]
-    radius_and_mass = np.array([(group.radius, group.mass) for group in groups]).reshape(-1, 2)
-    components, component = np.unique(radius_and_mass, axis=0, return_inverse=True)
-    radius, mass = components.T
-    number = np.bincount(component.ravel(), counts, len(components))
-    return Mixture(number, radius, mass, _speeds(scene, mass))
+    """Return the disks of a scene by species."""
+    table = species_table(scene)
+    return Mixture(table.number, table.radius, table.mass, _speeds(scene, table.mass))
 
 
 def _speeds(scene: Scene, mass: np.ndarray) -> np.ndarray:
@@ -202,15 +188,6 @@ def _speeds(scene: Scene, mass: np.ndarray) -> np.ndarray:
     if scene.velocities.temperature is not None:
         return np.sqrt(scene.velocities.temperature / mass)
     return np.full(len(mass), scene.velocities.standard_deviation)
-
-
-def blocks(time: float, mixture: Mixture, area: float) -> float:
-    """Return the number of blocks in a time: at the start of each, the exact engine predicts all events afresh."""
-    present = mixture.number > 0
-    if not present.any():
-        return 0.0
-    path = max(PATH_PER_BLOCK * 2 * float(mixture.radius[present].min()), math.sqrt(area / (4 * mixture.number.sum())))
-    return time * float(mixture.speed[present].max()) / path
 
 
 def pair_rate(scene: Scene, mixture: Mixture) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
+from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene, Species
 from brownpipe.scene.sample_times import default_fit_windows
 
@@ -41,10 +42,9 @@ def followed(scene: Scene) -> Species:
 
 def bath_of(scene: Scene) -> Bath:
     """Return the bath of a scene of species: all disks but the tracer."""
-    tracer = followed(scene)
-    counts = [(species, species.count - (species is tracer)) for species in scene.species]
-    rows = [(count, species.radius, species.mass) for species, count in counts if count]
-    number, radius, mass = np.array(rows, dtype=float).reshape(-1, 3).T
+    table = species_table(scene)
+    counts = table.number - (np.arange(len(table.number)) == 0)  # the tracer is of the first species
+    number, radius, mass = (values[counts > 0] for values in (counts, table.radius, table.mass))
     temperature = scene.velocities.temperature
     if temperature is None:
         unit = math.ldexp(1.0, math.frexp(mass.max(initial=0.0))[1] - 1)  # many masses of 1e300 add up to infinity
@@ -143,14 +143,12 @@ def partners_of(scene: Scene, crowded: bool = True) -> Partners:
     """
     tracer = followed(scene)
     bath = bath_of(scene)
-    present = [species for species in scene.species if species.count]
     chi = np.ones(len(bath.number))
     if crowded:
+        table = species_table(scene)
         fluid = min(1.0, DENSEST / scene.packing_fraction)
-        densities = fluid * np.array([species.count for species in present]) / scene.box.area
-        contact = theory.mixture_contact_values(densities, 2 * np.array([species.radius for species in present]))
-        in_bath = np.array([species.count > (species is tracer) for species in present])
-        chi = contact[present.index(tracer), in_bath]
+        contact = theory.mixture_contact_values(fluid * table.number / scene.box.area, 2 * table.radius)
+        chi = contact[0, table.number > (np.arange(len(table.number)) == 0)]
     mu = theory.reduced_mass(1.0, bath.mass / tracer.mass)
     density = bath.number / scene.box.area
     arguments = (density, tracer.radius + bath.radius, chi, mu, bath.temperature / tracer.mass)

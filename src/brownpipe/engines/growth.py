@@ -1,14 +1,12 @@
-"""Disks grown where they are too dense for random insertion: pushed apart until none overlap, with a cell list.
-
-Arguments of the kernels as in `insertion`.
-"""
+"""Disks grown where they are too dense for random insertion: pushed apart until none overlap, with a cell list."""
 
 import math
 
 import numpy as np
 
-from brownpipe.engines.insertion import cell_of, register
+from brownpipe.engines.insertion import Places, block_around, first_in_cell, register
 from brownpipe.engines.kernels import entry_point, kernel
+from brownpipe.engines.records import local_copy
 
 
 @kernel
@@ -30,19 +28,11 @@ def moved(value: float, step: float, radius: float, size: float, periodic: bool)
 
 
 @kernel
-def part(
-    position: np.ndarray,
-    radius: np.ndarray,
-    size: np.ndarray,
-    periodic: bool,
-    held: int,
-    stretch: float,
-    i: int,
-    k: int,
-) -> bool:
+def part(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
     """Return whether disks i and k overlap; move them apart, to `stretch` contact distances (not if that is 0)."""
+    position, radius, size = p.position, p.radius, p.size
     x, y = position[k, 0] - position[i, 0], position[k, 1] - position[i, 1]
-    if periodic:
+    if p.periodic:
         x -= size[0] * math.floor(x / size[0] + 0.5)
         y -= size[1] * math.floor(y / size[1] + 0.5)
     sigma, square = radius[i] + radius[k], x * x + y * y
@@ -53,52 +43,36 @@ def part(
             x, distance = sigma, sigma
         away = (wanted - math.sqrt(square)) / distance
         of_i = share(radius, held, i, k)
-        position[i, 0] = moved(position[i, 0], -of_i * away * x, radius[i], size[0], periodic)
-        position[i, 1] = moved(position[i, 1], -of_i * away * y, radius[i], size[1], periodic)
-        position[k, 0] = moved(position[k, 0], (1.0 - of_i) * away * x, radius[k], size[0], periodic)
-        position[k, 1] = moved(position[k, 1], (1.0 - of_i) * away * y, radius[k], size[1], periodic)
+        position[i, 0] = moved(position[i, 0], -of_i * away * x, radius[i], size[0], p.periodic)
+        position[i, 1] = moved(position[i, 1], -of_i * away * y, radius[i], size[1], p.periodic)
+        position[k, 0] = moved(position[k, 0], (1.0 - of_i) * away * x, radius[k], size[0], p.periodic)
+        position[k, 1] = moved(position[k, 1], (1.0 - of_i) * away * y, radius[k], size[1], p.periodic)
     return square < sigma * sigma
 
 
 @entry_point
-def push_apart(
-    position: np.ndarray,
-    radius: np.ndarray,
-    common: float,
-    big: np.ndarray,
-    size: np.ndarray,
-    periodic: bool,
-    grid: np.ndarray,
-    following: np.ndarray,
-    held: int,
-    stretch: float,
-) -> int:
+def push_apart(p: Places, held: int, stretch: float) -> int:
     """Go once over all disks and push those that overlap apart, to `stretch` contact distances; return how many did.
 
     With a stretch of 0 nothing is moved. Disk `held` stays where it is (-1: none).
     """
-    columns, rows = grid.shape
-    for c in range(columns):
-        for r in range(rows):
-            grid[c, r] = -1
-    for i in range(len(radius)):
-        register(grid, following, position, size, i)
+    p = local_copy(p)
+    for column in range(p.grid.shape[0]):
+        for row in range(p.grid.shape[1]):
+            p.grid[column, row] = -1
+    for i in range(len(p.radius)):
+        register(p, i)
     overlapping = 0
-    for i in range(len(radius)):
-        for k in big:
+    for i in range(len(p.radius)):
+        for k in p.big:
             if k > i:
-                overlapping += part(position, radius, size, periodic, held, stretch, i, k)
-        reach = (radius[i] + common) * max(stretch, 1.0)
-        reach_x = min(int(reach / size[0] * columns) + 1, columns)
-        reach_y = min(int(reach / size[1] * rows) + 1, rows)
-        column, row = cell_of(position[i, 0], size[0], columns), cell_of(position[i, 1], size[1], rows)
-        for c in range(column - reach_x, column + reach_x + 1):
-            for r in range(row - reach_y, row + reach_y + 1):
-                if not periodic and (c < 0 or c >= columns or r < 0 or r >= rows):
-                    continue
-                k = grid[c % columns, r % rows]
+                overlapping += part(p, held, stretch, i, k)
+        left, right, bottom, top = block_around(p, i, (p.radius[i] + p.common) * max(stretch, 1.0))
+        for column in range(left, right + 1):
+            for row in range(bottom, top + 1):
+                k = first_in_cell(p, column, row)
                 while k >= 0:
                     if k != i:
-                        overlapping += part(position, radius, size, periodic, held, stretch, i, k)
-                    k = following[k]
+                        overlapping += part(p, held, stretch, i, k)
+                    k = p.following[k]
     return overlapping

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from brownpipe.engines import placement
-from brownpipe.engines.state import State
+from brownpipe.engines.units import State
 from brownpipe.scene import Scene
 
 ROOT_SEED = 2020  # of all streams of random numbers; the year of Harrison's note

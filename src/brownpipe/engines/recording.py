@@ -4,49 +4,29 @@ Engines compute in units and in an order of the disks of their own (`units.Frame
 """
 
 import math
-from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe.engines.batch import RunResult
-from brownpipe.engines.state import Events, Track
+from brownpipe.engines.kernels import entry_point
 from brownpipe.engines.units import SMALLEST_NORMAL, Frame
+from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
 
 SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", "whole_image")  # of a Recorder
-NO_TOTALS = np.zeros((0, 2))  # of a run that is not counted in quarters
+HEALTH_BOUND = 1e-9  # a run with a larger energy drift, overlap or momentum residual has failed; round-off is far below
 MOST_IMAGES = 2.0**31  # periodic images that an int32 can count
 
 
-class Ending(NamedTuple):
-    """What the report of a run is made from, in the engine's units and order."""
-
-    first: np.ndarray  # (N, 2) velocities at the beginning
-    motion: np.ndarray  # (N, 4) float64, positions and velocities at the end
-    elapsed: float  # time
-    count: np.ndarray  # type: ignore[assignment]  # int64, as in the workspace at the end; hides tuple.count
-    tally: np.ndarray  # float64, as in the workspace at the end
-    totals: np.ndarray = NO_TOTALS  # float64, as in the recorder at the end
-
-
-class EndedRun(NamedTuple):
-    """A run at its end, before its report is made."""
-
-    tracer: Track  # its samples as they are in the recorder, in the engine's units
-    whole: Track | None  # like the next as of a RunResult
-    events: Events | None
-    ending: Ending
-
-
 class Conservation(NamedTuple):
-    """Energy and momentum at the end of each of K runs compared with its beginning, in the engine's units."""
+    """Energy and momentum at the end of a run compared with its beginning, without pinned disks."""
 
-    twice_energy: np.ndarray  # (K,) sum m v^2 at the beginning
-    energy_drift: np.ndarray  # (K,) relative change of the energy
-    momentum_residual: np.ndarray  # (K,) largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J: walls
-    fastest: np.ndarray  # (K,) speed of the lightest disk if it had all the energy
+    energy: float  # sum m v^2 / 2 at the beginning
+    energy_drift: float  # relative change of the energy
+    momentum_residual: float  # largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J: walls
+    fastest: float  # speed of the lightest disk if it had all the energy
+    finite: bool  # whether all positions and velocities at the end are finite numbers
 
 
 def sample_arrays(samples: int, disks: int) -> dict[str, np.ndarray]:
@@ -57,106 +37,125 @@ def sample_arrays(samples: int, disks: int) -> dict[str, np.ndarray]:
     }
 
 
-def tracer_samples(recorder: Any) -> Track:
-    """Return the samples of the tracer as they are in a recorder, in the engine's units."""
-    return Track(recorder.position, recorder.velocity, recorder.image)
+def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track | None, bool]:
+    """Return the trajectory of the tracer, M = 1, converted in place; of all disks, M = N, or None if not recorded.
 
-
-def kept(run: EndedRun) -> EndedRun:
-    """Return a run that has ended with arrays of its own, which the next run does not overwrite."""
-    first, motion, elapsed, count, tally, totals = run.ending
-    ending = Ending(first, motion.copy(), elapsed, count.copy(), tally.copy(), totals.copy())
-    return run._replace(tracer=Track(*(values.copy() for values in run.tracer)), ending=ending)
-
-
-def tracer_tracks(scene: Scene, frame: Frame, samples: Sequence[Track]) -> list[Track]:
-    """Return the trajectory of the tracer, M = 1, in each of several runs from its samples."""
-    position, velocity, image = _converted(scene, frame, *(np.array(each) for each in zip(*samples, strict=True)))
-    images = [None] * len(samples) if image is None else image
-    return [Track(*each) for each in zip(position, velocity, images, strict=True)]
-
-
-def whole_track(scene: Scene, frame: Frame, recorder: Any) -> Track | None:
-    """Return the trajectories of all disks, M = N; None if they were not recorded."""
-    if len(frame.back) == 0 or recorder.whole_position.shape[1] == 0:
-        return None
-    samples = (recorder.whole_position, recorder.whole_velocity, recorder.whole_image)
-    return _converted(scene, frame, *(values.take(frame.back, axis=1) for values in samples))
-
-
-def _converted(scene: Scene, frame: Frame, position: np.ndarray, velocity: np.ndarray, image: np.ndarray) -> Track:
-    """Return samples (..., 2) in the scene's units, to which the arrays themselves are converted."""
-    position *= frame.length
-    for axis in (0, 1):  # five times as fast as both at once
-        position[..., axis] += frame.origin[axis]
-    velocity *= frame.length / frame.time
-    return Track(position, velocity, image if scene.box.periodic else None)
-
-
-def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, wall_impulses: np.ndarray) -> Conservation:
-    """Compare velocities (K, N, 2) at the beginning and at the end of K runs of disks of the given masses (N,).
-
-    `wall_impulses` (K, 4) are the total impulses >= 0 given by the walls left, right, bottom and top.
+    And whether all positions and velocities are finite numbers in the scene's units.
     """
-    square, square_after = (v[:, :, 0] * v[:, :, 0] + v[:, :, 1] * v[:, :, 1] for v in (first, last))
-    energy, energy_after = (mass * square).sum(axis=1), (mass * square_after).sum(axis=1)
-    left, right, bottom, top = wall_impulses.T
-    missing = (mass[:, None] * (last - first)).sum(axis=1) - np.stack([left - right, bottom - top], axis=1)
-    scale = (mass * np.sqrt(square)).sum(axis=1) + left + right + bottom + top
+    tracer, finite = _converted(scene, frame, recorder.position, recorder.velocity, recorder.image)
+    if len(frame.back) == 0 or recorder.whole_position.shape[1] == 0:
+        return tracer, None, finite
+    samples = (recorder.whole_position, recorder.whole_velocity, recorder.whole_image)
+    whole, all_finite = _converted(scene, frame, *(values.take(frame.back, axis=1) for values in samples))
+    return tracer, whole, finite and all_finite
+
+
+def _converted(
+    scene: Scene, frame: Frame, position: np.ndarray, velocity: np.ndarray, image: np.ndarray
+) -> tuple[Track, bool]:
+    """Return samples (T, M, 2) in the scene's units, to which the arrays are converted, and whether they are finite."""
+    finite = convert(position, velocity, frame.origin, frame.length, frame.length / frame.time)
+    return Track(position, velocity, image if scene.box.periodic else None), finite
+
+
+@entry_point
+def convert(position: np.ndarray, velocity: np.ndarray, origin: np.ndarray, length: float, speed: float) -> bool:
+    """Convert samples (T, M, 2) from the engine's units; return whether they are finite numbers."""
+    finite = True
+    for t in range(position.shape[0]):
+        for i in range(position.shape[1]):
+            for c in range(2):
+                position[t, i, c] = position[t, i, c] * length + origin[c]
+                velocity[t, i, c] *= speed
+                finite &= math.isfinite(position[t, i, c]) and math.isfinite(velocity[t, i, c])
+    return finite
+
+
+@entry_point
+def sums(
+    mass: np.ndarray, first: np.ndarray, last: np.ndarray
+) -> tuple[float, float, float, float, float, float, bool]:
+    """Return sum m v^2 of motion (N, 4) at the beginning and the end, sum m (v' - v), sum m |v|, the least mass.
+
+    And whether all numbers at the end are finite. Disks of infinite mass are left out of the sums.
+    """
+    energy, energy_after, x, y, scale, lightest, finite = 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, True
+    for i in range(len(mass)):
+        u, v, u_after, v_after = first[i, 2], first[i, 3], last[i, 2], last[i, 3]
+        finite &= math.isfinite(last[i, 0]) and math.isfinite(last[i, 1])
+        finite &= math.isfinite(u_after) and math.isfinite(v_after)
+        if mass[i] < math.inf:
+            energy += mass[i] * (u * u + v * v)
+            energy_after += mass[i] * (u_after * u_after + v_after * v_after)
+            x += mass[i] * (u_after - u)
+            y += mass[i] * (v_after - v)
+            scale += mass[i] * math.sqrt(u * u + v * v)
+            lightest = min(lightest, mass[i])
+    return energy, energy_after, x, y, scale, lightest, finite
+
+
+def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, walls: list[float]) -> Conservation:
+    """Compare positions and velocities (N, 4) at the beginning and at the end of a run of disks of masses (N,).
+
+    `walls` are the total impulses >= 0 given by the walls left, right, bottom and top.
+    """
+    energy, energy_after, x, y, scale, lightest, finite = sums(mass, first, last)
+    left, right, bottom, top = walls
+    missing, scale = max(abs(x - (left - right)), abs(y - (bottom - top))), scale + left + right + bottom + top
     return Conservation(
-        twice_energy=energy,
-        energy_drift=_relative(energy_after - energy, energy),
-        momentum_residual=_relative(np.abs(missing).max(axis=1), scale),
-        fastest=np.sqrt(np.where(energy > 0, energy / mass.min(initial=np.inf), 0.0)),
+        energy=0.5 * energy,
+        energy_drift=(energy_after - energy) / energy if energy > 0 else 0.0,
+        momentum_residual=missing / scale if scale > 0 else 0.0,
+        fastest=math.sqrt(energy / lightest) if energy > 0 else 0.0,
+        finite=finite,
     )
-
-
-def _relative(change: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the quotients, 0 where the scale is not positive."""
-    return np.divide(change, scale, out=np.zeros(len(scale)), where=scale > 0)
 
 
 def report(
     scene: Scene,
     frame: Frame,
     conserved: Conservation,
-    collisions: np.ndarray,
-    impulses: np.ndarray,
-    worst_overlap: np.ndarray,
-    sound: np.ndarray,
-    further: dict[str, np.ndarray] | None = None,
-) -> dict[str, np.ndarray]:
-    """Return the observables (K,) that every engine of all disks reports of K runs, in the scene's units.
+    collisions: list[int],
+    impulses: list[float],
+    worst_overlap: float,
+    sound: bool,
+    further: dict[str, Any],
+) -> dict[str, Any]:
+    """Return the observables that every engine of all disks reports of a run, in the scene's units, and `further` ones.
 
-    `kinetic_energy` is the total energy at t = 0. `collisions` (K, 3) are the numbers of collisions of pairs, with
-    walls, and of the tracer; `impulses` (K, 5) the virial and the total impulses given by the four walls, in the
-    engine's units; `worst_overlap` (K,) is in contact distances. Files list the observables in the order of the report.
+    `kinetic_energy` is the total energy at t = 0. `collisions` are the numbers of collisions of pairs, with walls, and
+    of the tracer; `impulses` the virial and the total impulses given by the four walls, in the engine's units;
+    `worst_overlap` is in contact distances. A run fails if it is not `sound`, if its energy drift exceeds HEALTH_BOUND
+    or if it has numbers that are not finite. Files list the observables in the order of the report.
     """
     speed = frame.length / frame.time
+    sound = sound and conserved.finite and abs(conserved.energy_drift) <= HEALTH_BOUND
+    sound = sound and math.isfinite(conserved.energy) and math.isfinite(sum(impulses))
     values = {
-        "pair_collisions": collisions[:, 0],
-        "wall_collisions": collisions[:, 1],
-        "tracer_collisions": collisions[:, 2],
+        "pair_collisions": collisions[0],
+        "wall_collisions": collisions[1],
+        "tracer_collisions": collisions[2],
         "energy_drift": conserved.energy_drift,
         "worst_overlap": worst_overlap,
         "momentum_residual": conserved.momentum_residual,
-        "failed": (~sound).astype(np.uint8),
-        "kinetic_energy": represented(0.5 * conserved.twice_energy, frame.mass, speed, speed),
-        "virial": represented(impulses[:, 0], frame.mass, speed, frame.length),
-        **(further or {}),
+        "failed": np.uint8(not sound),
+        "kinetic_energy": represented(conserved.energy, frame.mass, speed, speed),
+        "virial": represented(impulses[0], frame.mass, speed, frame.length),
+        **further,
     }
     if not scene.box.periodic:
-        values["wall_impulse"] = represented(impulses[:, 1:].sum(axis=1), frame.mass, speed)
+        values["wall_impulse"] = represented(sum(impulses[1:]), frame.mass, speed)
     return values
 
 
-def results_of(
-    scene: Scene, frame: Frame, ended: Sequence[EndedRun], reports: Mapping[str, np.ndarray]
-) -> list[RunResult]:
-    """Return the results of K runs from their reports, name -> (K,)."""
-    of_runs = (dict(zip(reports, numbers, strict=True)) for numbers in zip(*reports.values(), strict=True))
-    each = zip(tracer_tracks(scene, frame, [run.tracer for run in ended]), ended, of_runs, strict=True)
-    return [RunResult(tracer, run.whole, run.events, report) for tracer, run, report in each]
+@entry_point
+def multiply(values: np.ndarray, mantissa: float, exponent: int) -> None:
+    """Multiply values (K,) by mantissa 2^exponent, rounded once; NaN where that overflows or underflows (0 stays 0)."""
+    for i in range(len(values)):
+        part, power = math.frexp(values[i])
+        product = math.ldexp(part * mantissa, power + exponent)
+        lost = not math.isfinite(product) or (abs(product) < SMALLEST_NORMAL and part != 0.0)
+        values[i] = math.nan if lost else product
 
 
 def represented(values: ArrayLike, *units: float) -> np.ndarray:
@@ -164,21 +163,26 @@ def represented(values: ArrayLike, *units: float) -> np.ndarray:
 
     Intermediate products may be beyond the range of floating-point numbers.
     """
-    mantissa, exponent = np.frexp(values)
+    mantissa, exponent = 1.0, 0
     for unit in units:
         part, power = math.frexp(unit)
         mantissa, exponent = mantissa * part, exponent + power
-    with np.errstate(over="ignore", under="ignore"):
-        product = np.ldexp(mantissa, exponent)
-    lost = ~np.isfinite(product) | ((np.abs(product) < SMALLEST_NORMAL) & (mantissa != 0.0))
-    return np.where(lost, np.nan, product)
+    product = np.array(values, float, order="C")
+    multiply(product.reshape(-1), mantissa, exponent)
+    return product
 
 
-def images_fit(scene: Scene, frame: Frame, crossings: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Whether an int32 can count the periodic images that a disk crosses in each of K runs.
+def report_nothing() -> None:
+    """Compile the kernels of a report."""
+    conservation(np.zeros(0), np.zeros((0, 4)), np.zeros((0, 4)), [0.0, 0.0, 0.0, 0.0])
+    represented(0.0)
+    convert(np.zeros((0, 1, 2)), np.zeros((0, 1, 2)), np.zeros(2), 1.0, 1.0)
 
-    Their number is bounded by the `crossings` (K,) of all disks, and by the longest `path` (K,) of a disk [engine's
-    units].
+
+def images_fit(scene: Scene, frame: Frame, crossings: float, path: float) -> bool:
+    """Whether an int32 can count the periodic images that a disk crosses.
+
+    Their number is bounded by the `crossings` of all disks, and by the longest `path` of a disk [engine's units].
     """
     side = min(scene.box.width, scene.box.height) / frame.length
-    return (crossings < MOST_IMAGES) | (path < MOST_IMAGES * side) | (not scene.box.periodic)
+    return not scene.box.periodic or crossings < MOST_IMAGES or path < MOST_IMAGES * side

@@ -1,4 +1,4 @@
-"""The units in which engines that move all disks compute, and the order in which they store the disks.
+"""The state of all disks, and the units and the order of the disks in which engines that move all disks compute.
 
 Sizes, speeds and masses are near 1 in these units, so that their squares do not over- or underflow. The units of length
 and time are powers of two, so that conversion by them is exact.
@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.state import State
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
@@ -21,6 +20,15 @@ SHORTEST_UNIT = 1e-305  # of time: the unit, its inverse and its products with s
 # counted from the start of the block: at its end, round-off of the time moves such a disk by 1e-13 contact distances.
 # Where cells are wider, it is the width of a cell: round-off of positions is larger than that.
 PATH_PER_BLOCK = 1024.0
+
+
+class State(NamedTuple):
+    """All disks at one time, in the scene's units and order; the tracer is disk 0."""
+
+    position: np.ndarray  # (N, 2) centres [length]
+    velocity: np.ndarray  # (N, 2) [length/time]
+    radius: np.ndarray  # (N,) [length]
+    mass: np.ndarray  # (N,) [mass]
 
 
 class Frame(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 from brownpipe.analysis import drift
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
-from brownpipe.engines.failures import stopped_in_words
+from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.engines.friction import window_caution
 from brownpipe.figures.cases import (
     at_last_distribution,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.engines import forecast
-from brownpipe.engines.state import Ensemble
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.formatting import counted, in_time
 from brownpipe.inspection import trajectories_of
 from brownpipe.inspection.results import DIGITS

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
-from brownpipe.engines.failures import HEALTH, failures
-from brownpipe.engines.state import Ensemble
+from brownpipe.engines.ensemble import HEALTH, Ensemble, failures
 from brownpipe.figures.tables import aligned
 from brownpipe.formatting import counted
 from brownpipe.observables.displacement import displacement

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from brownpipe.observables.observable import Observable, RunArray
 from brownpipe.observables.species import tracer_tracks
 from brownpipe.observables.time_origins import lags
 from brownpipe.observables.tracks import Run, Track
@@ -87,3 +88,34 @@ def squared(moved: np.ndarray) -> np.ndarray:
 def square_from_start(position: np.ndarray, image: np.ndarray | None, size: tuple[float, float]) -> np.ndarray:
     """Return squared distances (T, M) from the first sample; arguments as of `displacement`."""
     return squared(displacement(position, image, size))
+
+
+SQUARE_DISPLACEMENT = Observable(
+    square_displacement,
+    {
+        "square_displacement": RunArray(
+            ("time",),
+            "length^2",
+            "squared displacement of the tracer; for averages within the run see the attribute `average`",
+        ),
+        "displacement_velocity": RunArray(
+            ("time",),
+            "length^2/time",
+            "v(t).(r(t) - r(0)) of the tracer, half of d(r^2)/dt; averaged like square_displacement",
+        ),
+    },
+    of_single_disks=True,
+    seconds_per_disk_sample=3.6e-8,
+    seconds_per_product=2.2e-8,
+)
+QUARTIC_DISPLACEMENT = Observable(
+    quartic_displacement,
+    {
+        "quartic_displacement": RunArray(
+            ("time",), "length^4", "fourth power of the tracer's displacement; averaged like square_displacement"
+        )
+    },
+    of_single_disks=True,
+    seconds_per_disk_sample=3.6e-8,
+    seconds_per_product=2.2e-8,
+)

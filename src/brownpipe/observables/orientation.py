@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from brownpipe.observables.observable import Observable, RunArray
 from brownpipe.observables.quarters import ends_of_quarters, has_quarters
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.observables.tracks import Run
@@ -91,3 +92,20 @@ def _reach(points: np.ndarray, triangles: np.ndarray, number: int, size: np.ndar
     offset = np.stack([(cy * b2 - by * c2) / twice, (bx * c2 - cx * b2) / twice], axis=1)
     radius, centre = np.sqrt((offset * offset).sum(axis=1))[:, None], a + offset
     return float(np.maximum(radius - centre, centre + radius - size).max())
+
+
+ORDER = Observable(
+    order,
+    {
+        "orientational_order": RunArray((), "1", "bond-orientational order abs(psi_6) of all disks, mean over samples"),
+        "orientational_order_squared": RunArray((), "1", "abs(psi_6)^2 of all disks, mean over samples"),
+        "quarter_order": RunArray(
+            ("quarter",),
+            "1",
+            "abs(psi_6) of all disks, mean over the samples of each quarter of the run",
+            lambda scene: is_stationary(scene) and has_quarters(scene),
+        ),
+    },
+    seconds_per_disk_sample=7e-6,
+    is_over_samples=True,
+)

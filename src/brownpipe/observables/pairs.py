@@ -8,6 +8,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from brownpipe import theory
+from brownpipe.observables.observable import Axis, Observable, RunArray
 from brownpipe.observables.species import SpeciesTable, species_table
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.observables.tracks import Run
@@ -17,9 +18,6 @@ BINS_PER_CONTACT = 40  # bins per smallest contact distance
 FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
 MOST_COUNTS = 1_000_000  # bins of all histograms of a run
 MOST_SPECIES = 1000  # with more, their pairs alone fill the memory
-SECONDS_PER_HISTOGRAM = 4e-5  # CPU seconds, and
-SECONDS_PER_PAIR = 5.5e-8  # for a pair of disks closer than the end of the histogram,
-SECONDS_PER_RING = 1.4e-7  # for a bin of distance around a lone disk between walls
 SAMPLES_AT_ONCE = 16  # samples whose rings are intersected with the box in one call, three times as fast as one by one
 
 
@@ -68,14 +66,6 @@ def unfit(scene: Scene) -> str | None:
     if number * len(species_pairs(species_table(scene))) > MOST_COUNTS:
         return f"would have more than {MOST_COUNTS} bins for so many kinds or sizes of disks"
     return None
-
-
-def seconds_per_sample(scene: Scene) -> float:
-    """Return the CPU seconds to count pairs by distance in one sample, rings around lone disks included."""
-    number, width = bins(scene)
-    near = min(1.0, np.pi * (number * width) ** 2 / scene.box.area) * scene.particles**2 / 2
-    rings = number * len(lone_pairs(scene, species_table(scene)))
-    return SECONDS_PER_HISTOGRAM + SECONDS_PER_PAIR * near + SECONDS_PER_RING * rings
 
 
 def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray | int]:
@@ -154,3 +144,25 @@ def close_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.nd
         dx -= scene.box.width * np.rint(dx / scene.box.width)
         dy -= scene.box.height * np.rint(dy / scene.box.height)
     return pair, np.sqrt(dx * dx + dy * dy)
+
+
+AXES = {
+    "species_pair": Axis("1", "species of the two disks", pair_names),
+    "distance": Axis("length", "distance between the centres, centre of its bin", bin_centres),
+}
+DISTRIBUTION = Observable(
+    distribution,
+    {
+        "pair_counts": RunArray(("species_pair", "distance"), "1", "histogram of the distances of pairs of disks"),
+        "pair_snapshots": RunArray((), "1", "number of samples that pair_counts is summed over"),
+        "pair_expected": RunArray(
+            ("species_pair", "distance"),
+            "1",
+            "pair_counts of an ideal gas around a lone disk at its positions; else NaN",
+            lambda scene: bool(lone_pairs(scene, species_table(scene))),
+        ),
+    },
+    seconds_per_disk_sample=2e-6,
+    is_over_samples=True,
+    unfit=unfit,
+)

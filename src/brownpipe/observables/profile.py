@@ -5,6 +5,7 @@ N disks, K species, B bins of distance.
 
 import numpy as np
 
+from brownpipe.observables.observable import Axis, Observable, RunArray
 from brownpipe.observables.species import species_table
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.observables.tracks import Run
@@ -13,7 +14,6 @@ from brownpipe.scene import Scene
 BINS_PER_DIAMETER = 40  # bins per smallest diameter
 FARTHEST = 5.0  # end of the profile, in units of the largest diameter
 SAMPLES_AT_ONCE = 64
-SECONDS_PER_SPECIES = 2e-6  # CPU seconds for a species in a sample
 
 
 def bins(scene: Scene) -> tuple[int, float]:
@@ -41,11 +41,6 @@ def unfit(scene: Scene) -> str | None:
     return None if bins(scene)[0] else "needs walls farther apart, by a twentieth of the smallest diameter at least"
 
 
-def seconds_per_sample(scene: Scene) -> float:
-    """Return the CPU seconds for one sample, apart from those for each of its disks."""
-    return SECONDS_PER_SPECIES * len(species_table(scene).name)
-
-
 def density_profile(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     """Return the number density (K, B) [1/length^2] of centres of each species by distance from the walls.
 
@@ -67,3 +62,21 @@ def density_profile(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
             counts += np.bincount(column[column < number], minlength=number)
         profile[k] = counts / (len(position) * 2 * width * size.sum())
     return {"density_profile": profile}
+
+
+AXES = {
+    "wall_distance": Axis("length", "distance of the disk's edge from a wall, centre of its bin", bin_centres),
+}
+DENSITY_PROFILE = Observable(
+    density_profile,
+    {
+        "density_profile": RunArray(
+            ("species", "wall_distance"),
+            "1/length^2",
+            "number density by distance from the walls, mean along all of them",
+        )
+    },
+    seconds_per_disk_sample=8e-8,
+    is_over_samples=True,
+    unfit=unfit,
+)

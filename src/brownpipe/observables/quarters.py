@@ -2,9 +2,17 @@
 
 import numpy as np
 
+from brownpipe.observables.observable import Axis, RunArray
 from brownpipe.scene import Scene
 
-QUARTERS = np.arange(1, 5)  # of a run
+AXES = {"quarter": Axis("1", "quarter of the run, between the samples next to its ends", lambda _: np.arange(1, 5))}
+ARRAYS = {  # that engines of all disks report
+    "quarter_collisions": RunArray(("quarter",), "1", "collisions between disks in each quarter of the run"),
+    "quarter_virial": RunArray(("quarter",), "energy*time", "virial in each quarter of the run"),
+    "quarter_energy": RunArray(
+        ("quarter", "species"), "energy", "kinetic energy per disk, mean of those at both ends of each quarter"
+    ),
+}
 
 
 def claims_equilibrium(scene: Scene) -> bool:

@@ -18,7 +18,7 @@ class Track(NamedTuple):
 
 
 class Run(Protocol):
-    """One run, as in `engines.batch.RunResult`."""
+    """One run, as in `engines.ensemble.RunResult`."""
 
     @property
     def tracer(self) -> Track: ...  # disk 0, M = 1

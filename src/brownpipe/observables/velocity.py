@@ -3,6 +3,7 @@
 import numpy as np
 
 from brownpipe.observables.displacement import velocity_displacement
+from brownpipe.observables.observable import Axis, Observable, RunArray
 from brownpipe.observables.species import bath_disks, species_table, tracer_tracks
 from brownpipe.observables.time_origins import is_stationary, lags
 from brownpipe.observables.tracks import Run
@@ -84,3 +85,54 @@ def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:
     last = counts.shape[1] - 1
     column = np.clip(np.floor(value / BIN), 0, last).astype(np.int64) + label * (last + 1)
     counts += np.bincount(column.ravel(), minlength=counts.size).reshape(counts.shape)
+
+
+AXES = {
+    "velocity_bin": Axis(
+        "sqrt(kT/mass)",
+        "velocity component, centre of its bin; the outermost bins include all beyond",
+        lambda scene: bin_centres("velocity"),
+    ),
+    "speed_bin": Axis(
+        "sqrt(kT/mass)",
+        "speed, centre of its bin; the last bin includes all beyond",
+        lambda scene: bin_centres("speed"),
+    ),
+}
+AUTOCORRELATION = Observable(
+    autocorrelation,
+    {
+        "velocity_autocorrelation": RunArray(
+            ("time",), "length^2/time^2", "v(0).v(t) of the tracer; averaged like square_displacement"
+        ),
+        "velocity_displacement": RunArray(
+            ("time",),
+            "length^2/time",
+            "v(0).(r(t) - r(0)) of the tracer, the integral of v(0).v(s); averaged like square_displacement",
+        ),
+        "bath_velocity_autocorrelation": RunArray(
+            ("time",),
+            "length^2/time^2",
+            "v(0).v(t), mean over the disks of the most numerous species except the tracer's",
+            lambda scene: len(bath_disks(scene)) > 0,
+        ),
+    },
+    of_single_disks=True,
+    seconds_per_disk_sample=7e-9,
+    seconds_per_product=1e-9,
+    is_also_of_bath=True,
+)
+ENERGY = Observable(
+    species_energy,
+    {"species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk")},
+    seconds_per_disk_sample=1.7e-8,
+)
+DISTRIBUTION = Observable(
+    distribution,
+    {
+        "velocity_counts": RunArray(("species", "velocity_bin"), "1", "histogram of the velocity components"),
+        "speed_counts": RunArray(("species", "speed_bin"), "1", "histogram of the speeds"),
+    },
+    seconds_per_disk_sample=2.8e-8,
+    is_over_samples=True,
+)

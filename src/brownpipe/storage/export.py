@@ -17,8 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe.engines.failures import failures
-from brownpipe.engines.state import Track
+from brownpipe.engines.ensemble import Track, failures
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from brownpipe.engines.state import Ensemble, Events, Track, blank
+from brownpipe.engines.ensemble import Ensemble, Events, Track, blank
 from brownpipe.errors import StorageError
 from brownpipe.observables import ARRAYS, AXES, axes
 from brownpipe.scene import Scene

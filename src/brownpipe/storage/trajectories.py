@@ -12,8 +12,7 @@ import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, recorded
-from brownpipe.engines.failures import stopped_in_words
-from brownpipe.engines.state import Ensemble, Track
+from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import observables_making
 from brownpipe.provenance import modules_of, source_digest, versions

@@ -8,7 +8,7 @@ import numpy as np
 from brownpipe.analysis.drift import quarters_of
 from brownpipe.analysis.runs import Group, RunBlock, block_of, blocks_of, joined, reported, select
 from brownpipe.engines import Engine
-from brownpipe.engines.state import Ensemble
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import AnalysisError
 from brownpipe.observables.displacement import displacement
 from brownpipe.scene import Scene

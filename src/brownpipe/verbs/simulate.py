@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from brownpipe.engines import Engine
-    from brownpipe.engines.state import Ensemble
+    from brownpipe.engines.ensemble import Ensemble
     from brownpipe.scene import Scene
 
 EXAMPLE = f"{SCENE} --seeds 17 --record all --output seed17.h5"
@@ -64,7 +64,7 @@ def simulate(arguments: Namespace) -> int:
     resumes there and writes the same file, byte for byte.
     """
     from brownpipe.engines import read_record
-    from brownpipe.engines.failures import failures
+    from brownpipe.engines.ensemble import failures
     from brownpipe.engines.saturation import growth_caution
     from brownpipe.scene.seeds import read_seeds
     from brownpipe.scene.variation import scene_with

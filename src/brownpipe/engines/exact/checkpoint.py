@@ -6,10 +6,9 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from brownpipe.engines.batch import Batch
+from brownpipe.engines.ensemble import Batch, Ensemble, Events, blank
 from brownpipe.engines.exact.run import RunState, Saving
-from brownpipe.engines.recording import SAMPLES
-from brownpipe.engines.state import Ensemble, Events, Track, blank
+from brownpipe.observables.tracks import Track
 
 Record = TypeVar("Record", bound=NamedTuple)
 
@@ -35,7 +34,7 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
 
     `done` is the number of finished runs; `tracer.*`, `observables`, `whole.SEED.*` and `events.SEED.*` are their
     columns and records in the ensemble, `stopped` its reasons as JSON, if there are any; `run.*` is the RunState of the
-    unfinished run, with `run.samples.*` and `run.events.*`.
+    unfinished run, with `run.events.*`.
     """
     arrays = {"done": np.array(finished)}
     if ensemble.tracer is not None:
@@ -51,24 +50,21 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     if ensemble.stopped:
         arrays["stopped"] = np.frombuffer(json.dumps(dict(ensemble.stopped)).encode(), np.uint8)
     if state is not None:
-        arrays |= _named("run", state._replace(samples=None, events=None))
-        arrays |= {f"run.samples.{name}": rows for name, rows in state.samples.items()}
+        numbers = {"equilibrating": state.equilibrating, "slots": state.slots}
+        motions = {"first": state.first, "motion": state.motion}
+        arrays |= {f"run.{name}": np.asarray(value) for name, value in (numbers | motions | state.arrays).items()}
         arrays |= {} if state.events is None else _named("run.events", state.events)
     return arrays
 
 
 def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, RunState | None]:
-    """Copy the finished runs of a checkpoint, if there is one, into a batch; return what `unpack` does."""
+    """Copy the finished runs of a checkpoint into a batch; return their number, and the unfinished run, if any."""
     if arrays is None:
         return 0, None
+    ensemble = batch.ensemble
     if "stopped" in arrays:
         stopped = json.loads(arrays["stopped"].tobytes())
         batch.stopped.update((int(seed), reason) for seed, reason in stopped.items())
-    return unpack(arrays, batch.ensemble)
-
-
-def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunState | None]:
-    """Copy the finished runs into an ensemble; return their number, and the state of the unfinished run, if any."""
     finished = int(arrays["done"])
     if ensemble.tracer is not None:
         for values, stored in zip(ensemble.tracer, _record(Track, arrays, "tracer"), strict=True):
@@ -83,17 +79,11 @@ def unpack(arrays: dict[str, np.ndarray], ensemble: Ensemble) -> tuple[int, RunS
             ensemble.whole[seed] = _record(Track, arrays, f"whole.{seed}")
         if f"events.{seed}.time" in arrays:
             ensemble.events[seed] = _record(Events, arrays, f"events.{seed}")
-    return finished, _run_state(arrays) if "run.progress" in arrays else None
-
-
-def _run_state(arrays: dict[str, np.ndarray]) -> RunState:
-    state = _record(RunState, arrays, "run")
-    return state._replace(
-        equilibrating=bool(state.equilibrating),
-        slots=int(state.slots),
-        samples={name: arrays[f"run.samples.{name}"] for name in SAMPLES},
-        events=_record(Events, arrays, "run.events") if "run.events.time" in arrays else None,
-    )
+    if "run.motion" not in arrays:
+        return finished, None
+    run = {name.removeprefix("run."): values for name, values in arrays.items() if name.startswith("run.")}
+    events = _record(Events, arrays, "run.events") if "run.events.time" in arrays else None
+    return finished, RunState(bool(run["equilibrating"]), int(run["slots"]), run["first"], run["motion"], run, events)
 
 
 def _named(group: str, record: NamedTuple) -> dict[str, np.ndarray]:

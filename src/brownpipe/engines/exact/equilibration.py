@@ -7,7 +7,7 @@ import numpy as np
 
 from brownpipe.engines.exact.run import NOT_SAVED, PreparedScene, RunState, Saving, beginning, evolve, prepare_scene
 from brownpipe.engines.initial_state import without_total_momentum
-from brownpipe.engines.state import State
+from brownpipe.engines.units import State
 from brownpipe.errors import RunError
 from brownpipe.scene import Scene
 

@@ -16,11 +16,10 @@ import numpy as np
 from brownpipe.engines.collisions import exchange
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.audit import audit_place
 from brownpipe.engines.exact.disks import apply_impulse, mass_of, move, radius_of, relative_motion
 from brownpipe.engines.exact.predictions import predict
 from brownpipe.engines.exact.prefetch import prefetch_entry, prefetch_upcoming
-from brownpipe.engines.exact.sampling import take_sample
+from brownpipe.engines.exact.sampling import audit_place, take_sample
 from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import local_copy
 

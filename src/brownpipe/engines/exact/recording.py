@@ -1,12 +1,14 @@
 """What a run of the exact engine returns: samples, the log of collisions and its report."""
 
-from collections.abc import Collection, Sequence
+import math
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 
+from brownpipe.engines.ensemble import Events
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.recording import NO_TOTALS, Ending, conservation, images_fit, report, represented, sample_arrays
-from brownpipe.engines.state import HEALTH_BOUND, Events, together
+from brownpipe.engines.recording import HEALTH_BOUND, conservation, images_fit, report, represented, sample_arrays
 from brownpipe.engines.units import Frame
 from brownpipe.errors import RequestError
 from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
@@ -30,7 +32,9 @@ def new_recorder(
     block = np.floor(engine_times / w.calendar.block)
     if len(block) and not block[-1] < MOST_BLOCKS:
         longest = w.calendar.block * frame.time * MOST_BLOCKS
-        raise RequestError(f"duration: must be at most {longest:.3g} for disks so fast, not {times[-1]:g}")
+        raise RequestError(
+            f"{scene.name}: duration: must be at most {longest:.3g} for disks so fast, not {times[-1]:g}"
+        )
     return ws.Recorder(
         tracer=int(frame.back[0]) if n else 0,
         block=block.astype(np.int64),
@@ -51,7 +55,7 @@ def quarter_arrays(scene: Scene, frame: Frame, times: np.ndarray) -> dict[str, n
     """
     ends = ends_of_quarters(times)
     if not (len(ends) and claims_equilibrium(scene)):
-        return {"quarter": ends[:0], "species": ends[:0], "totals": NO_TOTALS}
+        return {"quarter": ends[:0], "species": ends[:0], "totals": np.zeros((0, 2))}
     table = species_table(scene)
     kinds = len(table.name) if len(table.name) > 1 else 0
     species = table.label[frame.order] if kinds else ends[:0]
@@ -78,21 +82,21 @@ def take_totals(recorder: ws.Recorder, w: ws.Workspace) -> None:
         totals[2:] = np.bincount(recorder.species, half_mass * (vx * vx + vy * vy), len(totals) - 2)
 
 
-def quarters(scene: Scene, frame: Frame, totals: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what K runs report by quarters, given their totals (K, 5 or 0, ...), in the scene's units; {} if nothing.
+def quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
+    """Return what a run reports by quarters, in the scene's units; {} if nothing.
 
     The energy of a quarter is the mean of those at its beginning and its end, per disk.
     """
-    if not totals.shape[1]:
+    totals, speed = recorder.totals, frame.length / frame.time
+    if not len(totals):
         return {}
-    speed = frame.length / frame.time
-    collisions, virial = np.moveaxis(np.diff(totals[:, :, :2], axis=1), 2, 0)
+    collisions, virial = np.diff(totals[:, :2], axis=0).T
     values = {
         "quarter_collisions": collisions.astype(np.int64),
         "quarter_virial": represented(virial, frame.mass, speed, frame.length),
     }
-    if totals.shape[2] > 2:
-        energy = (totals[:, 1:, 2:] + totals[:, :-1, 2:]) / (2 * species_table(scene).number)
+    if len(recorder.species):
+        energy = (totals[1:, 2:] + totals[:-1, 2:]) / (2 * np.bincount(recorder.species))
         values["quarter_energy"] = represented(energy, frame.mass, speed, speed)
     return values
 
@@ -112,45 +116,32 @@ def joined(logs: list[Events]) -> Events | None:
     return Events(*(np.concatenate(column) for column in zip(*logs, strict=True))) if logs else None
 
 
-def ending_of(w: ws.Workspace, first: np.ndarray) -> Ending:
-    """Return the ending of a run that began with velocities `first` (N, 2); the other arrays are the workspace's."""
-    elapsed = float(w.progress[ws.BLOCK] * w.calendar.block + w.tally[ws.NOW])
-    return Ending(first, w.disk.reshape(-1, ws.ROW)[:, ws.MOTION], elapsed, w.count, w.tally)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # a run with inf or NaN fails its health check
-def each_report(
-    scene: Scene, frame: Frame, mass: np.ndarray | None, endings: Sequence[Ending]
-) -> dict[str, np.ndarray]:
-    """Return the reports of K runs that have ended, name -> (K,); `mass` (N,) is the workspace's, None if all are 1.
+def report_of(
+    scene: Scene, frame: Frame, w: ws.Workspace, r: ws.Recorder, first: np.ndarray, finite: bool
+) -> dict[str, Any]:
+    """Return the report of a run from its workspace and recorder at the end, and its motion (N, 4) at the beginning.
 
     A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers
-    that are not finite. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
+    that are not `finite`. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
-    first, motion, elapsed, count, tally, totals = (together(values) for values in zip(*endings, strict=True))
-    mass, last = np.ones(motion.shape[1]) if mass is None else mass, motion[:, :, 2:]
-    moving = np.isfinite(mass)
-    pinned = not moving.all()
-    if pinned:
-        mass, first, last = mass[moving], first.compress(moving, axis=1), last.compress(moving, axis=1)
-    conserved = conservation(mass, first, last, tally[:, ws.WALL_IMPULSE :])
-    overlap = _worst_overlap(tally)
-    sound = (np.abs(conserved.energy_drift) <= HEALTH_BOUND) & (overlap <= HEALTH_BOUND)
-    sound &= (conserved.momentum_residual <= HEALTH_BOUND) | pinned
-    sound &= np.isfinite(motion).all(axis=(1, 2)) & np.isfinite(tally[:, ws.VIRIAL :]).all(axis=1)
-    sound &= np.isfinite(conserved.twice_energy)
-    sound &= images_fit(scene, frame, count[:, ws.CROSSINGS], conserved.fastest * elapsed)
-    collisions = count[:, [ws.PAIRS, ws.WALLS, ws.TRACER_PAIRS]]
-    further = quarters(scene, frame, totals)
-    return report(scene, frame, conserved, collisions, tally[:, ws.VIRIAL :], overlap, sound, further)
+    mass = np.ones(len(first)) if w.mass is None else w.mass
+    count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :].tolist()
+    last = w.disk.reshape(-1, ws.ROW)[:, ws.MOTION].copy()
+    conserved = conservation(mass, first, last, impulses[1:])
+    elapsed = float(w.progress[ws.BLOCK] * w.calendar.block + w.tally[ws.NOW])
+    overlap = _worst_overlap(float(w.tally[ws.NEAREST]), float(w.tally[ws.STRAY]))
+    pinned = len(mass) > 0 and mass.max() == np.inf
+    sound = finite and overlap <= HEALTH_BOUND and (pinned or conserved.momentum_residual <= HEALTH_BOUND)
+    sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], conserved.fastest * elapsed)
+    collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
+    return report(scene, frame, conserved, collisions, impulses, overlap, sound, quarters(frame, r))
 
 
-def _worst_overlap(tally: np.ndarray) -> np.ndarray:
-    """Return the deepest overlap of a pair [contact distances] in each of K runs, (K,) >= 0.
+def _worst_overlap(nearest: float, stray: float) -> float:
+    """Return the deepest overlap of a pair in a run [contact distances], >= 0.
 
     A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen: its distance from the
     cell then counts as an overlap.
     """
-    nearest, stray = tally[:, ws.NEAREST], tally[:, ws.STRAY]
-    overlap = 1.0 - np.sqrt(np.fmax(0.0, 1.0 + np.minimum(nearest, 0.0)))
-    return np.where(stray > HEALTH_BOUND, np.maximum(overlap, stray), overlap)
+    overlap = 1.0 - math.sqrt(max(0.0, 1.0 + min(nearest, 0.0)))
+    return max(overlap, stray) if stray > HEALTH_BOUND else overlap

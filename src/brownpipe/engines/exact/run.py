@@ -5,32 +5,22 @@ alone (`events.begin_block`): cell list, event queue and neighbour lists are bui
 RunState is therefore bit-identical to one that was never interrupted.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines import recording
-from brownpipe.engines.batch import RunResult
 from brownpipe.engines.compiling import compile_all
+from brownpipe.engines.ensemble import Events, RunResult
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
-from brownpipe.engines.exact.recording import (
-    each_report,
-    ending_of,
-    joined,
-    logged,
-    new_recorder,
-    quarter_of,
-    take_totals,
-)
+from brownpipe.engines.exact.recording import joined, logged, new_recorder, quarter_of, report_of, take_totals
 from brownpipe.engines.insertion import insert_nothing
-from brownpipe.engines.recording import SAMPLES, EndedRun, tracer_samples, whole_track
-from brownpipe.engines.state import Events, State
-from brownpipe.engines.units import Frame, frame_of, motion_of
+from brownpipe.engines.recording import SAMPLES, report_nothing, tracks_of
+from brownpipe.engines.units import Frame, State, frame_of, motion_of
 from brownpipe.errors import RunError
 from brownpipe.scene import Scene
 
@@ -49,21 +39,13 @@ class PreparedScene(NamedTuple):
 
 
 class RunState(NamedTuple):
-    """A run at its beginning or at the end of a block, all but `events` in the engine's units and order.
-
-    The fields have the same names in checkpoint files (`checkpoint.pack`).
-    """
+    """A run at its beginning or at the end of a block, all but `events` in the engine's units and order."""
 
     equilibrating: bool  # before t = 0
     slots: int  # capacity of a cell; above the default a run has no neighbour lists, which changes its round-off
     first: np.ndarray  # (N, 4) float64, positions and velocities at the beginning
     motion: np.ndarray  # (N, 4) float64, positions and velocities now
-    image: np.ndarray | None = None  # (2 N,) int32, periodic boxes only
-    progress: np.ndarray | None = None  # int64, as in the workspace, like the next two; None at the beginning
-    count: np.ndarray | None = None  # type: ignore[assignment]  # int64; hides tuple.count
-    tally: np.ndarray | None = None  # float64
-    samples: dict[str, np.ndarray] | None = None  # the rows of a Recorder that are filled, by the names in SAMPLES
-    totals: np.ndarray | None = None  # those of the Recorder
+    arrays: dict[str, np.ndarray]  # those of `_arrays_of`, samples as far as they are taken; empty at the beginning
     events: Events | None = None  # the log so far, in the scene's units and order
 
 
@@ -81,14 +63,14 @@ def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
     """Return a scene with its workspace and with its kernels compiled; a `pinned` tracer has infinite mass."""
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
-    compile_all(insert_nothing, partial(advance, w, new_recorder(scene, frame, w, np.zeros(0), ()), 0))
+    compile_all(insert_nothing, report_nothing, partial(advance, w, new_recorder(scene, frame, w, np.zeros(0), ()), 0))
     return PreparedScene(scene, frame, w, pinned)
 
 
 def beginning(prepared: PreparedScene, state: State) -> RunState:
     """Return a run that begins from the given state of all disks."""
     motion = motion_of(state, prepared.frame)
-    return RunState(equilibrating=False, slots=prepared.workspace.grid.slots, first=motion, motion=motion)
+    return RunState(False, prepared.workspace.grid.slots, motion, motion, {})
 
 
 def run(prepared: PreparedScene, state: State, times: np.ndarray, record: Collection[str] = ()) -> RunResult:
@@ -107,14 +89,7 @@ def evolve(
 
     Raises RunError if the run makes no progress.
     """
-    recorder = recorder_of(prepared, times, record)
-    return results_of(prepared, [to_end(prepared, start, recorder, saving)])[0]
-
-
-def results_of(prepared: PreparedScene, ended: Sequence[EndedRun]) -> list[RunResult]:
-    """Return the results of runs, with their reports: quicker for many short runs at once."""
-    scene, frame, w, _ = prepared
-    return recording.results_of(scene, frame, ended, each_report(scene, frame, w.mass, [run.ending for run in ended]))
+    return to_end(prepared, start, recorder_of(prepared, times, record), saving)
 
 
 def recorder_of(prepared: PreparedScene, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
@@ -125,8 +100,8 @@ def recorder_of(prepared: PreparedScene, times: np.ndarray, record: Collection[s
     return new_recorder(prepared.scene, prepared.frame, prepared.workspace, times, record)
 
 
-def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Saving = NOT_SAVED) -> EndedRun:
-    """Continue a run to its end, as `evolve`; the next run overwrites arrays of its ending and of the recorder.
+def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Saving = NOT_SAVED) -> RunResult:
+    """Continue a run to its end, as `evolve`; the tracer's track is in the recorder's arrays.
 
     A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next run starts with the
     default capacity, as it must not depend on earlier runs.
@@ -138,9 +113,9 @@ def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, savi
         logs = _restore(start, w, recorder)
         if _to_last_sample(prepared, w, recorder, start, logs, saving):
             break
-        start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first)
-    whole, ending = whole_track(scene, frame, recorder), ending_of(w, start.first[:, 2:])
-    return EndedRun(tracer_samples(recorder), whole, joined(logs), ending._replace(totals=recorder.totals))
+        start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first, {})
+    tracer, whole, finite = tracks_of(scene, frame, recorder)
+    return RunResult(tracer, whole, joined(logs), report_of(scene, frame, w, recorder, start.first, finite))
 
 
 def _to_last_sample(
@@ -185,16 +160,16 @@ def _to_last_sample(
 
 def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: list[Events]) -> RunState:
     """Return a run at the end of a block, as views of the arrays of its workspace and recorder."""
-    return start._replace(
-        motion=_moving(w),
-        image=w.image,
-        progress=w.progress,
-        count=w.count,
-        tally=w.tally,
-        samples={name: getattr(recorder, name)[: w.progress[ws.SAMPLE]] for name in SAMPLES},
-        totals=recorder.totals,
-        events=joined(logs),
-    )
+    arrays = _arrays_of(w, recorder)
+    arrays |= {name: arrays[name][: w.progress[ws.SAMPLE]] for name in SAMPLES}
+    return start._replace(motion=_moving(w), arrays=arrays, events=joined(logs))
+
+
+def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
+    """Return what a run changes in its workspace and recorder, besides the motion of its disks and the log."""
+    arrays = {"progress": w.progress, "count": w.count, "tally": w.tally, "totals": recorder.totals}
+    arrays |= {} if w.image is None else {"images_now": w.image}
+    return arrays | {name: getattr(recorder, name) for name in SAMPLES}
 
 
 def _moving(w: ws.Workspace) -> np.ndarray:
@@ -208,16 +183,9 @@ def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Ev
     Cells, event queue and neighbour lists are left alone, as the next block builds them anew.
     """
     begin(w, state.motion)
-    if state.progress is None:
-        return []
-    w.progress[:] = state.progress
-    w.count[:] = state.count
-    w.tally[:] = state.tally
-    if w.image is not None:
-        w.image[:] = state.image
-    recorder.totals[:] = state.totals
-    for name, rows in state.samples.items():
-        getattr(recorder, name)[: len(rows)] = rows
+    if state.arrays:
+        for name, array in _arrays_of(w, recorder).items():
+            array[: len(state.arrays[name])] = state.arrays[name]
     return [] if state.events is None else [state.events]
 
 

@@ -18,20 +18,17 @@ from functools import partial
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines.batch import RunResult, making_run, most_together, new_batch, report_ended
 from brownpipe.engines.compiling import compile_all
+from brownpipe.engines.ensemble import Ensemble, RunResult, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.failures import failures
 from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
 from brownpipe.engines.langevin import RATE_RUNS, refuse_unfit, scene_with_disks
-from brownpipe.engines.langevin.step import follow, step_weights
-from brownpipe.engines.state import Ensemble, Track, together
+from brownpipe.engines.langevin.step import fold, follow, step_weights
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
+from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
-
-MOST_BOXES = 2.0**30  # greatest distance of the free path from the box, in sides of the box
 
 
 def simulate(
@@ -59,15 +56,15 @@ def simulate(
     weights = step_weights(steps, gamma, bath_of(scene).temperature / followed(scene).mass)
     batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
-    compile_all(partial(follow, np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))))
-    ended: dict[int, np.ndarray] = {}  # paths by column
-    results, at_once = partial(_results_of, scene, gamma), most_together(batch, len(scene.times))
-    for column, seed in enumerate(batch.ensemble.seeds.tolist()):
-        with making_run(batch, column):
-            ended[column] = _path(scene, mass, seed, weights)
-        report_ended(batch, ended, results, at_once)
-    report_ended(batch, ended, results)
-    return batch.ensemble
+    no_path = np.empty((0, 2, 2))
+    compile_all(partial(follow, no_path, no_path, weights[:0]), partial(folded, scene, no_path))
+
+    def run(column: int) -> RunResult:
+        path = _path(scene, mass, int(batch.ensemble.seeds[column]), weights)
+        track, known = folded(scene, path)
+        return RunResult(track, None, None, {"friction_rate": gamma, "failed": np.uint8(not known)})
+
+    return make_runs(batch, run)
 
 
 def rate_of(scene: Scene, friction: str) -> float:
@@ -99,43 +96,10 @@ def _path(scene: Scene, mass: np.ndarray, seed: int, weights: np.ndarray) -> np.
     return path[1:]  # the first step is the time to equilibrate
 
 
-def _results_of(scene: Scene, gamma: float, paths: Sequence[np.ndarray]) -> list[RunResult]:
-    """Return the results of runs from their free paths (T, 2, 2)."""
-    free = together(paths)
-    failed = (~are_known(scene, free)).astype(np.uint8)
-    tracks = folded(scene, free)
-    return [
-        RunResult(track, None, None, {"friction_rate": gamma, "failed": each})
-        for track, each in zip(tracks, failed, strict=True)
-    ]
-
-
-def are_known(scene: Scene, paths: np.ndarray) -> np.ndarray:
-    """Return (K,) whether free paths (K, T, 2, 2) are finite and close enough to the box to be folded into it.
-
-    Further away than MOST_BOXES sides the round-off of a position exceeds 2e-7 of the box, and soon an int32 cannot
-    count the images.
-    """
-    low, size = scene.box.accessible(followed(scene).radius)
-    with np.errstate(over="ignore", invalid="ignore"):
-        near = (size <= 0) | (np.abs(paths[:, :, 0] - low) < MOST_BOXES * size)
-    return np.isfinite(paths).all(axis=(1, 2, 3)) & near.all(axis=(1, 2))
-
-
-def folded(scene: Scene, paths: np.ndarray) -> list[Track]:
-    """Return the tracks (M = 1) of free paths (K, T, 2, 2) in the box: wrapped with images, or mirrored at the walls.
-
-    The walls are those of the region that the tracer's centre can reach.
-    """
-    position, velocity = paths[:, :, None, 0], paths[:, :, None, 1]
-    low, size = scene.box.accessible(followed(scene).radius)
-    image = np.floor(np.divide(position - low, size, out=np.zeros_like(position), where=size > 0))
-    image = np.clip(np.nan_to_num(image), -MOST_BOXES, MOST_BOXES)  # beyond these bounds the run has failed
-    if scene.box.periodic:
-        inside = np.clip(position - image * size, low, np.nextafter(low + size, low))
-        counted = (image - image[:, :1]).astype(np.int32)
-        return [Track(*each) for each in zip(inside, velocity, counted, strict=True)]
-    mirrored = image % 2 == 1
-    inside = position - low - image * size
-    inside = np.clip(np.where(mirrored, size - inside, inside), 0.0, np.maximum(size, 0.0))
-    return [Track(*each) for each in zip(low + inside, np.where(mirrored, -velocity, velocity), strict=True)]
+def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
+    """Return the track (M = 1) of a free path (T, 2, 2) in the box, and whether the path is known, by `step.fold`."""
+    region = scene.box.accessible(followed(scene).radius)
+    position, velocity = np.empty((2, len(path), 1, 2))
+    image = np.empty((len(path), 1, 2), np.int32) if scene.box.periodic else None
+    known = fold(path, *region, position, velocity, image)
+    return Track(position, velocity, image), known

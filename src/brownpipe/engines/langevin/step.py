@@ -1,11 +1,15 @@
 """The exact step of the Langevin equation, of any length: D. T. Gillespie, Phys. Rev. E 54, 2084 (1996)."""
 
+import math
+
 import numpy as np
 
 from brownpipe.elementary import exp, expm1, tanh
 from brownpipe.engines.kernels import entry_point
 
 FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) cancels and is summed as a power series
+
+MOST_BOXES = 2.0**30  # greatest distance of the free path from the box, in sides of the box
 
 
 def step_weights(dt: np.ndarray, gamma: float, square_speed: float) -> np.ndarray:
@@ -55,3 +59,43 @@ def follow(path: np.ndarray, normal: np.ndarray, weights: np.ndarray) -> None:
             after = decay * v + w1 * normal[k, 0, c]
             path[k + 1, 1, c] = after
             path[k + 1, 0, c] = path[k, 0, c] + w2 * (v + after) + w3 * normal[k, 1, c]
+
+
+@entry_point
+def fold(
+    path: np.ndarray,
+    low: np.ndarray,
+    size: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    image: np.ndarray | None,
+) -> bool:
+    """Fold a free path (T, 2, 2) into a region from `low` (2,) of a `size` (2,): the one that the centre can reach.
+
+    It is written to `position` and `velocity` (T, 1, 2): wrapped, with an `image` (T, 1, 2) int32 counted from the
+    first sample on, or without one mirrored at the walls. Return whether the path is finite and close enough to the
+    box: further away than MOST_BOXES sides the round-off of a position exceeds 2e-7 of the box, and soon an int32
+    cannot count the images.
+    """
+    known = True
+    for c in range(2):
+        furthest, high = MOST_BOXES * size[c], np.nextafter(low[c] + size[c], low[c])
+        first = 0.0
+        for t in range(len(path)):
+            x, v, boxes = path[t, 0, c], path[t, 1, c], 0.0
+            known &= math.isfinite(x) and math.isfinite(v)
+            if size[c] > 0.0:
+                known &= abs(x - low[c]) < furthest
+                boxes = np.floor((x - low[c]) / size[c])
+                boxes = min(max(boxes, -MOST_BOXES), MOST_BOXES) if math.isfinite(boxes) else 0.0
+            if image is not None:
+                first = boxes if t == 0 else first
+                image[t, 0, c] = int(boxes - first)
+                x = min(max(x - boxes * size[c], low[c]), high)
+            else:
+                x = x - low[c] - boxes * size[c]
+                if boxes % 2.0 == 1.0:
+                    x, v = size[c] - x, -v
+                x = low[c] + min(max(x, 0.0), max(size[c], 0.0))
+            position[t, 0, c], velocity[t, 0, c] = x, v
+    return known

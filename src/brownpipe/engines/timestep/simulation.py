@@ -6,28 +6,35 @@ there, up to a step after contact and displaced from it, and short encounters ar
 that given to the walls, are conserved as by the exact engine.
 """
 
+import math
 from collections.abc import Collection, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines.batch import RunResult, making_run, most_together, new_batch, report_ended
 from brownpipe.engines.compiling import compile_all
+from brownpipe.engines.ensemble import Ensemble, RunResult, make_runs, new_batch
 from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
-from brownpipe.engines.recording import EndedRun, kept, results_of, tracer_samples, whole_track
-from brownpipe.engines.state import Ensemble, State
+from brownpipe.engines.recording import (
+    conservation,
+    images_fit,
+    report,
+    report_nothing,
+    sample_arrays,
+    tracks_of,
+)
+from brownpipe.engines.timestep import refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.layout import begin, prepare
-from brownpipe.engines.timestep.recording import each_report, ending_of, recorder
-from brownpipe.engines.timestep.settings import refuse_unfit
 from brownpipe.engines.timestep.steps import advance
-from brownpipe.engines.units import Frame, frame_of, motion_of
+from brownpipe.engines.units import Frame, State, frame_of, motion_of
 from brownpipe.scene import Scene
 
+REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
 DISK_STEPS_PER_CALL = 100_000_000  # between two chances for Python to handle signals
 
 
@@ -63,19 +70,14 @@ def simulate(
     """
     refuse_unfit(scene, {"time_step": time_step, "collisions": collisions}, record)
     batch = new_batch(scene, seeds, record, observables, average)
-    equilibrator = prepare_equilibration(scene)
-    setup = prepared(scene, time_step, collisions)
+    equilibrator, setup = prepare_equilibration(scene), prepared(scene, time_step, collisions)
     samples = recorder(scene, setup.frame, time_step, scene.times, batch.needed_record)
-    ended: dict[int, EndedRun] = {}  # by column
-    at_once = most_together(batch, scene.particles + len(scene.times))
-    results = partial(_results_of, setup)
-    for column, seed in enumerate(batch.ensemble.seeds.tolist()):
-        with making_run(batch, column):
-            run_ended = _to_end(setup, equilibrate(equilibrator, draw(scene, seed)), samples)
-            ended[column] = kept(run_ended) if at_once > 1 else run_ended
-        report_ended(batch, ended, results, at_once)
-    report_ended(batch, ended, results)
-    return batch.ensemble
+
+    def run_of(column: int) -> RunResult:
+        drawn = draw(scene, int(batch.ensemble.seeds[column]))
+        return _to_end(setup, equilibrate(equilibrator, drawn), samples)
+
+    return make_runs(batch, run_of)
 
 
 def prepared(scene: Scene, time_step: float, collisions: str = "at_contact") -> SteppingSetup:
@@ -83,38 +85,32 @@ def prepared(scene: Scene, time_step: float, collisions: str = "at_contact") -> 
     frame = frame_of(scene)
     w = prepare(scene, frame, time_step, collisions)
     no_samples = recorder(scene, frame, time_step, scene.times[:0], ())
-    compile_all(insert_nothing, partial(advance, w, no_samples, 0))
+    compile_all(insert_nothing, report_nothing, partial(advance, w, no_samples, 0))
     return SteppingSetup(scene, frame, time_step, collisions, w)
 
 
 def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> RunResult:
     """Run from a state and sample at the given times (T,)."""
     samples = recorder(setup.scene, setup.frame, setup.time_step, times, record)
-    return _results_of(setup, [_to_end(setup, state, samples)])[0]
+    return _to_end(setup, state, samples)
 
 
-def _results_of(setup: SteppingSetup, ended: Sequence[EndedRun]) -> list[RunResult]:
-    """Return the results of runs, with their reports."""
-    scene, frame = setup.scene, setup.frame
-    reports = each_report(scene, frame, setup.workspace, [run.ending for run in ended])
-    return results_of(scene, frame, ended, reports)
-
-
-def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> EndedRun:
-    """Run from a state to the last sample; the next run overwrites arrays of its ending and of `samples`.
+def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> RunResult:
+    """Run from a state to the last sample; the tracer's track is in the arrays of `samples`.
 
     Full lists are replaced by lists of twice the capacity.
     """
     scene, frame, w = setup.scene, setup.frame, setup.workspace
-    begin(w, motion_of(state, frame))
-    first_velocity = np.stack([w.vx, w.vy], axis=1).astype(float)
+    first = motion_of(state, frame)
+    begin(w, first)
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
     while (outcome := advance(w, samples, steps)) != ws.DONE:
         elapsed = int(w.counters[ws.STEP]) * setup.time_step
         stages.within((scene.equilibrate.time + elapsed) / (scene.equilibrate.time + scene.duration))
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
-    return EndedRun(tracer_samples(samples), whole_track(scene, frame, samples), None, ending_of(w, first_velocity))
+    tracer, whole, finite = tracks_of(scene, frame, samples)
+    return RunResult(tracer, whole, None, report_of(scene, frame, w, first, finite))
 
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: ws.Workspace) -> ws.Workspace:
@@ -122,3 +118,48 @@ def _with_twice_the_capacity(setup: SteppingSetup, w: ws.Workspace) -> ws.Worksp
     larger = prepare(*setup[:-1], capacity=2 * len(w.within.a))
     names = ("within", "across", "candidate", "contact_time", "contact_key", "contact_pair")
     return w._replace(**{name: getattr(larger, name) for name in names})
+
+
+# -- samples and reports --------------------------------------------------------------------------------------------
+
+
+def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
+    """Return memory for samples, free flights after the last step before each: no step depends on sample times."""
+    n = scene.particles
+    steps = times / time_step
+    last = np.rint(steps)
+    last = np.where(np.abs(steps - last) <= 1e-9 + 1e-12 * steps, last, np.floor(steps))
+    return ws.Recorder(
+        tracer=int(frame.back[0]) if n else 0,
+        step=last.astype(np.int64),
+        rest=(times - last * time_step) / frame.time,
+        **sample_arrays(len(times), n if "all" in record else 0),
+    )
+
+
+def report_of(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray, finite: bool) -> dict[str, Any]:
+    """Return the report of a run from its workspace at the end and its motion (N, 4) at the beginning.
+
+    It fails, too, if its samples are not `finite`.
+    """
+    last = np.empty((len(w.disk), 4))
+    last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
+    count, impulses, elapsed = w.count.tolist(), w.tally[ws.VIRIAL :].tolist(), float(w.counters[ws.STEP] * w.step)
+    conserved = conservation(w.mass, first, last, impulses[1:])
+    sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(scene, frame, w, last[:, :2])
+    sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
+    collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
+    overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
+    missed = {"missed_collisions": count[ws.MISSED]} if w.late else {}
+    return report(scene, frame, conserved, collisions, impulses, overlap, sound, missed)
+
+
+def _are_inside(scene: Scene, frame: Frame, w: ws.Workspace, place: np.ndarray) -> bool:
+    """Whether, between walls, no disk at `place` (N, 2) has escaped: REACHES."""
+    if w.box.periodic:
+        return True
+    radius = (scene.radius[frame.order] / frame.length)[:, None]
+    low = np.array([w.box.x, w.box.y]) + radius
+    high = np.array([w.box.x + w.box.width, w.box.y + w.box.height]) - radius
+    beyond = REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
+    return bool(((place >= low - beyond) & (place <= high + beyond)).all())

@@ -1,0 +1,181 @@
+"""Ensembles: what an engine returns for a batch of seeds, how it is filled run by run, and failed runs in words.
+
+All is in the scene's units and in the scene's order of the disks; the tracer is disk 0.
+"""
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from brownpipe import observables, stages
+from brownpipe.engines.saturation import share_failing
+from brownpipe.engines.units import SMALLEST_NORMAL
+from brownpipe.errors import PlacementError, RequestError, RunError
+from brownpipe.observables.tracks import Track
+from brownpipe.scene.scene import Scene
+from brownpipe.scene.seeds import seed_text
+
+NONE_STOPPED: Mapping[int, str] = MappingProxyType({})
+EVERY_RUN = 0.99  # share of runs without a place for all disks above which the scene is refused
+HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")  # observables with bounds that a run must not exceed
+
+
+class Events(NamedTuple):
+    """The E collisions of one run, in order of time."""
+
+    time: np.ndarray  # (E,) [time]
+    a: np.ndarray  # (E,) int32, the disk
+    b: np.ndarray  # (E,) int32, the other disk, or a wall: -1 left, -2 right, -3 bottom, -4 top
+    impulse: np.ndarray  # (E, 2) given to disk a [mass length/time]
+
+
+class Ensemble(NamedTuple):
+    """What an engine returns for a batch of S seeds."""
+
+    seeds: np.ndarray  # (S,) int64
+    times: np.ndarray  # (T,) sample times [time]
+    tracer: Track | None  # disk 0 of every run, M = S, if recorded
+    observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
+    whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
+    events: dict[int, Events]  # seed -> collisions, if recorded
+    average: str = "runs"  # what displacements and autocorrelations are averaged over, of observables.AVERAGES
+    stopped: Mapping[int, str] = NONE_STOPPED  # seed -> why its run could not go on: failed, and without data
+
+    @property
+    def failed_seeds(self) -> np.ndarray:
+        """The seeds (F,) of the runs that failed: stopped, or beyond the bounds of the health check."""
+        return self.seeds[self.observables["failed"] > 0]
+
+
+class RunResult(NamedTuple):
+    """One run. Arrays of the tracer's track may be overwritten by the next run."""
+
+    tracer: Track  # M = 1
+    whole: Track | None  # M = N, if recorded
+    events: Events | None  # if recorded
+    observables: Mapping[str, Any]  # numbers and arrays reported by the engine itself, like counts of collisions
+
+
+class Batch(NamedTuple):
+    """An ensemble to be filled, and what of every run is recorded and measured in it."""
+
+    scene: Scene
+    ensemble: Ensemble
+    record: frozenset[str]  # "tracer", "all", "events"
+    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order
+    stopped: dict[int, str]  # that of the ensemble
+
+    @property
+    def needed_record(self) -> frozenset[str]:
+        """What the engine must record of a run: `record`, and every disk if an observable needs it."""
+        every_disk = observables.needs_every_disk(self.scene, self.observables, self.ensemble.average)
+        return self.record | {"all"} if every_disk else self.record
+
+
+def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
+    """Return an array for values that are not there: NaN, or 0 where the type has no NaN."""
+    return np.full(shape, np.nan if np.dtype(dtype).kind == "f" else 0, dtype)
+
+
+def new_batch(
+    scene: Scene, seeds: Sequence[int], record: Collection[str], names: Collection[str], average: str
+) -> Batch:
+    """Return a batch with one column for each seed and no run yet; `names` are observables to be measured.
+
+    Raises RequestError for observables that the scene does not have.
+    """
+    observables.refuse_unfit(scene, tuple(names), average)
+    ordered = tuple(name for name in observables.OBSERVABLES if name in names)
+    tracer = None
+    if scene.particles and "tracer" in record:
+        shape = (len(scene.times), len(seeds), 2)
+        tracer = Track(blank(shape, float), None, blank(shape, np.int32) if scene.box.periodic else None)
+    stopped: dict[int, str] = {}
+    ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average, stopped)
+    return Batch(scene, ensemble, frozenset(record), ordered, stopped)
+
+
+def make_runs(
+    batch: Batch, run: Callable[[int], RunResult], first: int = 0, after: Callable[[int], object] = lambda done: None
+) -> Ensemble:
+    """Make the runs of a batch from a column on, `run(column)`, and return the ensemble; call `after(done)` after each.
+
+    If a run cannot go on, by RunError or PlacementError, note the reason and go on with the next. Put the scene's name,
+    N and the seed before the message of any other RequestError, and of PlacementError if nearly every run of the scene
+    is expected to lack places: such a scene is a mistake.
+    """
+    scene, seeds = batch.scene, batch.ensemble.seeds
+    for column in range(first, len(seeds)):
+        stages.begin_piece("runs", column, len(seeds))
+        try:
+            _add(batch, column, run(column))
+        except (RunError, RequestError) as error:
+            is_of_scene = isinstance(error, PlacementError) and share_failing(scene) > EVERY_RUN
+            if is_of_scene or not isinstance(error, RunError | PlacementError):
+                raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seeds[column]}: {error}") from None
+            batch.stopped[int(seeds[column])] = str(error)
+            _write(batch, column, {"failed": np.uint8(1)})
+        stages.report("runs", column + 1, len(seeds))
+        after(column + 1)
+    for values in batch.ensemble.observables.values():
+        if values.dtype.kind == "f":
+            values[np.isinf(values)] = np.nan  # beyond the floating-point numbers in the scene's units
+    return batch.ensemble
+
+
+def _add(batch: Batch, column: int, result: RunResult) -> None:
+    """Measure a finished run, and copy what is recorded of it into its column of the ensemble."""
+    ensemble, seed = batch.ensemble, int(batch.ensemble.seeds[column])
+    values: dict[str, Any] = dict(result.observables)
+    if batch.scene.particles and result.tracer.velocity is not None:
+        values["initial_square_speed"] = _square_of(*result.tracer.velocity[0, 0].tolist())
+    values |= observables.observe(batch.scene, result, batch.observables, ensemble.average)
+    _write(batch, column, values)
+    if ensemble.tracer is not None:
+        for recorded, track in zip(ensemble.tracer, result.tracer, strict=True):
+            if recorded is not None:
+                recorded[:, column] = track[:, 0]
+    if result.whole is not None and "all" in batch.record:
+        ensemble.whole[seed] = result.whole
+    if result.events is not None:
+        ensemble.events[seed] = result.events
+
+
+def _write(batch: Batch, column: int, values: Mapping[str, Any]) -> None:
+    """Write observables into their column; in runs without them they are NaN, counts 0."""
+    ensemble = batch.ensemble
+    for name, value in values.items():
+        if name not in ensemble.observables:
+            like = np.asarray(value)
+            ensemble.observables[name] = blank((len(ensemble.seeds), *like.shape), like.dtype)
+        ensemble.observables[name][column] = value
+
+
+def _square_of(x: float, y: float) -> float:
+    """Return the square of a velocity, NaN where it underflows."""
+    square = x * x + y * y
+    return square if square >= SMALLEST_NORMAL or x == y == 0.0 else math.nan
+
+
+# -- failed runs in words -------------------------------------------------------------------------------------------
+
+
+def failures(ensemble: Ensemble) -> str:
+    """Return which runs failed their health check, which could not go on and why the first could not; "" for none."""
+    runs = len(ensemble.seeds)
+    unhealthy = [seed for seed in ensemble.failed_seeds.tolist() if seed not in ensemble.stopped]
+    parts = [f"failed their health check: {len(unhealthy)} of {runs} runs: {seed_text(unhealthy)}"] if unhealthy else []
+    if ensemble.stopped:
+        stopped = sorted(ensemble.stopped)
+        first = f"seed {stopped[0]}: {ensemble.stopped[stopped[0]]}"
+        parts.append(f"could not go on: {len(stopped)} of {runs} runs: {seed_text(stopped)} ({first})")
+    return "; ".join(parts)
+
+
+def stopped_in_words(stopped: Mapping[int, str]) -> str:
+    """Return how many runs could not go on, and why the first of them could not, in one line."""
+    seed = min(stopped)
+    return f"{len(stopped)} could not go on, seed {seed}: {stopped[seed]}"

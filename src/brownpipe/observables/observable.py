@@ -1,0 +1,39 @@
+"""The record of an observable: how it is measured, its arrays, the scenes that it fits, the CPU time that it takes."""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from brownpipe.observables.tracks import Run
+from brownpipe.scene import Scene
+
+
+class Axis(NamedTuple):
+    """Description of a dimension of arrays."""
+
+    units: str
+    long_name: str
+    coordinates: Callable[[Scene], np.ndarray | list[str]]  # along it in a scene: numbers, or names of species
+
+
+class RunArray(NamedTuple):
+    """Description of an array that is measured in every run."""
+
+    dims: tuple[str, ...]  # names in AXES; in files the dimension of the runs, `seed`, comes first
+    units: str
+    long_name: str
+    is_there: Callable[[Scene], bool] = lambda scene: True  # whether runs of the scene have it
+
+
+class Observable(NamedTuple):
+    """An observable; forecasts (`engines.forecast`) add up its CPU seconds, good to a factor of 2."""
+
+    measure: Callable[[Scene, Run, str], Mapping[str, np.ndarray | int]]  # (scene, run, average) -> values by array
+    arrays: dict[str, RunArray]  # by name; the first is measured in every scene
+    seconds_per_disk_sample: float  # CPU seconds for each disk in each sample
+    of_single_disks: bool = False  # made from tracks of single disks: all AVERAGES apply, the tracer's track is enough
+    seconds_per_product: float = 0.0  # (`of_single_disks`) for each disk, lag and time origin, averaged over origins
+    is_also_of_bath: bool = False  # (`of_single_disks`) in a scene with a bath, made from its disks, too
+    is_over_samples: bool = False  # counted or averaged over the samples of a stationary scene, otherwise the last one
+    unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
