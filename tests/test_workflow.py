@@ -333,7 +333,7 @@ def test_report_is_one_page_that_begins_with_the_answer(finished, tmp_path):
     for caption in (
         "Mean squared displacement of the tracer",
         "Displacement distribution",
-        "Dependence on the number",
+        "Dependence on what is varied",
         "Health of every",
     ):
         assert caption in page

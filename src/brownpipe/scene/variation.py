@@ -45,11 +45,13 @@ Span: Any = create_model(  # type: ignore[call-overload]  # of keys of which `fr
 
 
 def _spanned(span: Any) -> tuple[float, ...]:
-    """Return the values of a span."""
+    """Return the values of a span. Powers are computed by Python: NumPy's may differ between processors."""
     first, last, count, spacing = dict(span).values()
     if spacing == "log" and not first * last > 0:
         refuse("must be different from 0 and of one sign for spacing: log", "from")
-    return tuple((np.geomspace if spacing == "log" else np.linspace)(first, last, count).tolist())
+    if spacing == "linear":
+        return tuple(np.linspace(first, last, count).tolist())
+    return *(first * (last / first) ** (k / (count - 1)) for k in range(count - 1)), last
 
 
 Values = Annotated[
