@@ -16,6 +16,7 @@ from brownpipe.cli import main
 from brownpipe.errors import RequestError
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.scan import axis_of, series_of, table
+from brownpipe.figures.summary import summary
 from brownpipe.scene import parse_scene
 from brownpipe.scene.variation import combinations, scene_with
 from brownpipe.study import read_study
@@ -227,3 +228,12 @@ def test_axes_are_logarithmic_where_values_span_more_than_a_factor_of_30(result)
     assert len(drawn) == 2 * 2 + 2  # of two packing fractions in two windows, and Enskog's
     narrow = bp.plot(result.sel(tracer_mass=[1.0, 10.0]), "scan")
     assert narrow.axes[0].get_xscale() == "linear"
+
+
+def test_the_answer_has_a_column_for_each_key(result):
+    lines = [line.split() for line in summary(result).splitlines()]
+    (heading,) = [line for line in lines if line[:1] == ["scene"]]
+    assert heading[1:6] == ["tracer", "mass", "packing", "fraction", "N"]
+    assert [line[1:3] for line in lines if line[:1] == ["fluid"]] == [
+        [m, phi] for m in ("1", "10", "100") for phi in ("0.1", "0.2")
+    ]

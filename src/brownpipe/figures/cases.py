@@ -102,12 +102,13 @@ def fits_of(case: Dataset) -> list[Dataset]:
 
 def scene_of(case: Dataset) -> str:
     """Return the scene of a case, with its values of varied keys."""
-    keys = labels_of_cases(case)[1:-2]
-    return ", ".join([case.scene.item(), *(f"{name} = {_short(case[name].item())}" for name in keys)])
+    return ", ".join([case.scene.item(), *(f"{name} = {value}" for name, value in varied_values(case).items())])
 
 
-def _short(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else f"{value}"
+def varied_values(case: Dataset) -> dict[str, str]:
+    """Return the values of varied keys of a case, in words."""
+    values = {name: case[name].item() for name in labels_of_cases(case)[1:-2]}
+    return {name: f"{value:.4g}" if isinstance(value, float) else f"{value}" for name, value in values.items()}
 
 
 def title_of(case: Dataset) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from brownpipe.analysis import drift
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
 from brownpipe.analysis.variables import FAILED, MISSING
+from brownpipe.analysis.varied import labels_of_cases
 from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.engines.friction import window_caution
 from brownpipe.figures.cases import (
@@ -23,6 +24,7 @@ from brownpipe.figures.cases import (
     plus_minus,
     scene_of,
     title_of,
+    varied_values,
 )
 from brownpipe.figures.tables import aligned, label_of
 from brownpipe.quoting import in_lines
@@ -74,12 +76,13 @@ def answer(dataset: Dataset) -> Answer:
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
     durations = {case.duration.item() for case in cases}
     end = f"MSD(t = {durations.pop():g})" if len(durations) == 1 else "MSD at the end"
-    rows = [("scene", "N", "engine", "runs", end, "D", *TESTS)]
+    keys = [name.replace("_", " ") for name in labels_of_cases(dataset)[1:-2]]
+    rows = [("scene", *keys, "N", "engine", "runs", end, "D", *TESTS)]
     for case, of_case, no in zip(cases, p, rejected, strict=True):
-        names = (scene_of(case), str(case.particles.item()), case.engine.item(), str(int(case.runs)))
-        rows.append((*names, *_estimates(case), *map(_verdict, of_case, no)))
+        names = (case.scene.item(), *varied_values(case).values(), str(case.particles.item()), case.engine.item())
+        rows.append((*names, str(int(case.runs)), *_estimates(case), *map(_verdict, of_case, no)))
     tests = int(np.count_nonzero(np.isfinite(p)))
-    hidden = {*(() if tests else TESTS), *(("engine",) if len({row[2] for row in rows}) == 2 else ())}  # one engine
+    hidden = {*(() if tests else TESTS), *(("engine",) if dataset.sizes["engine"] == 1 else ())}
     columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
     return Answer(columns, [*_legend(dataset, cases, tests)], [*missing_runs(cases)], [*drifting(cases)])
 
