@@ -124,6 +124,7 @@ def test_combinations_are_all_or_side_by_side():
         ({"vary": {MASS: {"from": 0, "to": 3, "count": 3, "spacing": "log"}}}, ["different from 0"]),
         ({"vary": {MASS: [1, 2], PHI: [0.1]}, "vary_together": True}, ["vary: must be lists of the same length"]),
         ({"vary": 3}, ["vary: must be a mapping, not 3"]),
+        ({"vary": {"particles": [16]}}, ["vary: particles must be varied by the key `particles`"]),
     ],
 )
 def test_a_wrong_value_is_refused_before_anything_runs(folder, keys, said, capsys):
@@ -154,6 +155,13 @@ def test_a_value_added_later_runs_only_itself(folder):
     assert len(before) == 6
     assert {runs.case.name.split(",")[1] for runs in added} == {"tracer_mass=30"} and len(added) == 2
     assert before < {runs.folder for runs in run_sets(read_study("study.yaml"))}
+
+
+def test_a_key_without_numbers_is_no_axis_of_a_figure(folder):
+    write_study(vary={"box.x": [[0.0, 8.0], [0.0, 9.0]]})
+    assert "scan" not in read_study("study.yaml").figures
+    write_study()
+    assert "scan" in read_study("study.yaml").figures
 
 
 def test_the_command_of_a_job_makes_its_runs(folder):

@@ -65,8 +65,11 @@ Vary = dict[str, Values]
 def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
     """Return the values by key of each variant: all combinations, or the first of each key, the second, ...
 
-    Raises RequestError for equal values, and for lists of different lengths where values belong together.
+    Raises RequestError for the number of disks, for equal values, and for lists of different lengths where values
+    belong together.
     """
+    if "particles" in vary:
+        raise RequestError("vary: particles must be varied by the key `particles` of a study, or by --particles")
     if any(value in values[:k] for values in vary.values() for k, value in enumerate(values)):
         raise RequestError("vary: must be values that differ")
     if together and len({len(values) for values in vary.values()}) > 1:

@@ -233,10 +233,11 @@ class Study(Record):
         """Refuse figures without data; by default there are all whose needs are met."""
         measured = {name for one in self.engines for name in one.definition.measured(self.observables, "runs")[0]}
         counts, is_tracked = sorted({case.particles for case in self.cases}), self.record == "tracer"
+        along = [*self.vary.values()][: 1 if self.vary_together else None]
         conditions = {f"the observable {name}": name in measured for name in measures.OBSERVABLES} | {
             FOLLOWED: max(counts) > 0,
             COLLISIONS: any(use.case.particles and use.engine.definition.counts_collisions for use in self.uses),
-            SCAN: len(set(counts) - {0}) > 1 or len(self.varied) > len(self.scenes),
+            SCAN: len(set(counts) - {0}) > 1 or any(map(_is_axis, along)),
             TRACKED: is_tracked,
             SPREADING: is_tracked or "square_displacement" in measured,
         }
@@ -292,6 +293,11 @@ class Study(Record):
             if REFERENCE in engines and (len(engines) > 1 or case.name in self.instead_of):
                 labels.append(case.label)
         return labels
+
+
+def _is_axis(values: Sequence[Any]) -> bool:
+    """Return whether values of a varied key are several numbers."""
+    return len(values) > 1 and all(isinstance(value, int | float) for value in values)
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
