@@ -2,6 +2,7 @@
 
 import json
 import math
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +120,7 @@ def test_combinations_are_all_or_side_by_side():
         ({"vary": {"disks.species.b.mass": [1.0]}}, ["disks.species.b.mass: must name a species (bath)"]),
         ({"vary": {PHI: [1.5]}}, ["packing_fraction: must be <= 1, not 1.5"]),
         ({"vary": {MASS: [1.0, 1.0]}}, ["vary: must be values that differ"]),
+        ({"vary": {MASS: [1.0, 1.0 + 1e-13]}}, ["vary: must be values that differ"]),
         ({"vary": {MASS: 3.0}}, ["vary.disks.tracer.mass: must be a list, not 3"]),
         ({"vary": {MASS: {"from": 1, "to": 3}}}, ["vary.disks.tracer.mass.count: missing"]),
         ({"vary": {MASS: {"from": 0, "to": 3, "count": 3, "spacing": "log"}}}, ["different from 0"]),
@@ -132,6 +134,15 @@ def test_a_wrong_value_is_refused_before_anything_runs(folder, keys, said, capsy
     assert main(["check", "study.yaml"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("brownpipe: study.yaml: line ") and all(part in line for part in said)
+
+
+@pytest.mark.parametrize("text", ["- a\n- b\n", "a text\n"])
+@pytest.mark.parametrize("words", [["check", "study.yaml"], ["simulate", "fluid.yaml"]])
+def test_a_scene_that_is_no_mapping_is_refused_in_one_line(folder, capsys, text, words):
+    Path("fluid.yaml").write_text(text)
+    assert main(words) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "fluid.yaml: must be a mapping with the keys box, disks" in line
 
 
 @pytest.mark.parametrize(
@@ -158,8 +169,9 @@ def test_a_value_added_later_runs_only_itself(folder):
 
 
 def test_a_key_without_numbers_is_no_axis_of_a_figure(folder):
-    write_study(vary={"box.x": [[0.0, 8.0], [0.0, 9.0]]})
-    assert "scan" not in read_study("study.yaml").figures
+    for vary in ({"box.x": [[0.0, 8.0], [0.0, 9.0]]}, {"velocities.zero_momentum": [True, False]}):
+        write_study(vary=vary)
+        assert "scan" not in read_study("study.yaml").figures
     write_study()
     assert "scan" in read_study("study.yaml").figures
 
@@ -169,8 +181,6 @@ def test_the_command_of_a_job_makes_its_runs(folder):
     study = read_study("study.yaml")
     runs = run_sets(study)[3]
     (first, last), words = batches_of(runs)[0], commands(study)[runs.key]
-    import shlex
-
     assert main(["simulate", *shlex.split(words), "--seeds", f"{first}-{last}", "--output", "of_job.h5"]) == 0
     edited = scene_with(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2})
     expected = bp.simulate(parse_scene(json.loads(edited.text), "x.yaml"), 6, quiet=True)

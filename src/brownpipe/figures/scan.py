@@ -55,8 +55,9 @@ def series_of(cases: list[Dataset], axis: str) -> dict[str, list[Dataset]]:
     differing = [name for name in labels_of_cases(cases[0]) if name != axis and differs(cases, name)]
     series: dict[str, list[Dataset]] = {}
     for case in sorted(cases, key=lambda case: case[axis].item()):
-        values = [f"{_words(name)} {case[name].item()}" for name in differing]
-        series.setdefault(", ".join(values).replace("scene ", "").replace("engine ", ""), []).append(case)
+        values = {name: str(case[name].item()) for name in differing}
+        words = [value if name in ("scene", "engine") else f"{_words(name)} {value}" for name, value in values.items()]
+        series.setdefault(", ".join(words), []).append(case)
     return series
 
 

@@ -65,12 +65,12 @@ Vary = dict[str, Values]
 def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
     """Return the values by key of each variant: all combinations, or the first of each key, the second, ...
 
-    Raises RequestError for the number of disks, for equal values, and for lists of different lengths where values
-    belong together.
+    Raises RequestError for the number of disks, for values of equal names, and for lists of different lengths
+    where values belong together.
     """
     if "particles" in vary:
         raise RequestError("vary: particles must be varied by the key `particles` of a study, or by --particles")
-    if any(value in values[:k] for values in vary.values() for k, value in enumerate(values)):
+    if any(len({*map(_word, values)}) < len(values) for values in vary.values()):
         raise RequestError("vary: must be values that differ")
     if together and len({len(values) for values in vary.values()}) > 1:
         raise RequestError("vary: must be lists of the same length, as their values belong together")
@@ -79,12 +79,14 @@ def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict
 
 
 def scene_with(
-    mapping: Mapping, where: str, values: Mapping[str, Any], particles: int | None = None, name: str = ""
+    mapping: Any, where: str, values: Mapping[str, Any], particles: int | None = None, name: str = ""
 ) -> Scene:
     """Return the scene of a mapping, as `parse_scene` does, with these values by key, which its name tells.
 
     Raises RequestError for anything wrong.
     """
+    if not (values and isinstance(mapping, Mapping)):
+        return parse_scene(mapping, where, particles, name or None)
     changed: dict[str, Any] = dict(mapping)
     for path, value in values.items():
         if path != PACKING_FRACTION:
@@ -141,8 +143,7 @@ def value_of(scene: Scene, path: str) -> Any:
     found: Any = scene.as_mapping()
     for word in path.split("."):
         found = found[word] if isinstance(found, dict) else next(item for item in found if item["name"] == word)
-    is_number = isinstance(found, int | float) and not isinstance(found, bool)
-    return type(found)(float(_word(found))) if is_number else _word(found)
+    return type(found)(float(_word(found))) if is_number(found) else _word(found)
 
 
 def unit_of(path: str) -> str:
@@ -150,8 +151,13 @@ def unit_of(path: str) -> str:
     return UNITS.get(path.split(".")[-1], "1")
 
 
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number, which may be on an axis; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _word(value: Any) -> str:
     """Return a value as a part of a name of a folder."""
     if isinstance(value, list | tuple):
         return "-".join(map(_word, value))
-    return f"{value:.{DIGITS}g}".replace("+", "") if isinstance(value, int | float) else str(value)
+    return f"{value:.{DIGITS}g}".replace("+", "") if is_number(value) else str(value).lower()

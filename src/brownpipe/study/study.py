@@ -47,7 +47,7 @@ from brownpipe.scene.reading import (
 )
 from brownpipe.scene.scene import is_study
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
-from brownpipe.scene.variation import Vary, combinations, scene_with
+from brownpipe.scene.variation import Vary, combinations, is_number, scene_with
 from brownpipe.scene.yaml_file import Document, read_yaml
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
@@ -237,7 +237,8 @@ class Study(Record):
         conditions = {f"the observable {name}": name in measured for name in measures.OBSERVABLES} | {
             FOLLOWED: max(counts) > 0,
             COLLISIONS: any(use.case.particles and use.engine.definition.counts_collisions for use in self.uses),
-            SCAN: len(set(counts) - {0}) > 1 or any(map(_is_axis, along)),
+            SCAN: len(set(counts) - {0}) > 1
+            or any(len(values) > 1 and all(map(is_number, values)) for values in along),
             TRACKED: is_tracked,
             SPREADING: is_tracked or "square_displacement" in measured,
         }
@@ -293,11 +294,6 @@ class Study(Record):
             if REFERENCE in engines and (len(engines) > 1 or case.name in self.instead_of):
                 labels.append(case.label)
         return labels
-
-
-def _is_axis(values: Sequence[Any]) -> bool:
-    """Return whether values of a varied key are several numbers."""
-    return len(values) > 1 and all(isinstance(value, int | float) for value in values)
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
