@@ -15,8 +15,8 @@ from brownpipe.formatting import in_bytes, in_time
 from brownpipe.observables.quarters import claims_equilibrium
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene, parse_scene
+from brownpipe.scene.reading import read_yaml
 from brownpipe.scene.scene import is_study
-from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study import Study, read_study
 from brownpipe.study.cost import describe_workload, with_assumed_runs
 from brownpipe.study.run_sets import RunSet, run_sets

@@ -20,7 +20,7 @@ from brownpipe.errors import RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.provenance import PACKAGE
 from brownpipe.quoting import shell_path
-from brownpipe.scene.yaml_file import read_yaml, scalar
+from brownpipe.scene.reading import read_yaml, scalar
 from brownpipe.study.cost import seconds_of_jobs
 from brownpipe.study.run_sets import run_sets
 from brownpipe.study.study import Study, read_study

@@ -66,9 +66,9 @@ def simulate(arguments: Namespace) -> int:
     from brownpipe.engines import read_record
     from brownpipe.engines.ensemble import failures
     from brownpipe.engines.saturation import growth_caution
+    from brownpipe.scene.reading import read_yaml
     from brownpipe.scene.seeds import read_seeds
     from brownpipe.scene.variation import scene_with
-    from brownpipe.scene.yaml_file import read_yaml
     from brownpipe.storage.store import runs_digest
     from brownpipe.study import forecast_of_runs
 

@@ -19,8 +19,7 @@ SCENE = "config/scenes/harrison2020.yaml"  # of the examples
 def typed(kind: Any) -> Callable[[str], Any]:
     """Return the reader of a value of this type, which is read and refused as in a scene or study file."""
     from brownpipe.errors import RequestError
-    from brownpipe.scene.reading import validated
-    from brownpipe.scene.yaml_file import scalar
+    from brownpipe.scene.reading import scalar, validated
 
     def read(text: str) -> Any:
         try:
