@@ -153,22 +153,18 @@ class Study(Record):
         paths: dict[str, Path] = {}
         cases: list[Scene] = []
         varied: dict[str, tuple[Path, dict[str, Any]]] = {}
-        try:
-            variants = combinations(self.vary, self.vary_together)
-        except RequestError as error:
-            refuse(str(error).removeprefix("vary: "), "vary")
         for k, text in enumerate(self.scenes):
             if Path(text).stem in paths:
                 refuse(f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k)
             path = paths[Path(text).stem] = folder / text
             try:
                 mapping = read_yaml(path)
-                for values in variants:
+                for values in combinations(self.vary, self.vary_together):
                     of_counts = [scene_with(mapping, str(path), values, count) for count in self.particles or (None,)]
                     cases += of_counts
                     varied[of_counts[0].name] = path, values
             except RequestError as error:
-                refuse(str(error), *(("vary",) if self.vary else ("scenes", k)))
+                refuse(str(error).removeprefix("vary: "), *(("vary",) if self.vary else ("scenes", k)))
         self._resolve(scenes=tuple(paths.values()), cases=tuple(cases), varied=varied)
 
     def _read_engines(self) -> None:
@@ -198,10 +194,8 @@ class Study(Record):
 
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many."""
-        if self.tolerance is None and self.seeds is None:
-            refuse("missing; must be given, or a tolerance instead", "seeds")
-        if self.tolerance is not None and self.seeds is not None:
-            refuse("must not be given with a tolerance, which says how many", "seeds")
+        if (self.tolerance is None) == (self.seeds is None):
+            refuse("must be given, or a tolerance in their place; not both", "seeds")
         if self.tolerance is not None and (reason := why_no_relative_error(self.cases)):
             refuse(f"{reason}; must be seeds: 1", "tolerance")
         self._resolve(seeds=self.seeds or ())
@@ -263,11 +257,6 @@ class Study(Record):
     def recording(self) -> tuple[set[str], tuple[str, ...], str]:
         """What each run records, what it measures, and the average: the last arguments of `Engine.forecast`."""
         return {self.record}, self.observables, self.average
-
-    @property
-    def varied_keys(self) -> tuple[list[str], bool]:
-        """The varied keys, and whether their values belong together: the last arguments of `analysis.aggregate`."""
-        return [*self.vary], self.vary_together
 
     @property
     def tradeoff_cases(self) -> list[str]:
