@@ -207,10 +207,10 @@ def test_version(capsys):
         (["simulate", SCENE, "--particles", "many"], "--particles: must be an integer, not 'many'"),
         (["simulate", SCENE, "--particles", "-1"], "--particles"),
         (["simulate", SCENE, "--particles", "5000"], "disks: 4999 disks of radius 0.1 (bath) cannot fit"),
-        (["simulate", SCENE, "--seeds", "1-"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, not '1-'"),
+        (["simulate", SCENE, "--seeds", "1-"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending"),
         (["simulate", SCENE, "--seeds", ""], "seeds: must be seeds"),
-        (["simulate", SCENE, "--seeds", "9-3"], "seeds: must be ranges that ascend"),
-        (["simulate", SCENE, "--seeds", "0-99999999999"], "seeds: must be at most 10000000 seeds"),
+        (["simulate", SCENE, "--seeds", "9-3"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending"),
+        (["simulate", SCENE, "--seeds", "0-99999999999"], "ascending, at most 10000000, not"),
         (["simulate", SCENE, "--seeds", "99999999999999999999"], "seeds: must be seeds"),
         (["simulate", SCENE, "--record", "everything"], "--record everything: must be one or several of tracer, all"),
         (["simulate", SCENE, "--record", "none,all"], "--record none,all: must be one or several of"),
@@ -486,7 +486,7 @@ def test_nobody_reads_on():
 @pytest.mark.parametrize(
     ("code", "absent"),
     [
-        ("from brownpipe import cli; cli.build_parser([])", {"numpy", "yaml", "numba", "h5py"}),
+        ("from brownpipe import cli; cli.build_parser([])", {"numba", "xarray", "scipy", "matplotlib", "pandas"}),
         ("import brownpipe.study, brownpipe.provenance", {"numba", "h5py", "scipy", "xarray", "matplotlib"}),
         (f"from brownpipe.cli import main; main(['simulate', {SCENE!r}])", {"xarray", "matplotlib", "scipy.stats"}),
     ],

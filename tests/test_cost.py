@@ -6,8 +6,7 @@ import pytest
 
 from brownpipe.engines import forecast
 from brownpipe.study import read_study
-from brownpipe.study.cost import requests
-from brownpipe.study.run_sets import run_sets
+from brownpipe.study.run_sets import requests, run_sets
 
 CONFIG = Path(__file__).parent.parent / "config"
 

@@ -7,18 +7,17 @@ from brownpipe.engines import DEFINITIONS
 from test_architecture import needed_by
 
 CASES = [*(("simulate", engine) for engine in DEFINITIONS), ("aggregate", None), ("tradeoff", None), ("figures", None)]
-SILENT = (  # what a verb imports and what decides no number and no byte of its output
-    *("verbs/", "study/"),  # they read arguments, all of which are parameters of the job
+SILENT = (  # what a step imports and what decides no number and no byte of its output
     *("progress.py", "stages.py", "parallel.py", "interrupts.py"),  # progress, processes and signals
     *("errors.py", "quoting.py", "formatting.py", "provenance.py"),  # messages
     *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),  # refusals; settings are arguments
     "figures/catalogue.py",  # names that a study may have
 )
-OF_OTHERS = {  # what it imports, or options of other verbs, for the number of runs of a study
-    "simulate": ("tradeoff/", "analysis/"),
-    "aggregate": ("tradeoff/",),
-    "tradeoff": (),
-    "figures": (),
+MAKERS = {  # what makes and writes the results of a step
+    "simulate": ("brownpipe.engines.ensemble", "brownpipe.scene.variation", "brownpipe.storage.trajectories"),
+    "aggregate": ("brownpipe.analysis", "brownpipe.storage.datasets"),
+    "tradeoff": ("brownpipe.tradeoff", "brownpipe.storage.datasets"),
+    "figures": ("brownpipe.report.products",),
 }
 
 
@@ -27,12 +26,12 @@ def names(files):
 
 
 @pytest.mark.parametrize(("step", "engine"), CASES)
-def test_what_a_verb_imports_is_in_the_digest_or_decides_nothing(step, engine):
-    """A layer that a verb begins to import must be entered in the step or, with its reason, above."""
+def test_what_a_step_imports_is_in_the_digest_or_decides_nothing(step, engine):
+    """A layer that a step begins to import must be entered in the step or, with its reason, above."""
     known = names(provenance.sources(*provenance.modules_of(step, engine)))
-    modules = [f"brownpipe.verbs.{step}", *([DEFINITIONS[engine].simulation] if engine else [])]
+    modules = [*MAKERS[step], *([DEFINITIONS[engine].simulation] if engine else [])]
     left = needed_by(*modules) - known
-    assert [name for name in sorted(left) if not name.startswith((*SILENT, *OF_OTHERS[step]))] == []
+    assert [name for name in sorted(left) if not name.startswith(SILENT)] == []
 
 
 def test_an_edit_is_another_source_but_line_ends_are_not(tmp_path):

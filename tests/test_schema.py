@@ -8,7 +8,7 @@ from jsonschema import Draft202012Validator
 
 from brownpipe.cli import main
 from brownpipe.errors import DONE
-from brownpipe.scene.yaml_file import read_yaml
+from brownpipe.scene.reading import read_yaml
 
 ROOT = Path(__file__).parent.parent
 SCENES = [*(ROOT / "config" / "scenes").glob("*.yaml"), *(ROOT / "tests" / "scenes").glob("*.yaml")]

@@ -231,7 +231,7 @@ def test_seeds_and_tolerance_replace_each_other(tmp_path):
     (tmp_path / "study.yaml").write_text(f"scenes: {SCENE}\ntolerance: 2%\ntarget: d\n")
     study = read_study(tmp_path / "study.yaml", {"seeds": 3})
     assert (study.tolerance, study.seeds) == (None, range(3))
-    with pytest.raises(RequestError, match="seeds: must not be given with a tolerance"):
+    with pytest.raises(RequestError, match="seeds: must be given, or a tolerance in their place; not both"):
         replaced("tolerance=2%", "seeds=3")
 
 

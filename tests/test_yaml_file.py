@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from brownpipe.scene.yaml_file import read_yaml, yaml_text
+from brownpipe.scene.reading import read_yaml, yaml_text
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_scalars_are_those_of_yaml_1_2(tmp_path, text, value):
     assert type(found) is type(value)
 
 
-OTHERWISE = ["1e3", "1E3", "+1e3", "1e+3", ".5e1", "1.", "08", "007", "0x10", "0o17", "0b1", "1_000", "12", "-3", "0"]
+OTHERWISE = ["1.", "007", "0x10", "0o17", "0b1", "1_000", "12", "-3", "0"]
 OTHERWISE += ["yes", "No", "on", "OFF", "y", "true", "FALSE", "null", "Null", "~", "", ".inf", "-.INF", ".nan", "nan"]
 OTHERWISE += ["12:30", "1:30:00", "2020-09-28", "=", "<<", "- a", "a: b", "#", "'", '"', "\\", "é", "😀"]
 
@@ -69,5 +69,5 @@ def test_both_parsers_of_pyyaml_read_the_same(monkeypatch):
     files = sorted(folder.glob("*.yaml"))
     assert len(files) > 20
     fast = [repr(read_yaml(file)) for file in files]
-    monkeypatch.setattr("brownpipe.scene.yaml_file.LOADER", yaml.SafeLoader)
+    monkeypatch.setattr("brownpipe.scene.reading.LOADER", yaml.BaseLoader)
     assert [repr(read_yaml(file)) for file in files] == fast

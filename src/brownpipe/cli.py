@@ -65,7 +65,7 @@ def _status(argv: list[str]) -> int:
 def _parsed(argv: list[str]) -> Namespace:
     """Return the arguments; `further` are those that a verb passes on to another program."""
     parser = build_parser(argv)
-    if not (argv and getattr(VERBS.get(argv[0]), "PASSES_ON", False)):
+    if argv[:1] != ["run"]:
         return parser.parse_args(argv, Namespace(argv=argv))
     arguments, further = parser.parse_known_args(argv, Namespace(argv=argv))
     arguments.further = [word for word in further if word != "--"]
@@ -81,14 +81,14 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
     version = f"brownpipe {versions()['brownpipe_version']}" if "--version" in argv else ""  # to look it up takes time
     parser.add_argument("--version", action="version", version=version, help="show the version and exit")
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
-    for name, module in VERBS.items():
-        verb = getattr(module, name)
-        brief, epilog = verb.__doc__.partition("\n")[0], f"example: brownpipe {name} {module.EXAMPLE}"
-        subparser = subparsers.add_parser(name, help=brief, description=verb.__doc__, epilog=epilog)
+    for name, verb in VERBS.items():
+        description, _, example = (verb.__doc__ or "").rpartition("\n\n")
+        brief = description.partition("\n")[0]
+        subparser = subparsers.add_parser(name, help=brief, description=description, epilog=example.strip())
         subparser.set_defaults(verb=verb)
         if name in argv[:1]:
             parser.of_verb = subparser
-            module.add_arguments(subparser.add_argument)
+            getattr(sys.modules[verb.__module__], f"add_{name}")(subparser.add_argument)
     return parser
 
 

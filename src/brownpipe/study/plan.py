@@ -23,8 +23,8 @@ from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.formatting import in_time
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
+from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS
-from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.stages import tracked
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
 from brownpipe.study.study import MOST_JOBS, REFERENCE, Study

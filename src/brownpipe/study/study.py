@@ -10,16 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
-from pydantic import (
-    Discriminator,
-    Field,
-    GetPydanticSchema,
-    StrictBool,
-    Tag,
-    ValidationInfo,
-    create_model,
-    model_validator,
-)
+from pydantic import Field, StrictBool, ValidationInfo, create_model, model_validator
 
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
@@ -32,6 +23,7 @@ from brownpipe.provenance import digest_of
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import (
+    As,
     AtLeastOne,
     Count,
     Name,
@@ -42,13 +34,14 @@ from brownpipe.scene.reading import (
     converted,
     distinct,
     key,
+    read_yaml,
     refuse,
     validated,
+    with_values,
 )
 from brownpipe.scene.scene import is_study
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.variation import Vary, combinations, is_number, scene_with
-from brownpipe.scene.yaml_file import Document, read_yaml
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
@@ -58,11 +51,6 @@ PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
 REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of these keys
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
-
-
-def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
-    """Let values be read as this type, which is made at run time."""
-    return GetPydanticSchema(lambda _, handler: handler.generate_schema(kind))
 
 
 def one_or_more(kind: Any, least: int = 1) -> Any:
@@ -77,15 +65,10 @@ def _share(value: Any) -> Any:
     return float(value[:-1]) / 100 if isinstance(value, str) and PERCENTAGE.fullmatch(value) else value
 
 
-def _engine_name(value: Any) -> str:
-    return f"{{{value.get('name', 'null') if isinstance(value, dict) else value}}}"
-
-
 def _engine_kind(name: str) -> Any:
     """Return the type of an engine of a study: its name, its settings, the scenes it is used in and its seeds."""
     keys: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
-    record = create_model(name, __base__=settings_of(name), **keys)
-    return Annotated[record, alone("name", record | Literal[name]), Tag(f"{{{name}}}")]
+    return create_model(name, __base__=settings_of(name), **keys)
 
 
 Text = Annotated[str, Field(min_length=1)]
@@ -95,7 +78,8 @@ Batch = Annotated[
     Annotated[AtLeastOne, Field(le=MOST_SEEDS)] | None,
     converted(lambda value: None if value == "auto" else value, int | Literal["auto"]),
 ]
-EngineKey: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Discriminator(_engine_name)]  # noqa: UP007  # as many as there are
+EngineRecord: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Field(discriminator="name")]  # noqa: UP007  # as many as there are
+EngineKey: Any = Annotated[EngineRecord, alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
 Engines = Annotated[tuple[Any, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
@@ -169,22 +153,18 @@ class Study(Record):
         paths: dict[str, Path] = {}
         cases: list[Scene] = []
         varied: dict[str, tuple[Path, dict[str, Any]]] = {}
-        try:
-            variants = combinations(self.vary, self.vary_together)
-        except RequestError as error:
-            refuse(str(error).removeprefix("vary: "), "vary")
         for k, text in enumerate(self.scenes):
             if Path(text).stem in paths:
                 refuse(f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k)
             path = paths[Path(text).stem] = folder / text
             try:
                 mapping = read_yaml(path)
-                for values in variants:
+                for values in combinations(self.vary, self.vary_together):
                     of_counts = [scene_with(mapping, str(path), values, count) for count in self.particles or (None,)]
                     cases += of_counts
                     varied[of_counts[0].name] = path, values
             except RequestError as error:
-                refuse(str(error), *(("vary",) if self.vary else ("scenes", k)))
+                refuse(str(error).removeprefix("vary: "), *(("vary",) if self.vary else ("scenes", k)))
         self._resolve(scenes=tuple(paths.values()), cases=tuple(cases), varied=varied)
 
     def _read_engines(self) -> None:
@@ -214,10 +194,8 @@ class Study(Record):
 
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many."""
-        if self.tolerance is None and self.seeds is None:
-            refuse("missing; must be given, or a tolerance instead", "seeds")
-        if self.tolerance is not None and self.seeds is not None:
-            refuse("must not be given with a tolerance, which says how many", "seeds")
+        if (self.tolerance is None) == (self.seeds is None):
+            refuse("must be given, or a tolerance in their place; not both", "seeds")
         if self.tolerance is not None and (reason := why_no_relative_error(self.cases)):
             refuse(f"{reason}; must be seeds: 1", "tolerance")
         self._resolve(seeds=self.seeds or ())
@@ -281,11 +259,6 @@ class Study(Record):
         return {self.record}, self.observables, self.average
 
     @property
-    def varied_keys(self) -> tuple[list[str], bool]:
-        """The varied keys, and whether their values belong together: the last arguments of `analysis.aggregate`."""
-        return [*self.vary], self.vary_together
-
-    @property
     def tradeoff_cases(self) -> list[str]:
         """The cases with exact runs and others to compare with them, by their names in the trade-off."""
         labels = []
@@ -331,14 +304,12 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
     """
     mapping, overrides = read_yaml(path), overrides or {}
-    if isinstance(mapping, Document):
+    if isinstance(mapping, dict):
         if not is_study(mapping) and mapping.keys() & {"box", "disks", "duration"}:
             cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
             raise RequestError(f"{path}: is a scene, not a study; {cure}")
-        gone = {
-            REPLACED[new]: None for new in overrides.keys() & REPLACED if overrides[new] and REPLACED[new] in mapping
-        }
-        mapping = mapping.with_values({**gone, **overrides}) if overrides else mapping
+        gone = [REPLACED[new] for new in overrides if overrides[new] and REPLACED.get(new) in mapping]
+        mapping = with_values(mapping, {**dict.fromkeys(gone), **overrides}) if overrides else mapping
     name = validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
     return validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
 
