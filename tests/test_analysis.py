@@ -364,7 +364,7 @@ def test_a_seed_counts_once(tmp_path):
 def test_one_name_one_scene(tmp_path):
     first = write(tmp_path, make_runs(make_scene(), range(20)))
     second = write(tmp_path, make_runs(make_scene(velocities={"temperature": 1.0}), range(20, 30)))
-    with pytest.raises(AnalysisError, match=r"20-29\.h5: its scene 'plain' is not the one in .*0-19\.h5"):
+    with pytest.raises(AnalysisError, match=r"20-29\.h5: has another scene 'plain' than .*0-19\.h5"):
         aggregate([first, second])
 
 
@@ -384,7 +384,7 @@ def test_two_sources_are_not_averaged(tmp_path, monkeypatch):
     first = write(tmp_path, make_runs(make_scene(), range(20)))
     monkeypatch.setattr(trajectories, "source_digest", lambda *_: "another")
     second = write(tmp_path, make_runs(make_scene(), range(20, 30)))
-    with pytest.raises(AnalysisError, match=r"20-29\.h5: made by another source code than .*0-19\.h5"):
+    with pytest.raises(AnalysisError, match=r"20-29\.h5: has another source code than .*0-19\.h5"):
         aggregate([first, second])
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from brownpipe import theory
-from brownpipe.analysis import aggregate, conditions, distribution, estimator, goodness, runs
+from brownpipe.analysis import aggregate, conditions, distribution, estimator, goodness
 from brownpipe.engines import Engine
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import AnalysisError
 from brownpipe.figures import displacement_distribution
 from ensembles import DIFFUSION, make_runs, make_scene, write
@@ -20,16 +21,24 @@ def dataset(tmp_path_factory):
     return aggregate([path], dr=0.06, rings=24, displacement_times=TIMES).squeeze()
 
 
+def case_of(times, **more):
+    """A case with rings of width 0.1."""
+    edges = distribution.ring_edges(0.1, 10)
+    return estimator.Case(make_scene(), Engine("exact"), times, windows=((0.0, 1.0),), edges=edges, **more)
+
+
+def runs_of(squared, seeds):
+    """Runs with squared displacements (n, T)."""
+    return Ensemble(seeds, np.zeros(0), None, {"square_displacement": squared}, {}, {})
+
+
 def found_of(squared, at=(0,)):
-    """What runs with the squared displacements (n, T) add up to, as the measure sees them."""
-    asked = estimator.Options(((0.0, 1.0),), distribution.ring_edges(0.1, 10), tuple(0.5 + np.array(at)))
-    case = estimator.Case(
-        make_scene(), Engine("exact"), 0.5 + np.arange(squared.shape[1]), asked, edges=(asked.edges,) * len(at)
-    )
-    found = estimator.NO_RUNS
+    """What runs with the squared displacements (n, T) add up to, as the estimator sees them."""
+    case = case_of(0.5 + np.arange(squared.shape[1]), displacement_times=tuple(0.5 + np.array(at)))
+    case = case._replace(rings=(case.edges,) * len(at))
+    found = estimator.Averages()
     for seeds in np.split(np.arange(len(squared)), range(1024, len(squared), 1024)):
-        one = runs.RunBlock(seeds, None, {"square_displacement": squared[seeds]})
-        found = estimator.add_runs(found, seeds, distribution.ESTIMATOR.columns(case, one))
+        found.add(seeds, distribution.ESTIMATOR.columns(case, runs_of(squared[seeds], seeds)))
     return found
 
 
@@ -147,10 +156,8 @@ def test_width_and_number_of_rings_go_together(tmp_path):
 
 def test_distribution_of_an_average_is_none():
     """Averages over time origins are no displacements: they have an MSD, and no distribution."""
-    asked = estimator.Options(((0.0, 1.0),), distribution.ring_edges(0.1, 10), ())
-    case = estimator.Case(make_scene(), Engine("exact"), np.arange(3.0), asked, "origins")
-    squared = runs.RunBlock(np.arange(20), None, {"square_displacement": np.ones((20, 3))})
-    assert distribution.ESTIMATOR.columns(case, squared).means == {}
+    averaged = runs_of(np.ones((20, 3)), np.arange(20))
+    assert distribution.ESTIMATOR.columns(case_of(np.arange(3.0), average="origins"), averaged).means == {}
 
 
 @pytest.mark.parametrize(("times", "message"), [

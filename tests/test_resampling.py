@@ -74,7 +74,7 @@ def test_weights_do_not_depend_on_what_else_there_is():
     drawn = []
     for seeds, values in ((few, x), (many, among)):
         parts = [
-            resampling._drawn(resampling._weights(b)[:, seeds[rows] % 1024], values[rows, None])
+            resampling._weights(b)[:, seeds[rows] % 1024] @ np.array(resampling._on_a_grid(values[rows, None])[0])
             for b, rows in _blocks(seeds)
         ]
         drawn.append(np.sum(parts, axis=0))

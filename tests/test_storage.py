@@ -382,9 +382,3 @@ def test_describe(case, tmp_path):
     for word in ("a.scene", f"{case[0].particles} disks", "6 from t = 0 to 1", "no failed", "intact       yes"):
         assert word in text
     assert all(name in text for name in case[1].observables)
-
-
-def test_describe_a_dataset(tmp_path):
-    write_dataset(tmp_path / "study.nc", make_dataset())
-    text = inspection.report(tmp_path / "study.nc")
-    assert "a study" in text and "msd, runs, diffusion" in text and "intact       yes" in text

@@ -18,8 +18,8 @@ from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.tradeoff import bias, front, timing
+from brownpipe.tradeoff.dataset import VARIABLES
 from brownpipe.tradeoff.front import Interval, MeasuredSetting
-from brownpipe.tradeoff.variables import VARIABLES
 from ensembles import make_runs, make_scene, write
 
 ENSEMBLES = 300

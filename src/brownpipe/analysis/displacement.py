@@ -9,10 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe.analysis import resampling
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
-from brownpipe.analysis.runs import RunBlock
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, TIME, Mean, Variable
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.observables import displacement as of_a_run
 
 
@@ -60,14 +59,14 @@ def labels(windows: Sequence[tuple[float, float]]) -> list[str]:
 # --- the estimator
 
 
-def squared_of(case: Case, runs: RunBlock) -> np.ndarray | None:
+def squared_of(case: Case, runs: Ensemble) -> np.ndarray | None:
     """Return the squared displacement (n, T) of every run: the observable, else from the tracer's track; else None."""
     if "square_displacement" in runs.observables:
         return runs.observables["square_displacement"]
     return tracer_square_displacement(case, runs)
 
 
-def tracer_square_displacement(case: Case, runs: RunBlock) -> np.ndarray | None:
+def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
     """Return the squared distance (n, T) of the tracer from its start, None if it was not recorded.
 
     Unlike `squared_of` it is never an average over time origins or disks.
@@ -77,11 +76,11 @@ def tracer_square_displacement(case: Case, runs: RunBlock) -> np.ndarray | None:
     return squared_displacement(runs.tracer.position, runs.tracer.image, (case.scene.box.width, case.scene.box.height))
 
 
-def _columns(case: Case, runs: RunBlock) -> Columns:
+def _columns(case: Case, runs: Ensemble) -> Columns:
     squared = squared_of(case, runs)
     if squared is None:
         return Columns()
-    return Columns({"msd": squared, "lines": per_run_lines(squared, case.times, case.options.windows)})
+    return Columns({"msd": squared, "lines": per_run_lines(squared, case.times, case.windows)})
 
 
 def of_each_run(columns: Columns) -> dict[str, np.ndarray]:
@@ -92,7 +91,7 @@ def of_each_run(columns: Columns) -> dict[str, np.ndarray]:
 
 
 def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    windows, times = case.options.windows, case.times
+    windows, times = case.windows, case.times
     values: dict[str, ArrayLike] = {
         "window": labels(windows),
         "window_start": [start for start, _ in windows],
@@ -101,15 +100,15 @@ def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "msd" not in averages:
         return values
     msd, lines = averages.estimate("msd"), averages.estimate("lines")
-    slope, intercept = (resampling.Estimate(*(part[k] for part in lines)) for k in range(2))
+    slope, intercept = lines.at(0), lines.at(1)
     over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
     return {
         **values,
         "msd": msd,
-        "msd_over_4t": scaled(msd, over_4t),
+        "msd_over_4t": msd.scaled(over_4t),
         "slope": slope,
         "intercept": intercept,
-        "diffusion_coefficient": scaled(slope, 0.25),
+        "diffusion_coefficient": slope.scaled(0.25),
     }
 
 
@@ -129,4 +128,4 @@ COORDINATES = {
     "window_start": Variable(("window",), "time", "start of the window"),
     "window_end": Variable(("window",), "time", "end of the window"),
 }
-ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES, always=True)
+ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES)

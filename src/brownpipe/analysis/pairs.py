@@ -1,6 +1,7 @@
-"""Pair distribution function g(r), and its value at contact from g(r) and from collision rates.
+"""Pair distribution function g(r), its value at contact from g(r) and from collision rates; the density at the walls.
 
-P pairs of species, R bins of distance, n runs. See docs/theory.md, section 3.
+P pairs of species, R bins of distance, K species, B bins of distance from a wall, n runs. See docs/theory.md,
+section 3.
 """
 
 import numpy as np
@@ -8,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from brownpipe import theory
 from brownpipe.analysis import resampling
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import mean_root, temperature
 from brownpipe.analysis.variables import EACH, Mean, Variable
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DENSEST
+from brownpipe.observables import profile
 from brownpipe.observables.pairs import bins, species_pairs
 from brownpipe.observables.species import species_table
 from brownpipe.observables.time_origins import is_stationary
@@ -21,6 +23,7 @@ from brownpipe.scene import Scene
 
 NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrapolated to contact
 ORDER = 2  # of the polynomial that multiplies the decay there
+DECAY_AT_WALL = 2.2  # -d ln n/dz over phi chi near a wall, in diameters; theory has 8/pi at phi = 0
 DECAY = 1.6  # -d ln g/dr over phi chi up to NEAR, in contact distances; from simulations at phi = 0.5 and 0.65
 COUNTED = ("pair_collisions", "tracer_collisions", "kinetic_energy")  # numbers of a run
 FEW = 20  # pairs in a bin, of all runs together
@@ -136,7 +139,7 @@ def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, dura
     return chi
 
 
-def _by_rate(case: Case, runs: RunBlock) -> dict[str, np.ndarray]:
+def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
     """Columns of contact values from collisions; none if the runs are not in equilibrium from t = 0.
 
     The collisions of each pair of species are known for one species, and for one beside a single tracer.
@@ -168,7 +171,7 @@ def weights_of(scene: Scene) -> np.ndarray:
     return np.stack([contact_weights(edges, *pair) for pair in pairs], axis=1)
 
 
-def _columns(case: Case, runs: RunBlock) -> Columns:
+def _columns(case: Case, runs: Ensemble) -> Columns:
     by_rate, seen = _by_rate(case, runs), runs.observables
     if "pair_counts" not in seen:
         return Columns(by_rate)
@@ -200,7 +203,7 @@ def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate
 
     Without it, that of three pairs in ten runs has the expected number in 78 % of ensembles.
     """
-    estimate = scaled(averages.estimate("pair_distribution"), _per_lone(around_lone))
+    estimate = averages.estimate("pair_distribution").scaled(_per_lone(around_lone))
     pairs, one = averages.totals["pairs"], averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone)
     beyond = bin_edges(case.scene)[1:] > np.array(contact_distances(case.scene))[:, None]
     few = (pairs < FEW) & beyond & np.isfinite(estimate.low)
@@ -211,10 +214,10 @@ def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate
 def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
     """Estimate of the contact values, with the error of the extrapolation."""
     of_lone, following_of_lone = (np.sum(around_lone * of_order, axis=-1) for of_order in weights_of(case.scene))
-    estimate = scaled(averages.estimate("contact_value"), _per_lone(of_lone))
+    estimate = averages.estimate("contact_value").scaled(_per_lone(of_lone))
     following = averages.estimate("contact_value_following")
     of_ideal = np.where(np.isfinite(of_lone), estimate.mean * following_of_lone, 0.0)
-    following = scaled(following._replace(mean=following.mean - of_ideal), _per_lone(of_lone))
+    following = following._replace(mean=following.mean - of_ideal).scaled(_per_lone(of_lone))
     return widened(estimate, truncation(following))
 
 
@@ -238,3 +241,41 @@ VARIABLES = {
     "contact_value_rate": Mean(PAIR, "1", "g(r) at contact, from the collision rate"),
 }
 ESTIMATOR = Estimator(_columns, VARIABLES, _derived)
+
+
+# --- the density at the walls: the force on them over kT and their length
+
+
+def wall_weights(scene: Scene) -> np.ndarray:
+    """Return weights (2, K, B) of the profiles: for the density at contact, and for its change by the next order.
+
+    `contact_weights` for a flat wall, up to a fifth of a diameter from it.
+    """
+    phi = min(scene.packing_fraction, DENSEST)
+    number, width = profile.bins(scene)
+    edges, diameters = np.arange(number + 1) * width, 2 * species_table(scene).radius
+    decay = DECAY_AT_WALL * phi * float(theory.contact_value(phi))
+    return np.stack([contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1)
+
+
+def _wall_columns(case: Case, runs: Ensemble) -> Columns:
+    if "density_profile" not in runs.observables:
+        return Columns()
+    density = np.asarray(runs.observables["density_profile"], float)
+    contact, following = ((density * weights).sum(axis=-1) for weights in wall_weights(case.scene))
+    return Columns({"contact_density": contact, "contact_density_following": following})
+
+
+def _at_walls(case: Case, averages: Averages) -> dict[str, Estimate]:
+    if "contact_density" not in averages:
+        return {}
+    error = truncation(averages.estimate("contact_density_following"))
+    return {"contact_density": widened(averages.estimate("contact_density"), error)}
+
+
+AT_WALLS_VARIABLES = {
+    "contact_density": Mean(
+        (*EACH, "species"), "1/length^2", "number density at the walls, extrapolated from up to 0.2 diameters"
+    ),
+}
+AT_WALLS = Estimator(_wall_columns, AT_WALLS_VARIABLES, _at_walls)

@@ -37,7 +37,7 @@ def inspect(arguments: Namespace) -> int:
         return _failed(arguments.file, arguments.allow_failed)
 
     from brownpipe import inspection
-    from brownpipe.inspection import results
+    from brownpipe.inspection.reports import PRODUCTS
 
     if arguments.reproduce:
         return _reproduce(arguments)
@@ -45,8 +45,8 @@ def inspect(arguments: Namespace) -> int:
         lines = inspection.scene_text(arguments.file).splitlines()
     elif arguments.variables:
         lines = inspection.variables(arguments.file).split("\n")
-    elif arguments.seed is None and Path(arguments.file).suffix.lower() in results.PRODUCTS:
-        lines = results.describe_product(arguments.file)
+    elif arguments.seed is None and Path(arguments.file).suffix.lower() in PRODUCTS:
+        lines = inspection.describe_product(arguments.file)
     else:
         lines = inspection.report(arguments.file, arguments.seed).split("\n")
     show(*lines)
@@ -63,7 +63,7 @@ def _refuse_together(arguments: Namespace) -> None:
 
 def _failed(path: str, allowed: int) -> int:
     """Say which runs of a dataset failed, if any."""
-    from brownpipe.analysis.failed import failed_runs
+    from brownpipe.analysis.varied import failed_runs
 
     failed, runs, cases = failed_runs(path)
     if not failed:
