@@ -10,7 +10,7 @@ import pytest
 
 from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution, goodness
-from brownpipe.analysis.conditions import initial_square_speed
+from brownpipe.analysis.displacement import initial_square_speed
 from brownpipe.engines import configured
 from brownpipe.engines.ensemble import Track
 from brownpipe.engines.initial_state import draw

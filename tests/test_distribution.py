@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from brownpipe import theory
-from brownpipe.analysis import aggregate, conditions, distribution, estimator, goodness
+from brownpipe.analysis import aggregate, displacement, distribution, estimator, goodness
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import AnalysisError
@@ -38,7 +38,7 @@ def found_of(squared, at=(0,)):
     case = case._replace(rings=(case.edges,) * len(at))
     found = estimator.Averages()
     for seeds in np.split(np.arange(len(squared)), range(1024, len(squared), 1024)):
-        found.add(seeds, distribution.ESTIMATOR.columns(case, runs_of(squared[seeds], seeds)))
+        found.add(seeds, distribution.columns(case, runs_of(squared[seeds], seeds)))
     return found
 
 
@@ -157,7 +157,7 @@ def test_width_and_number_of_rings_go_together(tmp_path):
 def test_distribution_of_an_average_is_none():
     """Averages over time origins are no displacements: they have an MSD, and no distribution."""
     averaged = runs_of(np.ones((20, 3)), np.arange(20))
-    assert distribution.ESTIMATOR.columns(case_of(np.arange(3.0), average="origins"), averaged).means == {}
+    assert distribution.columns(case_of(np.arange(3.0), average="origins"), averaged).means == {}
 
 
 @pytest.mark.parametrize(("times", "message"), [
@@ -204,7 +204,7 @@ def test_no_kurtosis_at_the_start():
 
 
 def test_accessible_half_width():
-    half = conditions.accessible_half_width
+    half = displacement.accessible_half_width
     assert half(make_scene()) == pytest.approx(2.7)
     assert half(make_scene(equilibrate={"time": 1.0, "tracer": "pinned"})) == pytest.approx(2.7)
     oblong = {"x": [-3.0, 3.0], "y": [-4.0, 4.0], "boundary": "reflecting"}

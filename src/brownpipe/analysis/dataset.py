@@ -8,20 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.analysis import (
-    averaged,
-    conditions,
-    displacement,
-    distribution,
-    drift,
-    pairs,
-    thermodynamics,
-    variables,
-    velocity,
-)
+from brownpipe.analysis import averaged, displacement, distribution, drift, pairs, thermodynamics, variables, velocity
 from brownpipe.analysis.displacement import labels as labels_of
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
-from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.estimator import Averages, Case, Columns, results_of
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported, select
 from brownpipe.analysis.variables import FAILED, KEPT, SAME_TIME, Variable, with_uncertainties
@@ -38,14 +28,13 @@ if TYPE_CHECKING:
 
 Part = dict[str, Any]  # results of one case: variable or coordinate -> array whose size is that of its dimensions
 
-MODULES = conditions, displacement, distribution, velocity, averaged, pairs, thermodynamics, drift
-ESTIMATORS = *(module.ESTIMATOR for module in MODULES), distribution.NON_GAUSSIAN, pairs.AT_WALLS
-TABLES = [variables.VARIABLES, *(estimator.variables for estimator in ESTIMATORS)]
+ESTIMATORS = displacement, distribution, velocity, averaged, pairs, thermodynamics
+TABLES = [variables.VARIABLES, *(estimator.VARIABLES for estimator in (*ESTIMATORS, drift))]
 ALL_VARIABLES = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
-ALWAYS = with_uncertainties(displacement.VARIABLES | distribution.VARIABLES).keys()  # in every dataset
+ALWAYS = with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES).keys()  # in every dataset
 DIMENSIONS = {dim for one in ALL_VARIABLES.values() for dim in one.dims}
 ALL_COORDINATES = {dim: Variable((dim,), *AXES[dim][:2]) for dim in AXES if dim in DIMENSIONS} | variables.COORDINATES
-ALL_COORDINATES |= {name: one for estimator in ESTIMATORS for name, one in estimator.coordinates.items()}
+ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 
 
@@ -156,9 +145,7 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
     part["run_status"] = np.where(failed == 0, KEPT, FAILED)
     if stopped:
         part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
-    for estimator in ESTIMATORS:
-        part |= estimator.estimate(case, averages)
-    part |= drift.of_case(case, quarters)
+    part |= results_of(ESTIMATORS, case, averages) | drift.of_case(case, quarters)
     dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
     part |= {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
     return [part, *(labels | of_time for of_time in distribution.at_each_time(case, averages))]

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import theory
-from brownpipe.analysis import goodness, resampling
-from brownpipe.analysis.conditions import accessible_half_width
-from brownpipe.analysis.displacement import labels, per_run_lines, squared_of, tracer_square_displacement
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
+from brownpipe.analysis import displacement, goodness, resampling
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
 from brownpipe.analysis.variables import EACH, ERROR, RATE, SAME_TIME, TIME, Mean, Variable, with_intervals
 from brownpipe.elementary import exp, log
@@ -75,7 +73,7 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
     at = chosen_times(case)
     if case.edges is not None:
         return (case.edges,) * len(at)
-    squared = [tracer_square_displacement(case, runs) for runs in blocks]
+    squared = [displacement.tracer_square_displacement(case, runs) for runs in blocks]
     if not squared or squared[0] is None:
         return ()
     size = max(case.scene.box.width, case.scene.box.height)
@@ -89,11 +87,13 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
     return tuple(edges)
 
 
-def _columns(case: Case, runs: Ensemble) -> Columns:
-    squared, distance2, at = squared_of(case, runs), tracer_square_displacement(case, runs), chosen_times(case)
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return powers of r at the displacement times, counts in the rings, and moments for the non-Gaussian parameter."""
+    at, squared = chosen_times(case), displacement.squared_of(case, runs)
+    distance2, moments = displacement.tracer_square_displacement(case, runs), _moments(case, runs, squared)
     if squared is None or distance2 is None or not len(at):
-        return Columns()
-    r2, slopes = distance2[:, at], per_run_lines(squared, case.times, case.windows)[:, 0]
+        return Columns(moments)
+    r2, slopes = distance2[:, at], displacement.per_run_lines(squared, case.times, case.windows)[:, 0]
     size = max(map(len, case.rings))
     counts, shared = [], []
     for k, column, edges in zip(at, r2.T, case.rings, strict=True):
@@ -101,13 +101,13 @@ def _columns(case: Case, runs: Ensemble) -> Columns:
         counts.append(np.bincount(ring, minlength=size))
         shared.append([np.bincount(ring, one, size) for one in (squared[:, k], *slopes.T)])
     sums = {"rings": np.array(counts), "shared": np.array(shared)}
-    return Columns({"r2": r2, "r4": r2**2, "r6": r2 * r2 * r2}, sums)
+    return Columns({"r2": r2, "r4": r2**2, "r6": r2 * r2 * r2, **moments}, sums)
 
 
 def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
     """Yield the values of all variables and coordinates at each of the displacement times, which have own rings."""
-    square = ["square"] if np.isfinite(accessible_half_width(case.scene)) else []
-    models = ["msd", *(f"slope {label}" for label in labels(case.windows)), *square]
+    square = ["square"] if np.isfinite(displacement.accessible_half_width(case.scene)) else []
+    models = ["msd", *(f"slope {label}" for label in displacement.labels(case.windows)), *square]
     if "r2" not in averages:
         edges = ring_edges(1.0, 1) if case.edges is None else case.edges
         yield {"displacement_time": case.times[chosen_times(case)], "model": models} | _rings(edges)
@@ -142,7 +142,7 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     D is the mean of r^2/4t or of a slope over 4, or that which gives the reflecting square this mean of r^2; NaN if the
     mean is not positive.
     """
-    at, edges, half_width = chosen_times(case)[k], case.rings[k], accessible_half_width(case.scene)
+    at, edges, half_width = chosen_times(case)[k], case.rings[k], displacement.accessible_half_width(case.scene)
     t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
     means = np.array([averages.mean("msd")[at], *averages.mean("lines")[0]])
     means = np.where((means > 0.0) & (t > 0.0), means, np.nan)
@@ -216,56 +216,22 @@ def _inverse_cube(m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, *variances: np
     return cube, 9 * cube**2 * np.maximum(of_logarithm, 0.0)
 
 
-AT = (*EACH, "displacement_time")
-RING, MODEL = (*AT, "r"), (*AT, "model")
-OF_COUNT = "(Wilson) interval of the count"
-
-VARIABLES = {
-    "displacement_counts": Variable(RING, "1", "number of runs in the ring"),
-    "displacement_counts_low": Variable(RING, "1", f"lower end of the 95 % {OF_COUNT}"),
-    "displacement_counts_high": Variable(RING, "1", f"upper end of the 95 % {OF_COUNT}"),
-    "displacement_overflow": Variable(AT, "1", "number of runs beyond the outermost ring"),
-    "model_diffusion_coefficient": Variable(MODEL, RATE, "diffusion coefficient of the model"),
-    "expected_counts": Variable((*MODEL, "r"), "1", "number of runs expected in the ring by the model"),
-    "expected_overflow": Variable(MODEL, "1", "number of runs expected beyond the outermost ring by the model"),
-    "chi_square": Variable(MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"),
-    "degrees_of_freedom": Variable(MODEL, "1", "number of pooled bins minus one for the total and one for D"),
-    "p_value": Variable(MODEL, "1", "p-value of the chi-square, D estimated from the same runs"),
-    "p_value_joint": Variable(MODEL, "1", "p-value of rings and kurtosis together; for the square that of the rings"),
-    "power_5_percent": Variable(MODEL, "1", "power: chance that the test of the rings rejects a D wrong by 5 %"),
-    "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
-    "kurtosis": Mean(AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution"),
-}
-COORDINATES = {
-    "displacement_time": Variable(("displacement_time",), "time", "time of the displacement distribution"),
-    "r": Variable(("r",), "length", "middle of the ring"),
-    "r_inner": Variable(("r",), "length", "inner radius of the ring"),
-    "r_outer": Variable(("r",), "length", "outer radius of the ring"),
-    "model": Variable(
-        ("model",),
-        None,
-        "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of the 2020 note; "
-        "square = diffusion in a reflecting square, D from MSD(t)",
-    ),
-}
-ESTIMATOR = Estimator(_columns, VARIABLES, coordinates=COORDINATES)
-
-
 # --- the non-Gaussian parameter: the kurtosis minus 1 at each sample time, with all averages within the runs
 
 MOMENTS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 and their product; `displacement` has msd
 
 
-def _moments(case: Case, runs: Ensemble) -> Columns:
-    seen, squared = runs.observables, squared_of(case, runs)
-    alike = "square_displacement" in seen or case.average == "runs"  # whether r^2 and r^4 are averaged alike
-    if "quartic_displacement" not in seen or squared is None or not alike:
-        return Columns()
-    quartic = seen["quartic_displacement"]
-    return Columns({"quartic_displacement": quartic, "square_times_quartic": squared * quartic})
+def _moments(case: Case, runs: Ensemble, squared: np.ndarray | None) -> dict[str, np.ndarray]:
+    """Return r^4 (n, T) and its product with r^2; {} if they were not measured, or r^2 is not averaged alike."""
+    alike = "square_displacement" in runs.observables or case.average == "runs"
+    if "quartic_displacement" not in runs.observables or squared is None or not alike:
+        return {}
+    quartic = runs.observables["quartic_displacement"]
+    return {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
 
 
-def _non_gaussian(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    """Return the non-Gaussian parameter; for the rest see `at_each_time`."""
     if "quartic_displacement" not in averages:
         return {}
     mean, error, low, high = kurtosis(averages, MOMENTS)
@@ -294,10 +260,41 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
+AT = (*EACH, "displacement_time")
+RING, MODEL = (*AT, "r"), (*AT, "model")
+OF_COUNT = "(Wilson) interval of the count"
+
 MEANING = "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 for a normal distribution"
 
-NON_GAUSSIAN_VARIABLES = {
+AT_TIMES = {
+    "displacement_counts": Variable(RING, "1", "number of runs in the ring"),
+    "displacement_counts_low": Variable(RING, "1", f"lower end of the 95 % {OF_COUNT}"),
+    "displacement_counts_high": Variable(RING, "1", f"upper end of the 95 % {OF_COUNT}"),
+    "displacement_overflow": Variable(AT, "1", "number of runs beyond the outermost ring"),
+    "model_diffusion_coefficient": Variable(MODEL, RATE, "diffusion coefficient of the model"),
+    "expected_counts": Variable((*MODEL, "r"), "1", "number of runs expected in the ring by the model"),
+    "expected_overflow": Variable(MODEL, "1", "number of runs expected beyond the outermost ring by the model"),
+    "chi_square": Variable(MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"),
+    "degrees_of_freedom": Variable(MODEL, "1", "number of pooled bins minus one for the total and one for D"),
+    "p_value": Variable(MODEL, "1", "p-value of the chi-square, D estimated from the same runs"),
+    "p_value_joint": Variable(MODEL, "1", "p-value of rings and kurtosis together; for the square that of the rings"),
+    "power_5_percent": Variable(MODEL, "1", "power: chance that the test of the rings rejects a D wrong by 5 %"),
+    "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
+    "kurtosis": Mean(AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution"),
+}
+VARIABLES = AT_TIMES | {
     "non_gaussian_parameter": Mean(TIME, "1", MEANING),
     "non_gaussian_parameter_controlled": Variable(TIME, "1", f"{MEANING}; control variate: the first after 0", ERROR),
 }
-NON_GAUSSIAN = Estimator(_moments, NON_GAUSSIAN_VARIABLES, _non_gaussian)
+COORDINATES = {
+    "displacement_time": Variable(("displacement_time",), "time", "time of the displacement distribution"),
+    "r": Variable(("r",), "length", "middle of the ring"),
+    "r_inner": Variable(("r",), "length", "inner radius of the ring"),
+    "r_outer": Variable(("r",), "length", "outer radius of the ring"),
+    "model": Variable(
+        ("model",),
+        None,
+        "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of the 2020 note; "
+        "square = diffusion in a reflecting square, D from MSD(t)",
+    ),
+}

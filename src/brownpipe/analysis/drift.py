@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe.analysis.estimator import Case, Columns, Estimator
+from brownpipe.analysis.estimator import Case
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.thermodynamics import compressibility, temperature
 from brownpipe.analysis.variables import EACH, ERROR, Variable
@@ -122,7 +122,7 @@ def _percent(change: float, error: float) -> str:
 
 
 def of_case(case: Case, blocks: Sequence[Mapping[str, np.ndarray]]) -> dict[str, ArrayLike]:
-    """Return the variables of a case from its runs in `quarters_of` each block."""
+    """Return the variables of a case from `quarters_of` the runs of each block."""
     if not is_tested(case.scene, case.engine):
         return {}
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
@@ -139,4 +139,3 @@ VARIABLES = {
     "drift_p_value": Variable(QUANTITY, "1", "p-value of the change in equilibrium, adjusted for the dataset (Holm)"),
 }
 COORDINATES = {"quantity": Variable(("quantity",), None, "quantity that may drift")}
-ESTIMATOR = Estimator(lambda case, runs: Columns(), VARIABLES, coordinates=COORDINATES)  # of each run, see `of_case`

@@ -1,25 +1,24 @@
-"""What an estimator is: columns of numbers, one row per run, and their means over runs by the names of variables.
+"""What an estimator is: a module that makes numbers from runs, one row per run, and variables from their averages.
 
-To add one: a module with an `ESTIMATOR`, entered in `dataset.ESTIMATORS`. Its `columns` sees a block of runs at a time,
-its `derived` the averages over all runs with their errors; nothing else of a run stays in memory.
+    VARIABLES, COORDINATES      what it adds to the dataset (`variables.Variable`)
+    columns(case, runs)         numbers of a block of runs, as `Columns`; none for runs that lack what it needs
+    results(case, averages)     variables and coordinates by name, from the averages over all runs with their errors
+
+Nothing else of a run stays in memory. To add one, enter it in `dataset.ESTIMATORS`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise, starmap
-from types import MappingProxyType
-from typing import NamedTuple, Never
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis import resampling
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.variables import Variable, with_intervals
+from brownpipe.analysis.variables import with_intervals
 from brownpipe.engines import Engine
 from brownpipe.scene import Scene
-
-Arrays = Mapping[str, np.ndarray]
-NONE: Mapping[str, Never] = MappingProxyType({})  # empty, and so a mapping to values of any type
 
 
 class Case(NamedTuple):
@@ -38,8 +37,8 @@ class Case(NamedTuple):
 class Columns(NamedTuple):
     """What an estimator takes from n runs."""
 
-    means: Arrays = NONE  # name -> (n, ...): to be averaged over runs
-    totals: Arrays = NONE  # name -> (...): to be added up over runs
+    means: Mapping[str, np.ndarray] = {}  # name -> (n, ...): to be averaged over runs
+    totals: Mapping[str, np.ndarray] = {}  # name -> (...): to be added up over runs
 
 
 class Averages:
@@ -82,16 +81,11 @@ class Averages:
         return resampling.mean_of(self.of(name)).reshape(self.places[name][1])
 
 
-class Estimator(NamedTuple):
-    """From columns of numbers to variables of the dataset."""
+def results_of(estimators: Iterable[Any], case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    """Return the values of the variables and coordinates of some estimators, by name.
 
-    columns: Callable[..., Columns]  # (Case, Ensemble); without entries for runs that lack what it needs
-    variables: Mapping[str, Variable]  # one that is named like one of the means is that, unless it is `derived`
-    derived: Callable[..., dict] = lambda case, averages: {}  # (Case, Averages) -> other variables, and coordinates
-    coordinates: Mapping[str, Variable] = NONE  # its own, beside those in observables.AXES
-
-    def estimate(self, case: Case, averages: Averages) -> dict[str, ArrayLike]:
-        """Return all values by name of variable or coordinate; without the columns that they need there are none."""
-        derived = self.derived(case, averages)
-        means = [name for name in self.variables if name in averages and name not in derived]
-        return with_intervals({name: averages.estimate(name) for name in means} | derived)
+    A variable that is named like one of the means is that, unless it is in the `results` of the estimator.
+    """
+    derived = {name: value for one in estimators for name, value in one.results(case, averages).items()}
+    means = [name for one in estimators for name in one.VARIABLES if name in averages and name not in derived]
+    return with_intervals({name: averages.estimate(name) for name in means} | derived)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from brownpipe import theory
 from brownpipe.analysis import resampling
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.thermodynamics import mean_root, temperature
 from brownpipe.analysis.variables import EACH, Mean, Variable
@@ -106,6 +106,18 @@ def _bin_averages(low: np.ndarray, high: np.ndarray, degree: int, decay: float, 
     return total if flat else total / ((low + high) / 2)
 
 
+def wall_weights(scene: Scene) -> np.ndarray:
+    """Return weights (2, K, B) of the profiles: for the density at contact, and for its change by the next order.
+
+    `contact_weights` for a flat wall, up to a fifth of a diameter from it.
+    """
+    phi = min(scene.packing_fraction, DENSEST)
+    number, width = profile.bins(scene)
+    edges, diameters = np.arange(number + 1) * width, 2 * species_table(scene).radius
+    decay = DECAY_AT_WALL * phi * float(theory.contact_value(phi))
+    return np.stack([contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1)
+
+
 def truncation(following: Estimate) -> np.ndarray:
     """Return the truncation error from the next order: sqrt(mean^2 - standard error^2), or 0."""
     return np.sqrt(np.maximum(following.mean**2 - following.standard_error**2, 0.0))
@@ -171,8 +183,9 @@ def weights_of(scene: Scene) -> np.ndarray:
     return np.stack([contact_weights(edges, *pair) for pair in pairs], axis=1)
 
 
-def _columns(case: Case, runs: Ensemble) -> Columns:
-    by_rate, seen = _by_rate(case, runs), runs.observables
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return g(r), contact values, and the density at the walls; in the totals numbers of pairs."""
+    by_rate, seen = _by_rate(case, runs) | _wall_columns(case, runs), runs.observables
     if "pair_counts" not in seen:
         return Columns(by_rate)
     uniform = ideal(case.scene, bin_edges(case.scene)) * np.asarray(seen["pair_snapshots"], float)[:, None, None]
@@ -182,6 +195,15 @@ def _columns(case: Case, runs: Ensemble) -> Columns:
     means = {"pair_distribution": g, "contact_value": value, "contact_value_following": following}
     totals = {"pairs": counts, "one_pair": _over(np.ones_like(uniform), uniform), "around_lone": around_lone}
     return Columns(means | by_rate, {name: values.sum(axis=0) for name, values in totals.items()})
+
+
+def _wall_columns(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
+    """Columns of the density at the walls and of its change by the next order, (n, K)."""
+    if "density_profile" not in runs.observables:
+        return {}
+    density = np.asarray(runs.observables["density_profile"], float)
+    contact, following = ((density * weights).sum(axis=-1) for weights in wall_weights(case.scene))
+    return {"contact_density": contact, "contact_density_following": following}
 
 
 def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -221,15 +243,19 @@ def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> Esti
     return widened(estimate, truncation(following))
 
 
-def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
-    if "pair_distribution" not in averages:
-        return {"contact_distance": contact_distances(case.scene)} if "contact_value_rate" in averages else {}
-    around_lone = averages.totals["around_lone"] / averages.runs
-    return {
-        "pair_distribution": _of_few(case, averages, around_lone),
-        "contact_value": _at_contact(case, averages, around_lone),
-        "contact_distance": contact_distances(case.scene),
-    }
+def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
+    """Return g(r), the contact values and the density at the walls with the errors of extrapolation."""
+    values: dict[str, ArrayLike | Estimate] = {}
+    if "contact_density" in averages:
+        error = truncation(averages.estimate("contact_density_following"))
+        values["contact_density"] = widened(averages.estimate("contact_density"), error)
+    if {"pair_distribution", "contact_value_rate"} & averages.places.keys():
+        values["contact_distance"] = contact_distances(case.scene)
+    if "pair_distribution" in averages:
+        around_lone = averages.totals["around_lone"] / averages.runs
+        values["pair_distribution"] = _of_few(case, averages, around_lone)
+        values["contact_value"] = _at_contact(case, averages, around_lone)
+    return values
 
 
 PAIR = (*EACH, "species_pair")
@@ -239,43 +265,7 @@ VARIABLES = {
     "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
     "contact_value": Mean(PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"),
     "contact_value_rate": Mean(PAIR, "1", "g(r) at contact, from the collision rate"),
-}
-ESTIMATOR = Estimator(_columns, VARIABLES, _derived)
-
-
-# --- the density at the walls: the force on them over kT and their length
-
-
-def wall_weights(scene: Scene) -> np.ndarray:
-    """Return weights (2, K, B) of the profiles: for the density at contact, and for its change by the next order.
-
-    `contact_weights` for a flat wall, up to a fifth of a diameter from it.
-    """
-    phi = min(scene.packing_fraction, DENSEST)
-    number, width = profile.bins(scene)
-    edges, diameters = np.arange(number + 1) * width, 2 * species_table(scene).radius
-    decay = DECAY_AT_WALL * phi * float(theory.contact_value(phi))
-    return np.stack([contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1)
-
-
-def _wall_columns(case: Case, runs: Ensemble) -> Columns:
-    if "density_profile" not in runs.observables:
-        return Columns()
-    density = np.asarray(runs.observables["density_profile"], float)
-    contact, following = ((density * weights).sum(axis=-1) for weights in wall_weights(case.scene))
-    return Columns({"contact_density": contact, "contact_density_following": following})
-
-
-def _at_walls(case: Case, averages: Averages) -> dict[str, Estimate]:
-    if "contact_density" not in averages:
-        return {}
-    error = truncation(averages.estimate("contact_density_following"))
-    return {"contact_density": widened(averages.estimate("contact_density"), error)}
-
-
-AT_WALLS_VARIABLES = {
     "contact_density": Mean(
         (*EACH, "species"), "1/length^2", "number density at the walls, extrapolated from up to 0.2 diameters"
     ),
 }
-AT_WALLS = Estimator(_wall_columns, AT_WALLS_VARIABLES, _at_walls)

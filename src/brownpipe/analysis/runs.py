@@ -119,14 +119,14 @@ def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
 def blocks_of(group: Group) -> Iterator[Ensemble]:
     """Yield the runs of a group in blocks of seeds between multiples of SEEDS_PER_BLOCK, ascending.
 
-    The blocks do not depend on how the runs are distributed over files; they are without whole runs and collisions.
-    Raises AnalysisError for a file that changes meanwhile or lacks observables that another has, and what
+    The blocks do not depend on how the runs are distributed over files; those of files have no whole runs and no
+    collisions. Raises AnalysisError for a file that changes meanwhile or lacks observables that another has, and what
     `read_trajectories` raises.
     """
-    read = lru_cache(maxsize=LOADED)(lambda path: _without_disks(read_trajectories(path)))
+    read = lru_cache(maxsize=LOADED)(lambda path: read_trajectories(path).ensemble._replace(whole={}, events={}))
 
     def load(file: RunFile) -> Ensemble:
-        runs = _without_disks(file.contents) if file.is_in_memory else read(file.path)
+        runs = file.contents.ensemble if file.is_in_memory else read(file.path)
         if not np.array_equal(runs.seeds, file.contents.ensemble.seeds):
             raise AnalysisError(f"{file.path}: was replaced while it was read; start again")
         return runs if len(runs.seeds) == len(file.seeds) else select(runs, np.isin(runs.seeds, file.seeds))
@@ -149,11 +149,6 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
         yield joined(parts)
 
 
-def _without_disks(contents: Trajectories) -> Ensemble:
-    """Return runs without tracks of all disks and collisions, which estimators do not need."""
-    return contents.ensemble._replace(whole={}, events={})
-
-
 def select(runs: Ensemble, rows: np.ndarray) -> Ensemble:
     """Return the runs at `rows`: indices, or a mask (n,)."""
     kept = dict.fromkeys(runs.seeds[rows].tolist())
@@ -173,13 +168,12 @@ def reported(runs: Ensemble, name: str) -> np.ndarray:
 
 
 def joined(parts: Sequence[Ensemble]) -> Ensemble:
-    """Return several blocks of runs, without whole runs and collisions, as one, seeds ascending."""
+    """Return several blocks of runs as one, seeds ascending, without whole runs and collisions."""
     seeds = np.concatenate([runs.seeds for runs in parts])
     tracks = zip(*(runs.tracer or () for runs in parts), strict=True)
     tracer = [None if one[0] is None else np.concatenate(one, axis=1) for one in tracks]
     observables = {name: np.concatenate([runs.observables[name] for runs in parts]) for name in parts[0].observables}
     stopped = {seed: reason for runs in parts for seed, reason in runs.stopped.items()}
-    whole = parts[0]._replace(
-        seeds=seeds, tracer=Track(*tracer) if tracer else None, observables=observables, stopped=stopped
-    )
-    return select(whole, np.argsort(seeds, kind="stable"))
+    first, track = parts[0], Track(*tracer) if tracer else None
+    every = Ensemble(seeds, first.times, track, observables, {}, {}, first.average, stopped)
+    return select(every, np.argsort(seeds, kind="stable"))

@@ -7,7 +7,7 @@ n runs. See docs/theory.md, section 3.
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Case, Columns, Estimator
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.ensemble import Ensemble
@@ -108,7 +108,8 @@ def enskog(scene: Scene, with_bath: bool = True) -> dict[str, float]:
     }
 
 
-def _columns(case: Case, runs: Ensemble) -> Columns:
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return rates, temperatures and compressibility factors of the runs of hard disks."""
     scene, duration, seen = case.scene, case.times[-1], runs.observables
     if "pair_collisions" not in seen or not scene.particles:
         return Columns()
@@ -130,6 +131,11 @@ def _columns(case: Case, runs: Ensemble) -> Columns:
         for name in RATES:
             means[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], kt)
     return Columns(means)
+
+
+def results(case: Case, averages: Averages) -> dict[str, float]:
+    """Return Enskog's theory."""
+    return enskog(case.scene, case.engine.definition.counts_collisions)
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"
@@ -155,6 +161,3 @@ VARIABLES = {
     "enskog_compressibility": Variable(EACH, "1", "compressibility factor from Enskog's contact values"),
     "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient by Enskog's theory, at the scene's total momentum"),
 }
-ESTIMATOR = Estimator(
-    _columns, VARIABLES, lambda case, averages: enskog(case.scene, case.engine.definition.counts_collisions)
-)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import elementary, theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.thermodynamics import enskog
 from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable
@@ -129,7 +129,8 @@ def _with_velocity(case: Case, runs: Ensemble, name: str) -> np.ndarray | None:
     return displacement.dot(moved, velocity if name == "displacement_velocity" else velocity[:1]).T
 
 
-def _columns(case: Case, runs: Ensemble) -> Columns:
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return autocorrelation, its slope at 0, running D and densities."""
     means, seen = {}, runs.observables
     if "velocity_autocorrelation" in seen:
         means["velocity_autocorrelation"] = seen["velocity_autocorrelation"]
@@ -149,7 +150,8 @@ def _columns(case: Case, runs: Ensemble) -> Columns:
     return Columns(means)
 
 
-def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    """Return the slope of the autocorrelation at 0, and that of equilibrium."""
     if "velocity_autocorrelation" not in averages or len(case.times) < 3:
         return {}
     slope, expected = initial_slope(case, averages), expected_slope(case, averages)
@@ -169,4 +171,3 @@ VARIABLES = {
     "velocity_density": Mean((*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"),
     "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
 }
-ESTIMATOR = Estimator(_columns, VARIABLES, _derived)
