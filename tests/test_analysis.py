@@ -15,7 +15,6 @@ from brownpipe.engines.initial_state import draw
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import parse_scene
 from brownpipe.storage import trajectories
-from brownpipe.storage.datasets import read_dataset, write_dataset
 from ensembles import DIFFUSION, make_runs, make_scene, study, walk, write
 
 SIGMAS = 4.5
@@ -188,11 +187,6 @@ def test_scenes_and_particle_counts_keep_the_order_in_which_they_are_given(tmp_p
     assert (dataset.runs == 3).all()
 
 
-def test_dataset_survives_the_disk(dataset, tmp_path):
-    write_dataset(tmp_path / "study.nc", dataset)
-    assert read_dataset(tmp_path / "study.nc").identical(dataset)
-
-
 def test_dataset_names_no_file(dataset, files):
     assert not any(str(path.parent) in str(value) for path in files for value in dataset.attrs.values())
 
@@ -218,14 +212,6 @@ def test_other_durations_and_seeds_leave_nan(tmp_path):
     assert tested.sel(scene="long").values.tolist() == [False, True]
     assert dataset.energy_drift.sel(scene="long").count() == 20
     assert dataset.seed[dataset.run_status.sel(scene="short") == 2].values.tolist() == [0, 1, 2, 3, 4]
-
-
-def test_a_case_without_files_is_empty(tmp_path):
-    paths = [write(tmp_path, make_runs(make_scene(name, n), range(12))) for name, n in (("a", 10), ("b", 20))]
-    dataset = aggregate(paths)
-    absent = dataset.sel(scene="a", particles=20, engine="exact")
-    assert absent.runs == 0
-    assert np.isnan(absent.msd).all()
 
 
 def test_one_run_of_one_disk(tmp_path):

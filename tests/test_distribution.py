@@ -133,11 +133,6 @@ def test_a_few_percent_of_runs_are_beyond_the_last_ring_however_they_are_distrib
     assert found.displacement_overflow <= 0.03 * 240
 
 
-def test_width_and_number_of_rings_go_together(tmp_path):
-    with pytest.raises(AnalysisError, match="width and number must be given together"):
-        aggregate([write(tmp_path, make_runs(make_scene(), range(12)))], dr=0.1)
-
-
 def test_distribution_of_an_average_is_none():
     """Averages over time origins are no displacements: they have an MSD, and no distribution."""
     averaged = runs_of(np.ones((20, 3)), np.arange(20))

@@ -130,13 +130,6 @@ def test_approximate_engines_are_not_tested(engine):
     assert answer(aggregate([found])).drifting == []
 
 
-def test_psi_6_in_quarters_is_its_mean_without_the_first_sample():
-    found = runs_of(MIXTURE, [1], observables=("orientational_order",), average="runs")
-    assert found.ensemble.observables["quarter_order"].mean() == pytest.approx(
-        found.ensemble.observables["orientational_order"][0], rel=0.2
-    )
-
-
 def test_quarters_end_at_the_samples_next_to_them():
     assert ends_of_quarters(np.linspace(0, 1, 101)).tolist() == [0, 25, 50, 75, 100]
     assert ends_of_quarters(np.array([0, 0.3, 0.5, 0.7, 1.0])).tolist() == [0, 1, 2, 3, 4]
