@@ -78,7 +78,7 @@ def aggregate(
     parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = origin_attributes("aggregate", ((group.contents, group.seeds) for group in groups), asked)
-    attributes = variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({_followed(one) for one in every}))} | made
+    attributes = variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({*map(_followed, every)}))} | made
     dataset = joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS)
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value

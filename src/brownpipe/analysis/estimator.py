@@ -45,16 +45,13 @@ class Averages:
     """Averages over all runs of a case, by the name of the column."""
 
     def __init__(self) -> None:
+        self.runs = 0
         self.sums: resampling.Sums | None = None  # None: no runs
         self.places: dict = {}  # name of a mean -> (columns in the sums: slice, shape of one run's entry)
         self.totals: dict[str, np.ndarray] = {}  # sums over runs
 
     def __contains__(self, name: object) -> bool:
         return name in self.places
-
-    @property
-    def runs(self) -> int:
-        return 0 if self.sums is None else self.sums.runs
 
     def add(self, seeds: np.ndarray, columns: Columns) -> "Averages":
         """Add the runs `seeds` (n,), n > 0, of the next block."""
@@ -63,6 +60,7 @@ class Averages:
         shapes = (np.shape(values)[1:] for values in columns.means.values())
         self.places = dict(zip(flat, zip(starmap(slice, pairwise(ends)), shapes, strict=True), strict=True))
         self.totals = {name: self.totals.get(name, 0) + values for name, values in columns.totals.items()}
+        self.runs += len(seeds)
         self.sums = resampling.add_block(
             self.sums, seeds, np.concatenate([np.zeros((len(seeds), 0)), *flat.values()], axis=1)
         )

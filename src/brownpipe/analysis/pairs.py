@@ -39,8 +39,8 @@ def numbers_of_pairs(scene: Scene) -> tuple:
 
 def contact_distances(scene: Scene) -> list[float]:
     """Return the distance [length] of the two disks at contact for every pair of species."""
-    table = species_table(scene)
-    return [table.radius[a] + table.radius[b] for a, b in species_pairs(table)]
+    kinds, pairs = numbers_of_pairs(scene)
+    return [kinds.radius[a] + kinds.radius[b] for a, b, _ in pairs]
 
 
 def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:

@@ -195,12 +195,11 @@ def resample(samples: np.ndarray, seeds: np.ndarray | None = None) -> Estimate:
     `seeds` (runs,), by default 0, 1, ..., must ascend; the result depends on seeds and samples alone, to the bit.
     """
     samples = np.asarray(samples, float)
-    runs, shape = len(samples), samples.shape[1:]
-    if not runs:
-        return Estimate(*np.full((4, *shape), np.nan))
-    columns = samples.reshape(runs, -1)
-    sums = _added_up(np.arange(runs) if seeds is None else np.asarray(seeds), columns)
-    return Estimate(*(values.reshape(shape) for values in estimate(sums)))
+    if not len(samples):
+        return Estimate(*np.full((4, *samples.shape[1:]), np.nan))
+    seeds = np.arange(len(samples)) if seeds is None else np.asarray(seeds)
+    found = estimate(_added_up(seeds, samples.reshape(len(samples), -1)))
+    return Estimate(*(values.reshape(samples.shape[1:]) for values in found))
 
 
 def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
