@@ -20,7 +20,7 @@ from brownpipe.observables import ARRAYS, OBSERVABLES, of_tracer
 from brownpipe.scene import Scene, read_scene
 from brownpipe.storage.layout import MEANING
 from brownpipe.study import Study, read_study
-from brownpipe.tradeoff.variables import VARIABLES as TRADEOFF_VARIABLES
+from brownpipe.tradeoff.dataset import VARIABLES as TRADEOFF_VARIABLES
 from brownpipe.verbs import VERBS
 
 ROOT = Path(__file__).parent.parent

@@ -10,8 +10,8 @@ import yaml
 
 import brownpipe as bp
 from brownpipe.analysis import aggregate
-from brownpipe.analysis.failed import failed_runs
 from brownpipe.analysis.runs import groups_of
+from brownpipe.analysis.varied import failed_runs
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import equilibration, layout
@@ -27,7 +27,7 @@ from brownpipe.inspection import reproduction
 from brownpipe.scene import parse_scene
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.trajectories import from_tree, read_trajectories, to_tree, write_trajectories
-from brownpipe.tradeoff.runs import read_runs
+from brownpipe.tradeoff.compare import read_runs
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 

@@ -3,6 +3,7 @@
 import getpass
 import json
 import os
+import platform
 import re
 import socket
 import subprocess
@@ -16,9 +17,8 @@ from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.figures import origin
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene import parse_scene, read_scene
-from brownpipe.storage.datasets import read_dataset
+from brownpipe.storage.datasets import commit_of, read_dataset
 from brownpipe.storage.files import seal_of
-from brownpipe.storage.origin import _commit, installation
 from brownpipe.storage.trajectories import read_trajectories
 
 pytestmark = pytest.mark.slow
@@ -58,7 +58,7 @@ def test_a_dataset_has_scenes_seeds_engines_options_and_installation(finished):
     assert entry["command"] == "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
     options = {"fit_windows": [[0.1, 1.0]], "ring_width": None, "rings": None, "displacement_times": []}
     assert json.loads(attributes["options"]) == options
-    assert attributes["python"] == installation()["python"] and attributes["scipy_version"]
+    assert attributes["python"] == platform.python_version() and attributes["scipy_version"]
 
 
 def test_figures_tables_summary_and_page_say_what_their_dataset_says(finished):
@@ -145,21 +145,21 @@ def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypa
     package = tmp_path / "src" / PACKAGE.name
     package.mkdir(parents=True)
     (package / "a.py").write_text("1\n")
-    assert _commit(package) is None
+    assert commit_of(package) is None
     git(tmp_path, "init")
-    assert _commit(package) is None  # no commit yet
+    assert commit_of(package) is None  # no commit yet
     git(tmp_path, "add", "src")
     git(tmp_path, "commit", "-m", "one")
     commit = git(tmp_path, "rev-parse", "HEAD")
-    assert _commit(package) == commit
+    assert commit_of(package) == commit
     (tmp_path / "notes").write_text("not of the source")
-    assert _commit(package) == commit
+    assert commit_of(package) == commit
     (package / "a.py").write_text("2\n")
-    assert _commit(package) == f"{commit}, modified"
+    assert commit_of(package) == f"{commit}, modified"
     git(tmp_path, "checkout", "src")
-    assert _commit(package) == commit
+    assert commit_of(package) == commit
     inside = tmp_path / ".venv" / "lib" / PACKAGE.name  # installed in a folder that somebody keeps in git
     inside.mkdir(parents=True)
-    assert _commit(inside) is None
+    assert commit_of(inside) is None
     monkeypatch.setenv("PATH", "")
-    assert _commit(package) is None
+    assert commit_of(package) is None

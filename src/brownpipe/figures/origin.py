@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brownpipe.quoting import printable
-from brownpipe.storage.origin import made_by, runs_record
+from brownpipe.storage.datasets import made_by
+from brownpipe.storage.trajectories import runs_record
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -61,7 +62,7 @@ def movie_record(trajectories: Trajectories, recorded: str, seed: int, **options
     return {
         "movie": {"seed": seed, **options},
         "made_by": made_by("figures"),
-        "made_from": [runs_record(trajectories.outline, [seed], recorded)],
+        "made_from": [runs_record(trajectories, [seed], recorded)],
     }
 
 

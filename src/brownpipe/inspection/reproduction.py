@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from brownpipe.analysis.runs import select
 from brownpipe.engines import forecast
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.formatting import counted, in_time
-from brownpipe.inspection import trajectories_of
-from brownpipe.inspection.results import DIGITS
-from brownpipe.inspection.runs import run_of
+from brownpipe.inspection.reports import DIGITS, trajectories_of
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
@@ -40,8 +39,7 @@ def read_original(path: str | Path, seed: int | None = None) -> Trajectories:
 
 def _options(original: Trajectories) -> tuple[frozenset[str], tuple[str, ...], str]:
     """Return what is recorded, what is measured in each run, and over what that is averaged."""
-    outline = original.outline
-    return outline.record or frozenset({"none"}), outline.observables or (), outline.average
+    return original.record or frozenset({"none"}), original.measured or (), original.ensemble.average
 
 
 def _changes(original: Trajectories) -> str:
@@ -72,7 +70,9 @@ def differences(original: Trajectories) -> Differences:
     again = original.engine.simulate(scene, seeds.tolist(), record, observables=observables, average=average)
     found: Differences = {}
     for seed in seeds.tolist():
-        stored, made = (_variables(scene, run_of(ensemble, seed)) for ensemble in (original.ensemble, again))
+        stored, made = (
+            _variables(scene, select(ensemble, ensemble.seeds == seed)) for ensemble in (original.ensemble, again)
+        )
         for name in stored | made:
             if (distance := _distance(stored.get(name), made.get(name))) is not None:
                 found.setdefault(name, {})[seed] = distance

@@ -3,7 +3,6 @@
 import numpy as np
 
 from brownpipe.engines.ensemble import Ensemble, Events, Track, blank
-from brownpipe.errors import StorageError
 from brownpipe.observables import ARRAYS, AXES, axes
 from brownpipe.scene import Scene
 
@@ -49,8 +48,9 @@ Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the ro
 
 def described(name: str) -> dict[str, str]:
     """Return the units and the meaning of a variable."""
-    arrays = {name: (array.units, array.long_name) for name, array in (AXES | ARRAYS).items()}
-    units, long_name = (MEANING | arrays).get(name, ("1", name.replace("_", " ")))
+    known = ARRAYS.get(name) or AXES.get(name)
+    other = MEANING.get(name, ("1", name.replace("_", " ")))
+    units, long_name = (known.units, known.long_name) if known else other
     return {"units": units, "long_name": long_name}
 
 
@@ -69,9 +69,9 @@ def dims_of(group: str, name: str) -> tuple[str, ...]:
 
 def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     """Return runs as the variables of each group; tracks of several whole runs, and collisions, are copied."""
-    arrays = ARRAYS.keys() & ensemble.observables
-    scales = {dim: np.asarray(values) for name in ARRAYS if name in arrays for dim, values in axes(scene, name).items()}
-    root = scales | {"time": ensemble.times, "seed": ensemble.seeds, "component": np.array(["x", "y"])}
+    measured = (axes(scene, name).items() for name in ensemble.observables if name in ARRAYS)
+    root = {dim: np.asarray(values) for along in measured for dim, values in along}
+    root |= {"time": ensemble.times, "seed": ensemble.seeds, "component": np.array(["x", "y"])}
     root |= _recorded(ensemble.tracer) | ensemble.observables
     if ensemble.stopped:
         root["stopped"] = np.array([ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()])
@@ -94,17 +94,16 @@ def _recorded(track: Track | None) -> dict[str, np.ndarray]:
 def _side_by_side(ensemble: Ensemble) -> Track:
     """Return the tracks of all disks of all runs (T, S, N, 2); without values for runs that could not go on."""
     seeds, first = ensemble.seeds.tolist(), next(iter(ensemble.whole.values()))
-    if len(seeds) == 1:
+    if len(seeds) == 1:  # not copied
         return Track(*(None if values is None else values[:, None] for values in first))
     absent = Track(*(None if values is None else blank(values.shape, values.dtype) for values in first))
     tracks = zip(*(ensemble.whole.get(seed, absent) for seed in seeds), strict=True)
     return Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
 
 
-def ensemble_of(scene: Scene, groups: Groups, average: str) -> Ensemble:
-    """Return the runs of such variables. Raises StorageError if their sizes are not those of scene and seeds."""
+def ensemble_of(groups: Groups, average: str) -> Ensemble:
+    """Return the runs of such variables."""
     root = groups["/"]
-    _refuse_sizes(scene, groups)
     seeds = root["seed"].tolist()
     stopped = {seed: str(reason) for seed, reason in zip(seeds, root.get("stopped", ()), strict=False) if reason}
     columns = {seed: column for column, seed in enumerate(seeds) if seed not in stopped}
@@ -121,19 +120,6 @@ def ensemble_of(scene: Scene, groups: Groups, average: str) -> Ensemble:
     )
 
 
-def _refuse_sizes(scene: Scene, groups: Groups) -> None:
-    """Raise StorageError for arrays whose sizes are not those of the scene, its sample times and the seeds."""
-    sizes = {"time": len(scene.times), "seed": len(groups["/"]["seed"]), "disk": scene.particles, "component": 2}
-    for group, variables in groups.items():
-        for name, values in variables.items():
-            along = axes(scene, name) if name in ARRAYS else {}
-            expected = sizes | {dim: len(coordinates) for dim, coordinates in along.items()}
-            dims = zip(dims_of(group, name), values.shape, strict=True)
-            shape = tuple(expected.get(dim, size) for dim, size in dims)
-            if values.shape != shape:
-                raise StorageError(f"holds {name} of shape {values.shape}; its scene and seeds make it {shape}")
-
-
 def _track(variables: dict[str, np.ndarray]) -> Track:
     return Track(*(variables.get(name) for name in Track._fields))
 
@@ -141,10 +127,6 @@ def _track(variables: dict[str, np.ndarray]) -> Track:
 def _events(variables: dict[str, np.ndarray], seeds: list[int]) -> dict[int, Events]:
     """Return the collisions of each run, in the order in which they are listed."""
     order = np.argsort(variables["event_seed"], kind="stable")
-    listed = variables["event_seed"][order]
-    first, end = (np.searchsorted(listed, seeds, side).tolist() for side in ("left", "right"))
-    columns = [variables[name][order] for name in LOG]
-    return {
-        seed: Events(*(column[begin:stop] for column in columns))
-        for seed, begin, stop in zip(seeds, first, end, strict=True)
-    }
+    ends = (np.searchsorted(variables["event_seed"][order], seeds, side) for side in ("left", "right"))
+    rows = {seed: order[first:end] for seed, first, end in zip(seeds, *ends, strict=True)}
+    return {seed: Events(*(variables[name][of_run] for name in LOG)) for seed, of_run in rows.items()}

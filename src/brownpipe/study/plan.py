@@ -184,7 +184,7 @@ def _settled(runs: tradeoff.EngineRuns) -> str:
     if not drift.is_tested(runs.scene, runs.engine):
         return ""
     found = drift.drift_of(runs.quarters)
-    if not len(found.quantity):
+    if not np.isfinite(found.p).any():
         return drift.TOO_FEW
     least = drift.found_with_power(found.error, len(runs.seeds), len(found.quantity))
     none = f"no drift within the runs; 90 % of the pressure's drifts by {_percent(least)} are found"

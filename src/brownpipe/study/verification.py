@@ -45,8 +45,9 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
         try:
             contents = read_contents(file)
             if isinstance(contents, Trajectories) and file in named:
-                held, (first, last) = contents.outline, named[file]
-                if not file.parent.name.endswith(held.digest[:DIGITS]) or [*held.seeds] != [*range(first, last + 1)]:
+                first, last = named[file]
+                is_named = file.parent.name.endswith(contents.digest[:DIGITS])
+                if not is_named or [*contents.ensemble.seeds] != [*range(first, last + 1)]:
                     raise StorageError(f"{file}: holds other runs than its name says")
         except StorageError:
             damaged.append(file)

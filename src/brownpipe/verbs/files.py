@@ -5,10 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe import inspection, progress
-from brownpipe.analysis.failed import failed_runs
+from brownpipe.analysis.varied import failed_runs
 from brownpipe.errors import DONE, FAILED, RequestError, StorageError
 from brownpipe.formatting import counted, in_bytes
-from brownpipe.inspection import read_contents, reproduction, results
+from brownpipe.inspection import read_contents, reproduction
+from brownpipe.inspection.reports import PRODUCTS
 from brownpipe.scene.reading import AtLeastOne, Count, Positive
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.export import FORMATS
@@ -53,8 +54,8 @@ def inspect(arguments: Namespace) -> int:
         lines = inspection.scene_text(arguments.file).splitlines()
     elif arguments.variables:
         lines = inspection.variables(arguments.file).split("\n")
-    elif arguments.seed is None and Path(arguments.file).suffix.lower() in results.PRODUCTS:
-        lines = results.describe_product(arguments.file)
+    elif arguments.seed is None and Path(arguments.file).suffix.lower() in PRODUCTS:
+        lines = inspection.describe_product(arguments.file)
     else:
         lines = inspection.report(arguments.file, arguments.seed).split("\n")
     show(*lines)
