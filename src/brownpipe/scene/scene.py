@@ -7,6 +7,7 @@ box and do not overlap, and no species has more disks than can fit.
 import hashlib
 import json
 import math
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -28,6 +29,7 @@ from brownpipe.scene.reading import (
     Record,
     alone,
     key,
+    plain,
     refuse,
     validated,
 )
@@ -391,8 +393,11 @@ class Scene(Record):
         return _read_only(sample_times.linear_times(self.sample_interval or self.duration, self.duration))
 
     def replace(self, **keys: object) -> "Scene":
-        """Return a scene of the same name with other values of some keys."""
-        scene = super().replace(**keys)
+        """Return a scene of the same name with other values of some keys, which may be paths like disks.tracer.mass."""
+        given = self.model_dump(exclude_unset=True)
+        for path, value in plain(keys).items():
+            given = with_value(given, path.split("."), value, path)
+        scene = validated(Scene, given)
         scene._resolve(name=self.name)
         return scene
 
@@ -418,6 +423,21 @@ class Scene(Record):
         species of which there are no disks. Another way to write the same (defaults, `rest`) has the same digest.
         """
         return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+def with_value(part: Any, path: Sequence[str], value: Any, where: str) -> Any:
+    """Return a copy of a mapping, or of a list of species, with another value at a path."""
+    if not path:
+        return value
+    if not isinstance(part, list | tuple):
+        part = part if isinstance(part, Mapping) else {}
+        return {**part, path[0]: with_value(part.get(path[0]), path[1:], value, where)}
+    names = [item.get("name") if isinstance(item, Mapping) else None for item in part]
+    if path[0] not in names or len(path) < 2:
+        known = " or ".join(str(name) for name in names if name)
+        raise RequestError(f"{where}: must name a species ({known}) and one of its keys")
+    index = names.index(path[0])
+    return [*part[:index], with_value(part[index], path[1:], value, where), *part[index + 1 :]]
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:

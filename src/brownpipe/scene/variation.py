@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
 
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import Number, Positive, Record, key, refuse, validated
-from brownpipe.scene.scene import Scene, parse_scene
+from brownpipe.scene.scene import Scene, parse_scene, with_value
 from brownpipe.scene.yaml_file import Document
 
 PACKING_FRACTION = "packing_fraction"
@@ -91,28 +91,13 @@ def scene_with(
     for path, value in values.items():
         if path != PACKING_FRACTION:
             whole = round(value) if path.endswith("count") and isinstance(value, float) else value
-            changed = _with_value(changed, path.split("."), whole, f"{where}: {path}")
+            changed = with_value(changed, path.split("."), whole, f"{where}: {path}")
     document = mapping if isinstance(mapping, Document) else Document(mapping)
     document = document.with_values({key: value for key, value in changed.items() if value is not document.get(key)})
     words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
     name = ",".join([name or Path(where).stem, *words])
     scene = parse_scene(document, where, particles, name)
     return _at(scene, values[PACKING_FRACTION], where) if PACKING_FRACTION in values else scene
-
-
-def _with_value(part: Any, path: Sequence[str], value: Any, where: str) -> Any:
-    """Return a copy of a mapping, or of a list of species, with another value at a path."""
-    if not path:
-        return value
-    if not isinstance(part, list | tuple):
-        part = part if isinstance(part, Mapping) else {}
-        return {**part, path[0]: _with_value(part.get(path[0]), path[1:], value, where)}
-    names = [item.get("name") if isinstance(item, Mapping) else None for item in part]
-    if path[0] not in names or len(path) < 2:
-        known = " or ".join(str(name) for name in names if name)
-        raise RequestError(f"{where}: must name a species ({known}) and one of its keys")
-    index = names.index(path[0])
-    return [*part[:index], _with_value(part[index], path[1:], value, where), *part[index + 1 :]]
 
 
 def _at(scene: Scene, packing_fraction: Any, where: str) -> Scene:
