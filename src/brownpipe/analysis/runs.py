@@ -95,7 +95,7 @@ def _refuse_differing(files: Sequence[TrajectoryFile]) -> None:
             raise AnalysisError(
                 f"{other}: its scene {outline.scene.name!r} is not the one in {path}; use one of the two"
             )
-        if outline.tracer != first.tracer:
+        if (outline.record ^ first.record) & {"tracer", "velocity"}:
             raise AnalysisError(f"{other}: recorded with another --record than {path}; make one of the two again")
         if outline.average != first.average:
             raise AnalysisError(f"{other}: averages over {outline.average}, {path} over {first.average}; use one")

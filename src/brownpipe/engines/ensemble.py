@@ -37,7 +37,7 @@ class Ensemble(NamedTuple):
 
     seeds: np.ndarray  # (S,) int64
     times: np.ndarray  # (T,) sample times [time]
-    tracer: Track | None  # disk 0 of every run, M = S, if recorded
+    tracer: Track | None  # disk 0 of every run, M = S, if recorded; its velocity only if that is recorded, too
     observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
     whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
     events: dict[int, Events]  # seed -> collisions, if recorded
@@ -64,7 +64,7 @@ class Batch(NamedTuple):
 
     scene: Scene
     ensemble: Ensemble
-    record: frozenset[str]  # "tracer", "all", "events"
+    record: frozenset[str]  # "tracer", "velocity", "all", "events"
     observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order
     stopped: dict[int, str]  # that of the ensemble
 
@@ -92,7 +92,8 @@ def new_batch(
     tracer = None
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
-        tracer = Track(blank(shape, float), None, blank(shape, np.int32) if scene.box.periodic else None)
+        velocity = blank(shape, float) if "velocity" in record else None
+        tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
     stopped: dict[int, str] = {}
     ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average, stopped)
     return Batch(scene, ensemble, frozenset(record), ordered, stopped)
@@ -152,6 +153,37 @@ def _write(batch: Batch, column: int, values: Mapping[str, Any]) -> None:
             like = np.asarray(value)
             ensemble.observables[name] = blank((len(ensemble.seeds), *like.shape), like.dtype)
         ensemble.observables[name][column] = value
+
+
+def joined(parts: Sequence[Ensemble], seeds: Sequence[int] | np.ndarray) -> Ensemble:
+    """Return the runs of these seeds (ascending) from ensembles of one scene and engine, each in one of them.
+
+    Of a part in which no run came to its end little is known; its other observables are NaN, counts 0.
+    """
+    found = np.concatenate([part.seeds for part in parts])
+    order = np.argsort(found)
+    rows = order[np.searchsorted(found, seeds, sorter=order)]
+    complete = max(parts, key=lambda part: len(part.observables))
+    measured = {}
+    for name, like in complete.observables.items():
+        absent = (blank((len(part.seeds), *like.shape[1:]), like.dtype) for part in parts)
+        columns = [part.observables.get(name, none) for part, none in zip(parts, absent, strict=True)]
+        measured[name] = np.concatenate(columns)[rows]
+    tracks = [part.tracer for part in parts if part.tracer is not None]
+    beside = (None if one[0] is None else np.concatenate(one, axis=1)[:, rows] for one in zip(*tracks, strict=True))
+
+    def by_seed(name: str) -> dict:
+        held = {seed: values for part in parts for seed, values in getattr(part, name).items()}
+        return {seed: held[seed] for seed in found[rows].tolist() if seed in held}
+
+    return complete._replace(
+        seeds=found[rows],
+        tracer=Track(*beside) if tracks else None,
+        observables=measured,
+        whole=by_seed("whole"),
+        events=by_seed("events"),
+        stopped=by_seed("stopped"),
+    )
 
 
 def _square_of(x: float, y: float) -> float:

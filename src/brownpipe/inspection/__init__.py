@@ -7,6 +7,7 @@ not part of `figures` or `storage`, because a change of a report must not run an
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from brownpipe.engines.ensemble import joined
 from brownpipe.errors import RequestError, WrongFileError
 from brownpipe.inspection import results, runs
 from brownpipe.provenance import made_with
@@ -76,7 +77,7 @@ def trajectories_of(path: str | Path, option: str, seed: int | None = None) -> T
     ensemble = contents.ensemble
     if seed not in ensemble.seeds:
         raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(ensemble.seeds)}")
-    return contents._replace(ensemble=runs.run_of(ensemble, seed))
+    return contents._replace(ensemble=joined([ensemble], [seed]))
 
 
 def read_contents(path: str | Path) -> "Trajectories | Dataset":

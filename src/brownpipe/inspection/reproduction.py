@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.engines import forecast
-from brownpipe.engines.ensemble import Ensemble
+from brownpipe.engines.ensemble import Ensemble, joined
 from brownpipe.formatting import counted, in_time
 from brownpipe.inspection import trajectories_of
 from brownpipe.inspection.results import DIGITS
-from brownpipe.inspection.runs import run_of
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
@@ -72,7 +71,7 @@ def differences(original: Trajectories) -> Differences:
     again = original.engine.simulate(scene, seeds.tolist(), record, observables=observables, average=average)
     found: Differences = {}
     for seed in seeds.tolist():
-        stored, made = (_variables(scene, run_of(ensemble, seed)) for ensemble in (original.ensemble, again))
+        stored, made = (_variables(scene, joined([ensemble], [seed])) for ensemble in (original.ensemble, again))
         for name in stored | made:
             if (distance := _distance(stored.get(name), made.get(name))) is not None:
                 found.setdefault(name, {})[seed] = distance

@@ -15,19 +15,6 @@ from brownpipe.storage.layout import described, dims_of
 from brownpipe.storage.trajectories import Trajectories
 
 
-def run_of(ensemble: Ensemble, seed: int) -> Ensemble:
-    """Return the run of one seed as an ensemble of its own."""
-    column = ensemble.seeds == seed
-    return ensemble._replace(
-        seeds=ensemble.seeds[column],
-        tracer=ensemble.tracer and ensemble.tracer.of(column),
-        observables={name: values[column] for name, values in ensemble.observables.items()},
-        whole={one: track for one, track in ensemble.whole.items() if one == seed},
-        events={one: log for one, log in ensemble.events.items() if one == seed},
-        stopped={one: reason for one, reason in ensemble.stopped.items() if one == seed},
-    )
-
-
 def lines(contents: Trajectories) -> list[str]:
     """Return the lines of the report on the runs of a trajectory file."""
     scene, engine, ensemble, *_ = contents

@@ -36,7 +36,7 @@ def origin_attributes(groups: Iterable[tuple[Outline, np.ndarray]], options: dic
 def runs_record(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str = "") -> dict:
     """Return the command that makes runs (S,) of one scene and engine again, their scene and the source that made them.
 
-    record: what `--record` must be given; by default `tracer`, or `none` if its track was not recorded.
+    record: what `--record` must be given; by default what was recorded of the tracer.
     """
     scene = outline.scene
     return {

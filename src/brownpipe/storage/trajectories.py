@@ -19,7 +19,7 @@ from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.layout import LOG, SCALES, Groups, described, dims_of, ensemble_of, groups_of
+from brownpipe.storage.layout import LOG, OF_POSITIONS, SCALES, Groups, described, dims_of, ensemble_of, groups_of
 
 if TYPE_CHECKING:
     from xarray import DataTree
@@ -46,7 +46,9 @@ class Trajectories(NamedTuple):
     def outline(self) -> "Outline":
         """The same without tracks and observables."""
         ensemble = self.ensemble
-        record = _record(ensemble.tracer is not None, ensemble.whole, ensemble.events)
+        tracer = ensemble.tracer
+        velocity = tracer is not None and tracer.velocity is not None
+        record = _record(tracer is not None, velocity, ensemble.whole, ensemble.events)
         setting = (self.scene, self.engine, ensemble.seeds, ensemble.times)
         return Outline(*setting, record, self.source, _measured(ensemble.observables), ensemble.average)
 
@@ -77,7 +79,7 @@ class Outline(NamedTuple):
     engine: Engine
     seeds: np.ndarray  # (S,) int64
     times: np.ndarray  # (T,) [time]
-    record: frozenset[str]  # of tracer, all, events: whose tracks, and whether collisions, are stored
+    record: frozenset[str]  # of tracer, velocity, all, events: whose tracks, and whether collisions, are stored
     source: str  # digest of the source code that made the runs
     observables: tuple[str, ...] | None = ()  # measured in the runs; None if none of them came to its end
     average: str = "runs"  # as in Ensemble
@@ -92,9 +94,9 @@ class Outline(NamedTuple):
 def simulate_command(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str) -> str:
     """Return the command that makes runs of these seeds (S,) again.
 
-    record: as --record takes it; by default `tracer`, or `none` if its track was not recorded.
+    record: as --record takes it; by default what was recorded of the tracer, `none` if nothing was.
     """
-    record = record or ("tracer" if outline.tracer else "none")
+    record = record or next((word for word in ("velocity", "tracer") if word in outline.record), "none")
     options = {"record": record, "observables": ",".join(outline.observables or ()), "average": outline.average}
     words = [f"--particles {outline.scene.particles}"] if outline.scene.species else []
     words += [f"--seeds {seed_text(seeds)}", f"--engine {outline.engine.options}"]
@@ -182,7 +184,7 @@ def read_outline(path: str | Path) -> Outline:
     """
     with naming(path, "simulate"), h5py.File.in_memory(read_sealed(path)) as file:
         scene, engine, header = _setting(file)
-        record = _record("position" in file, "disks" in file, "events" in file)
+        record = _record("position" in file, "velocity" in file, "disks" in file, "events" in file)
         stored = (values_of(file["seed"]), values_of(file["time"]), record, header["source_digest"])
         observables = _measured(json.loads(header["variables"]))
         return Outline(scene, engine, *stored, observables, header["average"], header["runs_digest"])
@@ -193,9 +195,9 @@ def _measured(names: Collection[str]) -> tuple[str, ...] | None:
     return None if WITHOUT_RESULTS.issuperset(names) else observables_making(names)
 
 
-def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
+def _record(tracer: object, velocity: object, whole: object, events: object) -> frozenset[str]:
     """Return what is recorded, in the words of `--record`; an argument is true, or not empty, if it is recorded."""
-    parts = {"tracer": tracer, "all": whole, "events": events}
+    parts = {"tracer": tracer, "velocity": velocity, "all": whole, "events": events}
     return frozenset(name for name, is_recorded in parts.items() if is_recorded)
 
 
@@ -260,14 +262,23 @@ def setting_of(attributes: Mapping) -> tuple[Scene, Engine]:
 
 
 def to_tree(trajectories: Trajectories) -> "DataTree":
-    """Return runs as a tree, which shares arrays with them as far as `groups_of` does."""
+    """Return runs as a tree, which shares arrays with them as far as `groups_of` does.
+
+    Besides what a file has, positions are there unwrapped, too, and the size of the box is one of their coordinates. So
+    is `failed`: what is calculated from them keeps it.
+    """
     import xarray
 
     scene, _, ensemble, *_ = trajectories
-    nodes = {
-        path: xarray.Dataset({name: (dims_of(path, name), values, described(name)) for name, values in group.items()})
-        for path, group in groups_of(scene, ensemble).items()
-    }
+    size = np.array([scene.box.width, scene.box.height])
+    nodes = {}
+    for path, group in groups_of(scene, ensemble).items():
+        if "position" in group:
+            group |= {"box_size": size, "failed": ensemble.observables["failed"], "unwrapped": group["position"]}
+        if "image" in group:
+            group["unwrapped"] = group["position"] + group["image"] * size
+        variables = {name: (dims_of(path, name), values, described(name)) for name, values in group.items()}
+        nodes[path] = xarray.Dataset(variables).set_coords(OF_POSITIONS.keys() & variables.keys())
     nodes["/"].attrs = trajectories.attributes
     return xarray.DataTree.from_dict(nodes, name=scene.name)
 
@@ -303,7 +314,7 @@ def refuse_foreign(tree: "DataTree") -> None:
     """Raise RequestError for a variable that a trajectory file has no place for."""
     own = _own_names(tree)
     names = [(node.path, name) for node in tree.subtree for name in node.data_vars]
-    foreign = [f"{path}/{name}".lstrip("/") for path, name in names if name not in own.get(path, ())]
+    foreign = [f"{path}/{name}".lstrip("/") for path, name in names if name not in {"unwrapped", *own.get(path, ())}]
     if foreign:
         wrong = f"a trajectory file has no place for {foreign[0]}"
         raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
