@@ -50,8 +50,13 @@ if TYPE_CHECKING:
 SINGLE = conditions, displacement, distribution, non_gaussian, velocity  # of single disks, above all the tracer
 COLLECTIVE = averaged, pairs, profile, thermodynamics, drift
 ESTIMATORS = [module.ESTIMATOR for module in (*SINGLE, *COLLECTIVE)]
-TABLES = [VARIABLES, *(estimator.variables for estimator in ESTIMATORS)]
-ALL_VARIABLES = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
+FIRST = (  # in a dataset, so that xarray shows these of its hundred variables, then other physics; health last
+    *("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation"),
+    *("orientational_order_squared", "kinetic_temperature", "packing_fraction"),
+)
+TABLES = [*(estimator.variables for estimator in ESTIMATORS), VARIABLES]
+BY_NAME = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
+ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
 ALWAYS = {name for estimator in ESTIMATORS if estimator.always for name in with_uncertainties(estimator.variables)}
 DIMENSIONS = {dim for one in ALL_VARIABLES.values() for dim in one.dims}
 ALL_COORDINATES = {dim: Variable((dim,), *AXES[dim][:2]) for dim in AXES if dim in DIMENSIONS} | COORDINATES
