@@ -11,9 +11,28 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from brownpipe.interface import Scene, analyse, open, plot, read_scene, save, scan, simulate
+    from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
+    from brownpipe.interface import Scene, analyse, mean, open, plot, read_scene, run, save, scan, simulate, table
 
-__all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "scan", "simulate"]
+__all__ = [
+    "AnalysisError",
+    "BrownpipeError",
+    "FigureError",
+    "RequestError",
+    "RunError",
+    "Scene",
+    "StorageError",
+    "analyse",
+    "mean",
+    "open",
+    "plot",
+    "read_scene",
+    "run",
+    "save",
+    "scan",
+    "simulate",
+    "table",
+]
 
 
 def __getattr__(name: str) -> Any:
