@@ -18,7 +18,7 @@ from contextlib import suppress
 from functools import partial, wraps
 from inspect import signature
 from pathlib import Path
-from types import FunctionType, MappingProxyType
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
@@ -30,7 +30,7 @@ from brownpipe.analysis.resampling import resample
 from brownpipe.engines import DEFINITIONS, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures, joined
 from brownpipe.engines.saturation import growth_caution
-from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
+from brownpipe.errors import FigureError, RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
 from brownpipe.figures.style import image_bytes
@@ -54,25 +54,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-__all__ = [
-    "AnalysisError",
-    "BrownpipeError",
-    "FigureError",
-    "RequestError",
-    "RunError",
-    "Scene",
-    "StorageError",
-    "analyse",
-    "mean",
-    "open",
-    "plot",
-    "read_scene",
-    "run",
-    "save",
-    "scan",
-    "simulate",
-    "table",
-]
 BATCHES = 16  # of seeds for each core: so unlike runs are shared evenly, and progress is shown
 
 
@@ -260,12 +241,10 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] =
             for line in lines:
                 print(line, end="", file=sys.stderr, flush=True)
                 said += line
-    except BaseException:
-        process.terminate()
-        raise
+        process.wait()
     finally:
-        status = process.wait()
-    if status:
+        process.terminate()  # after Ctrl-C
+    if process.wait():
         raise RunError(" ".join(said.rpartition("brownpipe: ")[2].split()))
     return cast(Dataset, open(f"results/{name}/aggregate/{name}.nc"))
 
@@ -412,4 +391,5 @@ def _is_analysis(data: object) -> bool:
 
 
 OPTIONS = [*signature(simulate).parameters, *(key for one in DEFINITIONS.values() for key in one.settings)]
-globals().update({name: _checked(globals()[name]) for name in __all__ if isinstance(globals()[name], FunctionType)})
+_OWN = {name: one for name, one in globals().items() if getattr(one, "__module__", "") == __name__ and name[0] != "_"}
+globals().update({name: _checked(function) for name, function in _OWN.items()})
