@@ -18,8 +18,7 @@ from contextlib import suppress
 from functools import partial, wraps
 from inspect import signature
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from xarray import DataArray, Dataset, DataTree
@@ -44,7 +43,7 @@ from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import AtLeastOne, NotNegative, Positive, did_you_mean, plain, validated
 from brownpipe.scene.seeds import read_seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
-from brownpipe.storage.datasets import write_dataset
+from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.store import runs_digest, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, from_tree, refuse_foreign, to_tree, write_trajectories
 from brownpipe.study import forecast_of_runs, read_study
@@ -220,7 +219,7 @@ def scan(
     return aggregate(runs, _windows(fit_windows), vary=[*values], vary_together=together)
 
 
-def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] = MappingProxyType({})) -> Dataset:
+def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] | None = None) -> Dataset:
     """Run a study as `brownpipe run` does, with all results in `results` of the current folder; return its dataset.
 
     cores: jobs at the same time, by default as many as there are cores. config: values of keys in place of those of the
@@ -228,7 +227,7 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] =
 
     What is there is not made again. Raises RequestError for a mistake in the study, RunError if a job fails.
     """
-    path, values = validated(Path, study, key="study"), plain(config)
+    path, values = validated(Path, study, key="study"), plain(config or {})
     name = read_study(path, values).name
     command = [sys.executable, "-P", "-m", "brownpipe", "run", str(path)]
     command += ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))] if cores is not None else []
@@ -244,9 +243,10 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] =
         process.wait()
     finally:
         process.terminate()  # after Ctrl-C
-    if process.wait():
+        process.wait()
+    if process.returncode:
         raise RunError(" ".join(said.rpartition("brownpipe: ")[2].split()))
-    return cast(Dataset, open(f"results/{name}/aggregate/{name}.nc"))
+    return read_dataset(f"results/{name}/aggregate/{name}.nc")
 
 
 def mean(array: DataArray) -> Dataset:

@@ -161,6 +161,8 @@ def joined(parts: Sequence[Ensemble], seeds: Sequence[int] | np.ndarray) -> Ense
     Of a part in which no run came to its end little is known; its other observables are NaN, counts 0.
     """
     found = np.concatenate([part.seeds for part in parts])
+    if len(parts) == 1 and np.array_equal(found, seeds):
+        return parts[0]
     order = np.argsort(found)
     rows = order[np.searchsorted(found, seeds, sorter=order)]
     complete = max(parts, key=lambda part: len(part.observables))

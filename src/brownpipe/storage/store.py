@@ -20,6 +20,7 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import StorageError
 from brownpipe.provenance import digest_of, modules_of, source_digest
 from brownpipe.scene import Scene
+from brownpipe.stages import tracked
 from brownpipe.storage.trajectories import read_trajectories
 
 RUNS = Path("results/runs")
@@ -54,7 +55,7 @@ def stored_runs(scene: Scene, engine: Engine, digest: str, seeds: np.ndarray) ->
     Raises StorageError for a file that is damaged or holds other runs than its name says.
     """
     folder, found = folder_of_runs(scene, engine, digest), []
-    for first, last in stored_batches(folder, seeds):
+    for first, last in tracked(stored_batches(folder, seeds), "files"):
         path = folder / f"{first}-{last}.h5"
         runs = read_trajectories(path)
         if runs.header["runs_digest"] != digest or not np.array_equal(runs.ensemble.seeds, range(first, last + 1)):
