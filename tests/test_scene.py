@@ -312,6 +312,10 @@ def test_a_scene_with_another_value_of_a_key():
     heavy = scene.replace(disks=scene.disks.replace(tracer={"radius": 0.3, "mass": 3.0}))
     assert (heavy.mass[0], heavy.name, heavy.particles) == (3.0, scene.name, 150)
     assert scene.replace(box=scene.box.replace(boundary="periodic")).box.periodic
+    assert scene.replace(**{"disks.tracer.mass": np.float64(3), "disks.species.bath.radius": 0.05}).mass[0] == 3.0
+    assert scene.replace(**{"equilibrate.time": 1}) == scene.replace(equilibrate=1)
+    with pytest.raises(RequestError, match=r"^disks.species.bat.mass: must be .* mass of disks.species.bath"):
+        scene.replace(**{"disks.species.bat.mass": 2})
     assert species(kind(3)).replace(duration=0.5).sample_interval == 0.5
 
 

@@ -13,10 +13,10 @@ from brownpipe.analysis.displacement import labels as labels_of
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import Averages, Case, Columns, results_of
 from brownpipe.analysis.goodness import holm
-from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported, select
+from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported
 from brownpipe.analysis.variables import FAILED, KEPT, SAME_TIME, Variable, with_uncertainties
 from brownpipe.analysis.varied import over_keys
-from brownpipe.engines.ensemble import HEALTH, Ensemble
+from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES
@@ -29,8 +29,13 @@ if TYPE_CHECKING:
 Part = dict[str, Any]  # results of one case: variable or coordinate -> array whose size is that of its dimensions
 
 ESTIMATORS = displacement, distribution, velocity, averaged, pairs, thermodynamics
-TABLES = [variables.VARIABLES, *(estimator.VARIABLES for estimator in (*ESTIMATORS, drift))]
-ALL_VARIABLES = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
+FIRST = (  # in a dataset, so that xarray shows these of its hundred variables, then other physics; health last
+    *("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation"),
+    *("orientational_order_squared", "kinetic_temperature", "packing_fraction"),
+)
+TABLES = [*(estimator.VARIABLES for estimator in (*ESTIMATORS, drift)), variables.VARIABLES]
+BY_NAME = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
+ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
 ALWAYS = with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES).keys()  # in every dataset
 DIMENSIONS = {dim for one in ALL_VARIABLES.values() for dim in one.dims}
 ALL_COORDINATES = {dim: Variable((dim,), *AXES[dim][:2]) for dim in AXES if dim in DIMENSIONS} | variables.COORDINATES

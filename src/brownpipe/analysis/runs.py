@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
-from brownpipe.engines.ensemble import Ensemble, Track, blank
+from brownpipe.engines.ensemble import Ensemble, joined, select, with_blanks
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
@@ -99,7 +99,7 @@ def _kind(contents: Trajectories) -> dict[str, object]:
     """Return what all files of a group must have in common."""
     return {
         f"scene {contents.scene.name!r}": contents.scene.digest,
-        "--record": contents.ensemble.tracer is None,
+        "--record": contents.record & {"tracer", "velocity"},
         "average": contents.ensemble.average,
         "source code": contents.source,
     }
@@ -134,46 +134,20 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
     files = sorted(group.files, key=lambda file: file.seeds.min())
     blocks = [np.unique(file.seeds // SEEDS_PER_BLOCK) for file in files]
     first = next((file for file in files if file.contents.measured is not None), files[0])
-    pattern = load(first).observables
+    pattern = load(first)
     for block in np.unique(group.seeds // SEEDS_PER_BLOCK):
         parts = []
         for file in (file for file, own in zip(files, blocks, strict=True) if block in own):
             runs = load(file)
             if len(runs.stopped) == len(runs.seeds):  # nothing was measured
-                absent = {name: blank((len(runs.seeds), *like.shape[1:]), like.dtype) for name, like in pattern.items()}
-                runs = runs._replace(observables=absent | runs.observables)
-            if unlike := ", ".join(sorted(runs.observables.keys() ^ pattern.keys())):
+                runs = with_blanks(runs, pattern)
+            if unlike := ", ".join(sorted(runs.observables.keys() ^ pattern.observables.keys())):
                 wrong = f"has other observables than {first.path} ({unlike}); make one of the two again"
                 raise AnalysisError(f"{file.path}: {wrong}")
             parts.append(select(runs, runs.seeds // SEEDS_PER_BLOCK == block))
         yield joined(parts)
 
 
-def select(runs: Ensemble, rows: np.ndarray) -> Ensemble:
-    """Return the runs at `rows`: indices, or a mask (n,)."""
-    kept = dict.fromkeys(runs.seeds[rows].tolist())
-    return runs._replace(
-        seeds=runs.seeds[rows],
-        tracer=runs.tracer and runs.tracer.of(rows),
-        observables={name: values[rows] for name, values in runs.observables.items()},
-        whole={seed: track for seed, track in runs.whole.items() if seed in kept},
-        events={seed: events for seed, events in runs.events.items() if seed in kept},
-        stopped={seed: reason for seed, reason in runs.stopped.items() if seed in kept},
-    )
-
-
 def reported(runs: Ensemble, name: str) -> np.ndarray:
     """Return a number of every run (n,), NaN if the engine does not report it."""
     return runs.observables.get(name, np.full(len(runs.seeds), np.nan))
-
-
-def joined(parts: Sequence[Ensemble]) -> Ensemble:
-    """Return several blocks of runs as one, seeds ascending, without whole runs and collisions."""
-    seeds = np.concatenate([runs.seeds for runs in parts])
-    tracks = zip(*(runs.tracer or () for runs in parts), strict=True)
-    tracer = [None if one[0] is None else np.concatenate(one, axis=1) for one in tracks]
-    observables = {name: np.concatenate([runs.observables[name] for runs in parts]) for name in parts[0].observables}
-    stopped = {seed: reason for runs in parts for seed, reason in runs.stopped.items()}
-    first, track = parts[0], Track(*tracer) if tracer else None
-    every = Ensemble(seeds, first.times, track, observables, {}, {}, first.average, stopped)
-    return select(every, np.argsort(seeds, kind="stable"))

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
-from brownpipe.analysis.runs import select
-from brownpipe.engines.ensemble import HEALTH, Ensemble, failures
+from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
 from brownpipe.errors import RequestError, WrongFileError
 from brownpipe.figures import tradeoff
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe.analysis.runs import select
 from brownpipe.engines import forecast
-from brownpipe.engines.ensemble import Ensemble
+from brownpipe.engines.ensemble import Ensemble, select
 from brownpipe.formatting import counted, in_time
 from brownpipe.inspection.reports import DIGITS, trajectories_of
 from brownpipe.provenance import modules_of, source_digest, versions

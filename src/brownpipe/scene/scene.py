@@ -27,6 +27,7 @@ from brownpipe.scene.reading import (
     Record,
     alone,
     key,
+    plain,
     read_yaml,
     refuse,
     validated,
@@ -349,8 +350,11 @@ class Scene(Record):
         return times
 
     def replace(self, **keys: object) -> "Scene":
-        """Return a scene of the same name with other values of some keys."""
-        scene = super().replace(**keys)
+        """Return a scene of the same name with other values of some keys, which may be paths like disks.tracer.mass."""
+        given = self.model_dump(exclude_unset=True)
+        for path, value in plain(keys).items():
+            set_value(given, path, value, "")
+        scene = validated(Scene, given)
         scene._resolve(name=self.name)
         return scene
 
@@ -377,6 +381,21 @@ class Scene(Record):
         species of which there are no disks. Another way to write the same (defaults, `rest`) has the same digest.
         """
         return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+def set_value(part: Any, path: str, value: Any, where: str) -> None:
+    """Set the value at a path in a mapping with mappings and lists of species, which are found by their names."""
+    *parents, last = path.split(".")
+    known = "NAME"
+    for word in parents:
+        if isinstance(part, list | tuple):
+            named = {str(one.get("name")): one for one in part if isinstance(one, dict)}
+            part, known = named.get(word), " or ".join(named)
+        elif isinstance(part, dict):
+            part = part.setdefault(word, {})
+    if not isinstance(part, dict):
+        raise RequestError(f"{where}{path}: must be a key like disks.tracer.mass, or mass of disks.species.{known}")
+    part[last] = round(value) if last == "count" and isinstance(value, float) else value
 
 
 def read_scene(path: str | Path, particles: int | None = None) -> Scene:

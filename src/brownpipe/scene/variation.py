@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field
 
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import As, Number, Positive, Record, key, refuse, validated, with_values
-from brownpipe.scene.scene import Scene, parse_scene
+from brownpipe.scene.scene import Scene, parse_scene, set_value
 
 PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
@@ -76,26 +76,11 @@ def scene_with(
     changed = deepcopy(dict(mapping))
     paths = [path for path in values if path != PACKING_FRACTION]
     for path in paths:
-        _set(changed, path, values[path], where)
+        set_value(changed, path, values[path], f"{where}: ")
     document = with_values(mapping, {key: changed[key] for key in (path.split(".")[0] for path in paths)})
     words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
     scene = parse_scene(document, where, particles, ",".join([name or Path(where).stem, *words]))
     return _at(scene, values[PACKING_FRACTION], where) if PACKING_FRACTION in values else scene
-
-
-def _set(part: Any, path: str, value: Any, where: str) -> None:
-    """Set the value at a path in a mapping with mappings and lists of species, which are found by their names."""
-    *parents, last = path.split(".")
-    known = "NAME"
-    for word in parents:
-        if isinstance(part, list):
-            named = {str(one.get("name")): one for one in part if isinstance(one, dict)}
-            part, known = named.get(word), " or ".join(named)
-        elif isinstance(part, dict):
-            part = part.setdefault(word, {})
-    if not isinstance(part, dict):
-        raise RequestError(f"{where}: {path}: must be a key like disks.tracer.mass, or mass of disks.species.{known}")
-    part[last] = round(value) if last == "count" and isinstance(value, float) else value
 
 
 def _at(scene: Scene, packing_fraction: Any, where: str) -> Scene:

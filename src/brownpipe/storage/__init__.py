@@ -3,7 +3,7 @@
 A trajectory file holds a batch of runs, one for each of S seeds, as a netCDF4 file of which xarray makes the `DataTree`
 that `brownpipe.open` and `brownpipe.simulate` return. T sample times, N disks, E collisions:
 
-    /           position (T, S, 2), and image in a periodic box: disk 0 of every run, if recorded;
+    /           position (T, S, 2), and image in a periodic box: disk 0 of every run, if recorded; velocity, if asked;
                 pair_collisions (S,), energy_drift (S,), ...: one number per run;
                 stopped (S,): why a run could not go on, if there is such a run; its numbers are NaN, its counts 0;
                 arrays of observables (brownpipe.observables), if measured: square_displacement (S, T), ...;

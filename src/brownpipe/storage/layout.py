@@ -13,6 +13,8 @@ MEANING = {  # variable: units, long_name
     "position": ("length", "position of the disk's centre"),
     "velocity": ("length/time", "velocity"),
     "image": ("1", "periodic images crossed; unwrapped position = position + image * (width, height) of the box"),
+    "unwrapped": ("length", "position of the disk's centre, as if it had not been brought back into a periodic box"),
+    "box_size": ("length", "width and height of the box"),
     "radius": ("length", "radius"),
     "mass": ("mass", "mass"),
     "event_seed": ("1", "seed of the run of the collision"),
@@ -40,6 +42,7 @@ MEANING = {  # variable: units, long_name
     "stopped": ("1", "why the run could not go on; empty for a run that came to its end"),
 }
 SCALES = {"seed", "disk", "component", *AXES}  # coordinates: each along the dimension of its name
+OF_POSITIONS = {"failed": ("seed",), "box_size": ("component",)}  # further coordinates of a tree, and their dimensions
 LOG = dict(zip(("event_time", "a", "b", "impulse"), Events._fields, strict=True))  # variable: field of Events
 NO_OBSERVABLES = {*SCALES, *Track._fields, "stopped"}  # variables of the root
 
@@ -58,9 +61,11 @@ def dims_of(group: str, name: str) -> tuple[str, ...]:
     """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
     if name in SCALES:
         return (name,)
+    if name in OF_POSITIONS:
+        return OF_POSITIONS[name]
     if group == "/events":
         return ("event", "component") if name == "impulse" else ("event",)
-    if name in Track._fields:
+    if name in (*Track._fields, "unwrapped"):
         return ("time", "seed", "component") if group == "/" else ("time", "seed", "disk", "component")
     if group == "/disks":
         return ("disk",)

@@ -19,7 +19,7 @@ from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.layout import LOG, SCALES, Groups, described, dims_of, ensemble_of, groups_of
+from brownpipe.storage.layout import LOG, OF_POSITIONS, SCALES, Groups, described, dims_of, ensemble_of, groups_of
 
 if TYPE_CHECKING:
     from xarray import DataTree
@@ -45,9 +45,10 @@ class Trajectories(NamedTuple):
 
     @property
     def record(self) -> frozenset[str]:
-        """What is recorded, of tracer, all, events: whose tracks, and whether collisions."""
-        whole, events = self.ensemble.whole, self.ensemble.events
-        parts = {"tracer": self.ensemble.tracer is not None, "all": whole, "events": events}
+        """What is recorded, in the words of `--record`: whose tracks, and whether collisions."""
+        tracer, whole, events = self.ensemble.tracer, self.ensemble.whole, self.ensemble.events
+        velocity = tracer is not None and tracer.velocity is not None
+        parts = {"tracer": tracer is not None, "velocity": velocity, "all": whole, "events": events}
         return frozenset(name for name, is_recorded in parts.items() if is_recorded)
 
     @property
@@ -84,14 +85,14 @@ class Trajectories(NamedTuple):
 def simulate_command(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> str:
     """Return the command that makes runs of these seeds (S,) again.
 
-    record: as --record takes it; by default `tracer`, or `none` if its track was not recorded.
+    record: as --record takes it; by default what was recorded of the tracer, `none` if nothing was.
     """
-    scene, record = runs.scene, record or ("none" if runs.ensemble.tracer is None else "tracer")
+    record = record or next((word for word in ("velocity", "tracer") if word in runs.record), "none")
     options = {"record": record, "observables": ",".join(runs.measured or ()), "average": runs.ensemble.average}
-    words = [f"--particles {scene.particles}"] if scene.species else []
+    words = [f"--particles {runs.scene.particles}"] if runs.scene.species else []
     words += [f"--seeds {seed_text(seeds)}", f"--engine {runs.engine.options}"]
     words += [f"--{key} {value}" for key, value in options.items() if value not in DEFAULTS]
-    return f"brownpipe simulate {scene.name}.yaml {' '.join(words)}"
+    return f"brownpipe simulate {runs.scene.name}.yaml {' '.join(words)}"
 
 
 def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> dict:
@@ -188,7 +189,8 @@ def read_outline(path: str | Path) -> Trajectories:
     with naming(path, "simulate"), h5py.File.in_memory(read_sealed(path)) as file:
         scene, engine, header = _setting(file)
         times, observables = file["time"][()], dict.fromkeys(json.loads(header["variables"]), np.zeros(0))
-        tracer = Track(np.zeros((len(times), 0, 2))) if "position" in file else None
+        none = np.zeros((len(times), 0, 2))
+        tracer = Track(none, none if "velocity" in file else None) if "position" in file else None
         ensemble = Ensemble(file["seed"][()], times, tracer, observables, {}, {}, header["average"])
         return Trajectories(scene, engine, ensemble, header["source_digest"], header)
 
@@ -251,15 +253,25 @@ def chosen_seed(
 
 
 def to_tree(trajectories: Trajectories) -> "DataTree":
-    """Return runs as a tree, which shares arrays with them as far as `groups_of` does."""
+    """Return runs as a tree, which shares arrays with them as far as `groups_of` does.
+
+    Besides what a file has, positions are there unwrapped, too, and the size of the box is one of their coordinates. So
+    is `failed`: what is calculated from them keeps it.
+    """
     import xarray
 
-    nodes = {
-        path: xarray.Dataset({name: (dims_of(path, name), values, described(name)) for name, values in group.items()})
-        for path, group in groups_of(trajectories.scene, trajectories.ensemble).items()
-    }
+    scene, _, ensemble, *_ = trajectories
+    size = np.array([scene.box.width, scene.box.height])
+    nodes = {}
+    for path, group in groups_of(scene, ensemble).items():
+        if "position" in group:
+            group |= {"box_size": size, "failed": ensemble.observables["failed"], "unwrapped": group["position"]}
+        if "image" in group:
+            group["unwrapped"] = group["position"] + group["image"] * size
+        variables = {name: (dims_of(path, name), values, described(name)) for name, values in group.items()}
+        nodes[path] = xarray.Dataset(variables).set_coords(OF_POSITIONS.keys() & variables.keys())
     nodes["/"].attrs = trajectories.attributes
-    return xarray.DataTree.from_dict(nodes, name=trajectories.scene.name)
+    return xarray.DataTree.from_dict(nodes, name=scene.name)
 
 
 def from_tree(tree: "DataTree") -> Trajectories:
@@ -292,10 +304,11 @@ def from_tree(tree: "DataTree") -> Trajectories:
 def refuse_foreign(tree: "DataTree") -> None:
     """Raise RequestError for a variable that a trajectory file has no place for."""
     own = _own_names(tree)
-    for node in tree.subtree:
-        for name in node.data_vars.keys() - own.get(node.path, set()):
-            wrong = f"a trajectory file has no place for {f'{node.path}/{name}'.lstrip('/')}"
-            raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
+    names = [(node.path, name) for node in tree.subtree for name in node.data_vars]
+    foreign = [f"{path}/{name}".lstrip("/") for path, name in names if name not in {"unwrapped", *own.get(path, ())}]
+    if foreign:
+        wrong = f"a trajectory file has no place for {foreign[0]}"
+        raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
 
 
 def _own_names(tree: "DataTree") -> dict[str, set[str]]:

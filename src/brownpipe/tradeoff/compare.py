@@ -8,10 +8,10 @@ import numpy as np
 from brownpipe.analysis.displacement import per_run_lines
 from brownpipe.analysis.drift import quarters_of
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.runs import Group, blocks_of, joined, reported, select
+from brownpipe.analysis.runs import Group, blocks_of, reported
 from brownpipe.analysis.variables import with_intervals
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import Ensemble
+from brownpipe.engines.ensemble import Ensemble, joined, select
 from brownpipe.errors import AnalysisError
 from brownpipe.observables.displacement import displacement
 from brownpipe.scene import Scene

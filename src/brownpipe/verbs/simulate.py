@@ -41,7 +41,7 @@ def add_simulate(add: Callable) -> None:
         for key, setting in definition.settings.items():
             what = f"of {definition.name}: {setting.help}"
             add(option(key), type=typed(setting.kind), metavar=setting.metavar, help=what)
-    what = "tracer (default), all, events, none; all,events"
+    what = "tracer (default: its positions), velocity (of the tracer, too), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what)
     measured = f"what to measure in each run: names joined by commas, some of {', '.join(OBSERVABLES)}"
     add("--observables", type=several(str), default=[], metavar="NAMES", help=measured)
