@@ -148,87 +148,15 @@ def test_kernels_know_arrays_alone(module):
     assert all(name.startswith("engines/") or name in ("provenance.py", "elementary.py") for name in known), known
 
 
-CHOOSING = ("Engine", "configured", "requested", "get", "startswith", "endswith")  # functions of a name
 
 
-def deciding_strings(source):
-    """The strings by which a source chooses: compared with, looked up, keys of a dict, or the name of an engine made.
-
-    Other strings, such as labels of a figure, may happen to be equal to the name of an engine.
-    """
-    parts, words = [], set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Compare):
-            parts += [node.left, *node.comparators]
-        elif isinstance(node, ast.Dict):
-            parts += [key for key in node.keys if key is not None]  # None: the place of ** in a dict
-        elif isinstance(node, ast.Subscript):
-            parts.append(node.slice)
-        elif isinstance(node, ast.MatchValue):
-            parts.append(node.value)
-        elif isinstance(node, ast.Call):
-            function = getattr(node.func, "id", getattr(node.func, "attr", None))
-            parts += [*node.args, *(word.value for word in node.keywords)] if function in CHOOSING else []
-            words |= {word.arg for word in node.keywords} if function == "dict" else set()
-    leaves = [leaf for part in parts for leaf in ast.walk(part) if isinstance(leaf, ast.Constant)]
-    return words | {leaf.value for leaf in leaves if isinstance(leaf.value, str)}
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        "engine.name == 'drift'",
-        "'drift' != engine.name",
-        "name in ('exact', 'drift')",
-        "COST = {'drift': 1.0}",
-        "COST = dict(drift=1.0)",
-        "COST['drift']",
-        "COST.get('drift', 1.0)",
-        "label.startswith('drift')",
-        "engines.configured('drift')",
-        "Engine(name='drift')",
-        "match name:\n    case 'exact' | 'drift':\n        pass",
-    ],
-)
-def test_a_choice_by_name_is_found(source):
-    assert "drift" in deciding_strings(source)
 
 
-@pytest.mark.parametrize("source", ["axes.set_title('drift')", "LABELS = ('drift', 'heat')", "f(unit='drift')"])
-def test_a_label_is_no_choice(source):
-    assert "drift" not in deciding_strings(source)
 
 
-@pytest.mark.slow
-def test_no_other_layer_chooses_by_the_name_of_an_approximate_engine():
-    """What depends on an engine is in its package, so that a new one needs its package and a line in DEFINITIONS."""
-    names = set(DEFINITIONS) - {"exact"}  # the reference that the others are compared with
-    choices = [
-        f"{module}: {name}"
-        for module, file in MODULES.items()
-        if not module.startswith("brownpipe.engines.")
-        for name in sorted(deciding_strings(file.read_text()) & names)
-    ]
-    assert choices == []
 
 
-def test_a_new_engine_needs_nothing_but_its_definition(monkeypatch):
-    """Command line, study, label and options of an engine that was not there when they were written."""
-    settings = {"field": Setting(Positive, "E", "must be given")}
-    drift = DEFINITIONS["timestep"]._replace(name="drift", summary="in a field", settings=settings)
-    monkeypatch.setitem(DEFINITIONS, "drift", drift)
-    words = ["simulate", "scene.yaml", "--engine", "drift", "--field", "2.5"]
-    parser = build_parser(words)
-    arguments = parser.parse_args(words)
-    engine = simulate.engine_of(arguments)
-    assert (engine.label, engine.options) == ("drift-2.5", "drift --field 2.5")
-    assert recorded({"name": "drift", "field": 2.5}) == engine
-    with pytest.raises(RequestError, match="the exact engine has no such setting; must go with drift"):
-        simulate.engine_of(parser.parse_args([*words[:2], *words[4:]]))
 
 
-@pytest.mark.parametrize("engine", DEFINITIONS)
-def test_the_table_of_engines_has_its_settings(engine):
-    text = (provenance.PACKAGE.parents[1] / "config" / "README.md").read_text()
-    (row,) = re.findall(rf"^\| `{engine}` \| (.*?) \|", text, re.MULTILINE)
-    assert re.findall(r"`(\w+)`:", row) == list(DEFINITIONS[engine].settings)

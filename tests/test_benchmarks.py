@@ -23,8 +23,6 @@ def docs():
     return {path: path.stat().st_mtime_ns for path in (ROOT / "docs").rglob("*") if path.is_file()}
 
 
-def test_there_are_benchmarks():
-    assert BENCHMARKS
 
 
 @pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)
@@ -77,38 +75,8 @@ def test_hashes_are_of_values_types_and_shapes_alone(hash_runs, tmp_path):
     assert {one["image"] for one in found} == {first["image"]}
 
 
-def test_hashes_of_whole_runs_are_those_of_the_layout_before(hash_runs, tmp_path):
-    position, time, a = np.arange(24.0).reshape(3, 2, 2, 2), np.arange(5.0), np.arange(5)
-    with h5py.File(tmp_path / "tree.h5", "w") as file:
-        file.attrs["runs_digest"] = ""
-        tree = {"seed": [3, 7], "failed": [0, 0], "disks/position": position, "events/event_seed": [3, 3, 7, 7, 7]}
-        for name, value in (tree | {"events/event_time": time, "events/a": a}).items():
-            file[name] = value
-        file["seed"].make_scale("seed")
-    with h5py.File(tmp_path / "before.h5", "w") as file:
-        for path, value in {"h5md/creator": 0, "observables/run/failed": [0, 0], "particles/seed_00003/id": a}.items():
-            file[path] = value
-        for column, (seed, own) in enumerate({3: slice(2), 7: slice(2, None)}.items()):
-            file[f"particles/seed_{seed:05d}/position/value"] = position[:, column]
-            file[f"observables/events/seed_{seed:05d}/a"] = a[own]
-            file[f"observables/events/seed_{seed:05d}/time"] = time[own]
-            file[f"observables/events/seed_{seed:05d}/time"].make_scale("time")
-    found = [hash_runs["hashes_of"](tmp_path / name) for name in ("tree.h5", "before.h5")]
-    assert found[0] == found[1] and len(found[0]) == 7
 
 
-def test_a_comparison_names_each_dataset_that_differs(hash_runs):
-    before = {"a, exact": {"exit status": 0, "x": "1", "y": "2", "z": "3"}, "b, exact": {"exit status": 2}}
-    now = {"a, exact": {"exit status": 1, "x": "1", "w": "2", "z": "4"}, "c, exact": {"exit status": 2}}
-    assert not list(hash_runs["differences"](before, before))
-    assert list(hash_runs["differences"](before, now)) == [
-        "a, exact: exit status: differs",
-        "a, exact: w: new, with the contents of y",
-        "a, exact: y: missing",
-        "a, exact: z: differs",
-        "b, exact: missing",
-        "c, exact: new",
-    ]
 
 
 def test_a_comparison_that_finds_differences_ends_with_status_1(hash_runs, tmp_path, monkeypatch, capsys):

@@ -100,14 +100,8 @@ def test_a_record_is_passed_by_reference():
     assert record.values.tolist() == [3.0, 5.0, 7.0, 9.0] and record.inner.values.tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
-def test_records_with_other_fields_are_other_types():
-    one = numba.typeof(Inner(3, np.arange(4.0)))
-    assert one == numba.typeof(Inner(5, np.zeros(7))) and one != numba.typeof(Inner(3, np.arange(4)))
-    assert one.name != numba.typeof(Inner(3, np.arange(4))).name != numba.typeof(Inner(3.0, np.arange(4))).name
 
 
-def test_a_kernel_called_from_python_is_python():
-    assert part(None, Outer(2.0, Inner(3, [1, 2]), None, None), 1) == 7.0
 
 
 @kernels.kernel

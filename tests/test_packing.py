@@ -13,8 +13,7 @@ from brownpipe.scene.packing import overlap
 
 @pytest.mark.slow
 @given(
-    st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(1e-3, 0.24)), min_size=0, max_size=12),
-    st.booleans(),
+    st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(1e-3, 0.24)), min_size=0, max_size=12), st.booleans()
 )
 @settings(max_examples=300, deadline=None)
 def test_finds_an_overlap_where_all_pairs_do(disks, periodic):

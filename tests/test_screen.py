@@ -103,16 +103,6 @@ def test_the_time_left_follows_from_the_times_expected_of_the_jobs(monkeypatch, 
     assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 21 s to go"  # 5 s / 19 x 81
 
 
-def test_files_that_are_no_runs_do_not_count(monkeypatch, clock):
-    handler, screen = display(monkeypatch, terminal=True)
-    start(handler, runs=100)
-    for number in (1, 2):
-        begin(handler, number)
-        send(handler, LogEvent.JOB_FINISHED, job_id=number)
-    begin(handler, 3, "aggregate")
-    clock.now += 3.0
-    handler.look()
-    assert last_line(screen) == "aggregate: 100 of 100 runs, 3 s"
 
 
 def test_a_remark_of_jobs_is_shown_once(monkeypatch, clock, tmp_path):
@@ -141,12 +131,6 @@ def test_without_a_terminal_there_is_a_line_every_half_a_minute(monkeypatch, clo
     assert screen.getvalue().splitlines() == lines
 
 
-def test_nothing_is_written_while_the_answer_is_printed(monkeypatch, clock):
-    handler, screen = display(monkeypatch, terminal=True)
-    begin(handler, 1, "all", log=None)
-    clock.now += 60.0
-    handler.look()
-    assert screen.getvalue() == ""
 
 
 @pytest.mark.parametrize(
@@ -166,10 +150,6 @@ def test_no_warning_and_no_error_is_left_out(monkeypatch, level, event):
     assert screen.getvalue() == "The DAG went wrong\n"
 
 
-def test_messages_that_are_not_known_are_shown(monkeypatch):
-    handler, screen = display(monkeypatch)
-    send(handler, message="Unlocked working directory.")
-    assert screen.getvalue() == "Unlocked working directory.\n"
 
 
 def test_a_dry_run_is_shown_as_snakemake_has_it(monkeypatch):
@@ -202,13 +182,6 @@ def test_of_a_job_that_ended_without_a_message_the_likely_reason_is_said(monkeyp
     assert reason.startswith("    brownpipe: killed, most likely out of memory; ") and "failed" in command
 
 
-def test_of_many_failures_some_are_explained(monkeypatch):
-    handler, screen = display(monkeypatch)
-    for number in range(1000):
-        fail(handler, number)
-    handler.close()
-    assert screen.getvalue().startswith("brownpipe: 1000 jobs failed, among them:\nbrownpipe: the rule ")
-    assert screen.getvalue().count("\n") == 7
 
 
 def test_after_an_interruption_no_job_is_blamed(monkeypatch):
@@ -219,19 +192,8 @@ def test_after_an_interruption_no_job_is_blamed(monkeypatch):
     assert screen.getvalue().splitlines()[1:] == ["brownpipe: interrupted; the same command goes on from here"]
 
 
-def test_several_rules_at_once(monkeypatch, clock):
-    handler, screen = display(monkeypatch, terminal=True)
-    begin(handler, 1, "tradeoff")
-    begin(handler, 2, "aggregate")
-    clock.now += 5.0
-    handler.look()
-    assert last_line(screen) == "aggregate, tradeoff, 5 s"
 
 
-def test_other_errors_are_shown_as_they_are(monkeypatch):
-    handler, screen = display(monkeypatch)
-    send(handler, LogEvent.ERROR, "IncompleteFilesException: ...", logging.ERROR)
-    assert screen.getvalue() == "IncompleteFilesException: ...\n"
 
 
 def test_a_job_that_failed_and_was_run_again_is_no_failure(monkeypatch):

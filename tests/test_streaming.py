@@ -64,15 +64,6 @@ def test_the_layout_of_files_does_not_matter(everything, tmp_path):
     assert len(images) == 1
 
 
-@pytest.mark.slow
-def test_blocks_are_those_of_the_seeds(everything, tmp_path):
-    (group,) = runs.groups_of(written(tmp_path / "shuffled", everything, layouts()["shuffled"]))
-    blocks = list(runs.blocks_of(group))
-    ends = [(block.seeds[0], block.seeds[-1]) for block in blocks]
-    assert ends == [(100, 1023), (1024, 2047), (2048, 2299), (5000, 5009)]
-    assert np.array_equal(np.concatenate([block.seeds for block in blocks]), SEEDS)
-    positions = np.concatenate([block.tracer.position for block in blocks], axis=1)
-    assert np.array_equal(positions, everything.tracer.position)
 
 
 @pytest.mark.parametrize(("layout", "reads"), [("one", 1), ("batches", 6), ("backwards", 6), ("interleaved", 12)])
@@ -103,12 +94,3 @@ def test_files_with_other_observables_are_refused(everything, tmp_path):
         aggregate(paths)
 
 
-def test_outline_is_that_of_the_trajectories(everything, tmp_path):
-    (path,) = written(tmp_path / "one", everything, [np.arange(40)])
-    outline, trajectories = read_outline(path), read_trajectories(path)
-    assert isinstance(trajectories, Trajectories)
-    for name in ("scene", "engine", "source"):
-        assert getattr(outline, name) == getattr(trajectories, name)
-    for name in ("seeds", "times"):
-        assert np.array_equal(getattr(outline, name), getattr(trajectories.ensemble, name))
-    assert outline.tracer
