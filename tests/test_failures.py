@@ -1,5 +1,6 @@
 """Runs that cannot go on: each is recorded with its reason, and the others are as if it had not been there."""
 
+import os
 import re
 from functools import cache
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 import yaml
 
 import brownpipe as bp
+import forked
 from brownpipe.analysis import aggregate
 from brownpipe.analysis.failed import failed_runs
 from brownpipe.analysis.runs import groups_of
@@ -28,6 +30,7 @@ from brownpipe.scene import parse_scene
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.trajectories import from_tree, read_trajectories, to_tree, write_trajectories
 from brownpipe.tradeoff.runs import read_runs
+from test_workflow import snakemake
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -314,3 +317,36 @@ def test_a_study_in_which_every_run_failed_has_a_summary_and_no_average(batches)
     assert (dataset.runs.item(), dataset.failed_runs.item()) == (0, 2) and "msd" in dataset
     assert np.isnan(dataset.msd).all() and "failed and left out: 2 of 2 seeds (0,2)" in summary(dataset)
     draw(dataset, "health")
+
+
+WORKERS = """#!/bin/bash
+case "$*" in *"--seeds 2-3 "*) kill -KILL $$ ;; esac
+exec {} "$@"
+"""  # in place of `brownpipe`
+
+
+@pytest.mark.slow
+def test_a_study_survives_a_killed_worker_and_runs_that_cannot_go_on(tmp_path):
+    """The runs of the seeds 0 and 2 find no place; the job of the seeds 2 and 3 is killed at first."""
+    folder = tmp_path / "study"
+    (folder / "bin").mkdir(parents=True)
+    (folder / "crowd.yaml").write_text(CROWD)
+    (folder / "study.yaml").write_text("scenes: crowd.yaml\nseeds: 6\nbatch: 2\nfigures: [health]\n")
+    program = folder / "bin" / "brownpipe"
+    path = {"PATH": f"{program.parent}:{forked.programs()}:{os.environ['PATH']}"}
+    program.write_text(WORKERS.format(f"{forked.programs()}/brownpipe"))
+    program.chmod(0o755)
+    printed = snakemake(folder, "--cores", "1", fails=True, **path)
+    last = printed.splitlines()[-1]
+    assert last.startswith("    brownpipe: killed, most likely out of memory") and "Traceback" not in printed, printed
+    assert {file.name for file in (folder / "results/runs").rglob("*.h5")} == {"0-1.h5", "4-5.h5"}
+    program.unlink()
+    told = r"study\.nc: 2 of 6 runs failed and are in no average, {}: crowd, N = 40: seeds 0,2"
+    printed = snakemake(folder, "--cores", "1", fails=True, **path)
+    assert re.search(told.format("allow_failed: 0 accepts no more"), printed.splitlines()[-1]), printed
+    answer = (folder / "results/study/figures/summary.txt").read_text()
+    assert answer in printed and "failed and left out: 2 of 6 seeds (0,2)" in answer
+    again = snakemake(folder, "--cores", "1", fails=True, **path)
+    assert again.partition("\n")[2] == printed[printed.index(answer) :]
+    accepted = snakemake(folder, "--cores", "1", "--config", "allow_failed=2", **path)
+    assert re.search(told.format("accepted by allow_failed: 2").replace("study", "study.allow_failed=2"), accepted)
