@@ -1,26 +1,25 @@
 """How much of a long calculation is done: what is reported, and what a terminal or a log shows of it."""
 
+import io
+import logging
 import os
 import re
 import signal
 import struct
 import subprocess
 import sys
-import time
-from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from snakemake_interface_logger_plugins.common import LogEvent
 
-from brownpipe import analysis, progress, stages, tradeoff
+from brownpipe import analysis, progress, stages
 from brownpipe.engines import configured
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
-from brownpipe.figures.movie import movie
-from brownpipe.figures.snapshot import whole_run
-from brownpipe.storage.trajectories import read_trajectories, write_trajectories
-from brownpipe.study import plan
+from brownpipe.storage.trajectories import write_trajectories
+from snakemake_logger_plugin_brownpipe import LogHandler
 from synthetic import render
 from test_exact import P, box, make
 
@@ -71,66 +70,24 @@ def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypa
     assert {1.0, 2.0} <= set(done) and done[0] < 0.2
 
 
-def test_runs_that_measure_a_friction_are_no_runs_of_the_batch(reported):
-    configured("langevin", friction="measured").simulate(SCENE, [0, 1, 2], {"tracer"})
-    assert reported == [("runs", k, 3) for k in (1, 2, 3)]
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    """Trajectory files of two engines, the first one with a whole run."""
-    folder = tmp_path_factory.mktemp("files")
-    for name, engine, record in (("exact", EXACT, {"tracer", "all"}), ("steps", STEPS, {"tracer"})):
-        ensemble = engine.simulate(SCENE, range(12), record)
-        write_trajectories(folder / f"{name}.h5", SCENE, engine, ensemble)
-    return [folder / "exact.h5", folder / "steps.h5"]
-
-
 @pytest.mark.slow
-def test_analysis_reports_files_and_then_runs(files, reported, tmp_path):
-    dataset = analysis.aggregate(files, [(0.2, 1.0)])
-    assert reported[:2] == [("files verified", 1, 2), ("files verified", 2, 2)]
-    assert reported[2:] == [("runs", 12, 24), ("runs", 24, 24)]
+def test_analysis_reports_files_and_then_runs(reported, tmp_path):
+    write_trajectories(tmp_path / "runs.h5", SCENE, EXACT, EXACT.simulate(SCENE, range(12), {"tracer"}))
+    dataset = analysis.aggregate([tmp_path / "runs.h5"], [(0.2, 1.0)])
+    assert reported[-2:] == [("files verified", 1, 1), ("runs", 12, 12)]
     reported.clear()
     render(dataset, tmp_path, ["health", "msd"])
     assert reported == [("figures", 1, 2), ("figures", 2, 2)]
 
 
-@pytest.mark.slow
-def test_a_movie_reports_its_frames(files, reported):
-    movie(whole_run(read_trajectories(files[0]), str(files[0])), ".gif", {})
-    assert reported == [("frames", k, 2) for k in (1, 2)]
-
-
-def test_a_trade_off_reports_its_cases_by_the_settings_that_are_measured(files, reported):
-    tradeoff.measure(files, seconds_per_run=lambda *_: 1.0)
-    assert [stage for stage in reported if stage[0] == "cases"] == [("cases", k / 2, 1) for k in (1, 2)] + [
-        ("cases", 1, 1)
-    ]
-
-
-def test_a_pilot_reports_its_engines(reported, monkeypatch):
-    monkeypatch.setattr(plan.timing, "seconds_per_run", lambda engine, *_, **__: 1.0)
-    monkeypatch.setattr("brownpipe.study.plan.MOST_RUNS", 10)
-    study = SimpleNamespace(observables=(), average="runs", fit_windows=((0.2, 1.0),))
-    plan._by_pilots(study, SCENE, "msd")
-    total = 1 + len(plan.candidates(SCENE))
-    assert reported[-1] == ("engines", total, total) and {unit for unit, _, _ in reported} == {"engines"}
-
-
-def test_timing_a_run_times_no_report(reported):
-    plan.timing.seconds_per_run(configured("langevin", friction="enskog"), SCENE, repeats=1)
-    assert reported == []
-
-
-# -- the screen -----------------------------------------------------------------------------------------------------
+# -- the screen of one command ----------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def clock(monkeypatch):
     """The time of the display, in its attribute `now` [s]."""
-    clock = SimpleNamespace(now=0.0)
-    monkeypatch.setattr("brownpipe.progress.time.monotonic", lambda: clock.now)
+    clock = SimpleNamespace(now=1000.0)
+    monkeypatch.setattr("time.monotonic", lambda: clock.now)
     return clock
 
 
@@ -176,17 +133,6 @@ def test_silent_means_nothing_and_the_outer_one_shows_all(monkeypatch, capsys):
     assert stages.listeners == stages.remark_listeners == []
 
 
-def test_a_screen_that_is_gone_ends_no_calculation(monkeypatch):
-    monkeypatch.setattr(progress, "LINE_INTERVAL", 0.0)
-    with monkeypatch.context() as patch, open("/dev/full", "w") as screen:
-        patch.setattr(sys, "stderr", screen)
-        with progress.shown("simulate"):
-            stages.remark("compiling")
-            stages.report("runs", 1, 2)
-        with suppress(OSError):
-            screen.close()
-
-
 WORK = """
 import sys, time
 from brownpipe import progress, stages
@@ -222,24 +168,212 @@ def on_terminal(term, columns=100, sleep=0.01, interrupt=False):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("columns", [20, 60])
-def test_a_terminal_has_a_line_that_fits_and_is_removed(columns):
-    written, status = on_terminal("xterm", columns)
+def test_a_terminal_has_a_line_that_fits_and_is_removed_also_by_ctrl_c():
+    written, status = on_terminal("xterm", 20)
     assert status == 0 and "\x1b" not in written
     assert "brownpipe: compiling\r\n" in written
     lines = [text for text in written.split("\r") if text.startswith("movie: ")]
-    assert len(lines) > 1 and max(map(len, lines)) < columns
+    assert len(lines) > 1 and max(map(len, lines)) < 20
     assert re.search(r"\r +\rmade\r\n$", written)
-
-
-def test_a_dumb_terminal_has_lines():
+    written, status = on_terminal("xterm", sleep=0.2, interrupt=True)
+    assert status == -signal.SIGINT and re.search(r"\r +\rTraceback", written) and "made" not in written
     written, _ = on_terminal("dumb")
     assert re.search(r"movie: \d+ of 40 frames \(\d+ %\), 1 s, about 1 s to go\r\n", written)
     assert "\x1b" not in written and not re.search(r"\r(?!\n)", written)
 
 
-def test_ctrl_c_removes_the_line():
-    began = time.monotonic()
-    written, status = on_terminal("xterm", sleep=0.2, interrupt=True)
-    assert status == -signal.SIGINT and time.monotonic() - began < 6
-    assert re.search(r"\r +\rTraceback", written) and "made" not in written
+# -- the screen of a study: messages as Snakemake sends them ---------------------------------------------------------
+
+
+def display(monkeypatch, terminal=False, term="xterm", **changed):
+    """A display and its screen. It looks at running jobs only when it is told to."""
+    screen = io.StringIO()
+    screen.isatty = lambda: terminal
+    monkeypatch.setenv("TERM", term)
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setattr("threading.Thread", lambda **_: SimpleNamespace(start=lambda: None))
+    usual = {"dryrun": False, "verbose": False, "debug_dag": False}
+    return LogHandler(SimpleNamespace(**usual | changed), None), screen
+
+
+def send(handler, event=None, message="", level=logging.INFO, **more):
+    record = logging.LogRecord("snakemake", level, "", 0, message, None, None)
+    record.__dict__.update(more, **({"event": event} if event else {}))
+    handler.handle(record)
+
+
+def begin(handler, number, rule="simulate", log="log"):
+    files = {"log": [str(log)] if log else [], "output": [f"file {number}"]}
+    send(handler, LogEvent.JOB_INFO, jobid=number, rule_name=rule, **files)
+
+
+def fail(handler, number, log="log", command="brownpipe simulate x.yaml", **more):
+    told = {"rule_name": "simulate", "shellcmd": command, "log": [str(log)], "jobid": number}
+    send(handler, LogEvent.JOB_ERROR, "Error in rule simulate", logging.ERROR, **told | more)
+
+
+def start(handler, runs=400, seconds=None):
+    """Announce the runs of a study, 100 in each job, and the times expected of the jobs, as the Snakefile does."""
+    seconds = seconds or {f"file {number}": 100.0 for number in range(1, 1 + runs // 100)}
+    send(handler, message="brownpipe: the study", runs=dict.fromkeys(seconds, 100), seconds=seconds)
+
+
+def note(log, done, total=100):
+    """Write in the log of a job what `progress.shown` writes there."""
+    log.write_text(f"simulate: {done:,} of {total:,} runs, 1 s\n")
+
+
+def last_line(screen):
+    return screen.getvalue().rpartition("\r")[2].rstrip()
+
+
+def test_runs_are_counted_while_the_first_job_is_running(monkeypatch, clock, tmp_path):
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler, runs=7_200)
+    logs = [tmp_path / "1.log", tmp_path / "2.log"]
+    begin(handler, 1, log=logs[0])
+    begin(handler, 2, log=logs[1])
+    handler.look()
+    clock.now += 6.0
+    note(logs[0], 50)
+    note(logs[1], 10)
+    handler.look()
+    assert last_line(screen) == "simulate: 60 of 7,200 runs, 6 s, about 12 min to go"  # 6 s / 60 x 7,140
+    send(handler, LogEvent.JOB_FINISHED, job_id=1)
+    clock.now += 1.0
+    handler.look()
+    assert last_line(screen).startswith("simulate: 110 of 7,200 runs, ")
+
+
+def test_the_time_left_follows_from_the_times_expected_of_the_jobs(monkeypatch, clock, tmp_path):
+    """Of 100 s in all, 10 s were of the first job; by the number of runs, 4.5 s would be left."""
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler, seconds={"file 1": 10.0, "file 2": 90.0})
+    begin(handler, 1)
+    begin(handler, 2, log=tmp_path / "2.log")
+    handler.look()
+    clock.now += 1.0
+    note(tmp_path / "2.log", 10)
+    send(handler, LogEvent.JOB_FINISHED, job_id=1)
+    clock.now += 4.0
+    handler.look()
+    assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 21 s to go"  # 5 s / 19 x 81
+
+
+def test_a_remark_of_jobs_is_shown_once(monkeypatch, clock, tmp_path):
+    handler, screen = display(monkeypatch, terminal=True)
+    line = "brownpipe: compiling the kernels for this kind of scene, once per machine: about 8 s"
+    (tmp_path / "1.log").write_text(f"something else\n{line}\n")
+    for number in (1, 2):
+        begin(handler, number, log=tmp_path / "1.log")
+        handler.look()
+    assert screen.getvalue() == f"{line}\n"
+
+
+@pytest.mark.parametrize(("terminal", "term"), [(False, "xterm"), (True, "dumb")])
+def test_without_a_terminal_there_is_a_line_every_half_a_minute(monkeypatch, clock, terminal, term):
+    handler, screen = display(monkeypatch, terminal, term)
+    start(handler)
+    begin(handler, 4)
+    handler.look()
+    for number in range(1, 4):
+        begin(handler, number)
+        send(handler, LogEvent.JOB_FINISHED, job_id=number)
+    for _ in range(59):
+        clock.now += 1.0
+        handler.look()
+    lines = ["brownpipe: the study", "simulate: 300 of 400 runs, 30 s, about 10 s to go"]
+    assert screen.getvalue().splitlines() == lines
+
+
+def test_after_an_interruption_no_job_is_blamed(monkeypatch):
+    handler, screen = display(monkeypatch)
+    send(handler, message="Terminating processes on user request, this might take some time.")
+    fail(handler, 1)
+    handler.close()
+    assert screen.getvalue().splitlines()[1:] == ["brownpipe: interrupted; the same command goes on from here"]
+
+
+def test_a_job_that_failed_and_was_run_again_is_no_failure(monkeypatch):
+    handler, screen = display(monkeypatch)
+    begin(handler, 7)
+    fail(handler, 7)
+    send(handler, message="Trying to restart job 7.")
+    begin(handler, 7)
+    send(handler, LogEvent.JOB_FINISHED, job_id=7)
+    handler.close()
+    assert screen.getvalue() == "Trying to restart job 7.\n"
+
+
+def test_a_job_that_failed_in_every_attempt_is_explained_once_with_what_the_queue_said(monkeypatch):
+    handler, screen = display(monkeypatch)
+    for number in (7, 8, 7):
+        begin(handler, number)
+        fail(handler, number, rule_msg="SLURM sbatch failed. 'invalid partition\x1b[2J: long'.")
+    handler.close()
+    explained = "brownpipe: the rule simulate failed: brownpipe simulate x.yaml\n    SLURM sbatch failed. "
+    explained += "'invalid partition\\x1b[2J: long'.\n"
+    assert screen.getvalue() == 2 * explained
+
+
+def test_no_control_character_of_others_reaches_the_terminal(monkeypatch, clock, tmp_path):
+    codes = "\x1b]0;title\x07\x9b2J\u202e\b\r\udcff"
+    (tmp_path / "log").write_bytes(b"brownpipe: compiling \x1b[2J\xff\r\x9b\nbrownpipe: second\x07\n")
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler)
+    begin(handler, 1, log=tmp_path / "log")
+    handler.look()
+    send(handler, message=f"a warning {codes}", level=logging.WARNING)
+    send(handler, message=f"LockException {codes}", level=logging.ERROR)
+    fail(handler, 1, log=tmp_path / "log", command=f"brownpipe simulate 'a\ncurl{codes}'")
+    handler.close()
+    shown = screen.getvalue()
+    assert "warning" in shown and "second" in shown
+    assert [char for char in shown if char != "\n" and not char.isprintable()] == []
+    assert [line for line in shown.splitlines() if line.startswith("curl")] == []
+
+
+WARNING, ERROR = logging.WARNING, logging.ERROR
+
+
+@pytest.mark.parametrize(
+    ("message", "more", "shown"),
+    [
+        ("Building DAG of jobs...", {}, False),
+        ("Complete log(s): x", {}, False),
+        ("brownpipe: the study: 0 runs in 0", {}, False),
+        ("SLURM run ID: 4fd69280", {}, False),
+        ("Job 8 has been submitted with SLURM jobid 2 (log: /a/2.log).", {}, False),
+        ("Unlocked working directory.", {}, True),
+        ("Guessed SLURM account: physics", {"level": WARNING}, True),
+        ("The DAG went wrong", {"level": ERROR}, True),
+        ("The DAG went wrong", {"event": LogEvent.ERROR, "level": ERROR}, True),
+    ],
+)
+def test_chatter_is_left_out_and_no_warning_and_no_error(monkeypatch, message, more, shown):
+    handler, screen = display(monkeypatch)
+    send(handler, message=message, **more)
+    assert screen.getvalue() == (f"{message}\n" if shown else "")
+    handler, screen = display(monkeypatch, dryrun=True)
+    send(handler, message=message, **more)
+    assert screen.getvalue() == f"{message}\n"
+
+
+@pytest.mark.parametrize(
+    ("log", "reason"),
+    [
+        ("brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\nbrownpipe: no\n", "brownpipe: no"),
+        ("", "brownpipe: killed, most likely out of memory; "),
+        ("brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\n", "brownpipe: killed, most likely out of me"),
+    ],
+)
+def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path, log, reason):
+    handler, screen = display(monkeypatch)
+    (tmp_path / "log").write_text(log)
+    begin(handler, 1, log=tmp_path / "log")
+    fail(handler, 1, log=tmp_path / "log")
+    send(handler, LogEvent.ERROR, 'RuleException:\nCalledProcessError in file "Snakefile", line 3', ERROR)
+    handler.close()
+    command, explained = screen.getvalue().splitlines()
+    assert command == "brownpipe: the rule simulate failed: brownpipe simulate x.yaml"
+    assert explained.startswith(f"    {reason}")
