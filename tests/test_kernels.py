@@ -1,6 +1,9 @@
-"""Kernels are compiled once, whoever needs them, and correctly."""
+"""Kernels are compiled correctly and once: a second process finds the machine code, which is never outdated."""
 
+import errno
+import math
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,23 +13,25 @@ import numba
 import numpy as np
 import pytest
 
+from brownpipe import provenance
 from brownpipe.engines import indices, inlining, kernels
+from brownpipe.engines.fours import (
+    all_bits,
+    any_of,
+    copy_four,
+    four,
+    four_columns,
+    four_entries,
+    four_from,
+    least,
+    replace_in_four,
+    where,
+)
+from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import by_reference, local_copy
 
 HERE = Path(__file__).parent
 NOTE = HERE.parent / "config" / "scenes" / "harrison2020.yaml"
-
-
-def test_a_prefetch_is_compiled_to_one():
-    """A missing prefetch changes no result, so look at the LLVM code."""
-
-    @numba.njit
-    def ask(array, index):
-        kernels.prefetch(array, index)
-
-    ask(np.zeros(4, np.uint32), 2)
-    (compiled,) = ask.inspect_llvm().values()
-    assert "call void @llvm.prefetch" in compiled
 
 
 PLACED = """
@@ -74,7 +79,7 @@ class Outer(NamedTuple):
     values: object
 
 
-@kernels.kernel
+@kernel
 def part(missing, outer, k):
     """A kernel in which what is None is left out."""
     if missing is None:
@@ -82,7 +87,7 @@ def part(missing, outer, k):
     return missing.no_such_field
 
 
-@kernels.entry_point
+@entry_point
 def work(outer):
     """Reads scalars, arrays and nested records; writes through the arrays of both."""
     outer = local_copy(outer)
@@ -100,11 +105,7 @@ def test_a_record_is_passed_by_reference():
     assert record.values.tolist() == [3.0, 5.0, 7.0, 9.0] and record.inner.values.tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
-
-
-
-
-@kernels.kernel
+@kernel
 def says(number):
     """What prints needs an environment."""
     print("kernel", number)
@@ -151,3 +152,148 @@ def test_a_record_leaves_no_references_to_its_arrays():
         for _ in range(10):
             function(record)
         assert [sys.getrefcount(array) for array in (record.values, record.inner.values)] == before
+
+
+# -- four numbers at once ---------------------------------------------------------------------------------------------
+
+
+@kernel
+def number(values, lane):
+    """One of four finite numbers."""
+    lanes = four_from(0.0)
+    return least(where((lanes <= lane) & (lanes > lane - 1.0), values, four(math.inf)))
+
+
+@kernel
+def results(numbers, words, copied, first, end, lane):
+    """Every operator and function, one number of each."""
+    index = four_entries(words, first, end, 5)
+    a, b, c, d = four_columns(numbers, 4 * (index & 7))
+    other, _, _, _ = four_columns(numbers, (index >> 28) * 8 + 1)
+    copy_four(copied, 2, words, first)
+    replace_in_four(copied, 3, words[first + 1], words[first])
+    return (
+        number(a + b * c, lane),
+        number(2.5 - d / a, lane),
+        number((1.0 - b) / 3.0 + other, lane),
+        number(np.maximum(a, b) + np.sqrt(np.maximum(c, 0.25)), lane),
+        number(where((a < b) & (c <= d), four(numbers[0]), four_from(numbers[1])), lane),
+        number(where((a > b) & (index != 5), a, d), lane),
+        least(b),
+        1.0 * any_of(a < b) + 2.0 * any_of(a < a),
+        1.0 * all_bits(index),
+    )
+
+
+compiled = entry_point(results)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-300, 1e150])
+def test_four_have_the_bits_of_one(scale):
+    random = np.random.default_rng(1)
+    for _ in range(50):
+        numbers = random.normal(size=40) * scale
+        numbers[random.integers(0, 40, 8)] = numbers[0]  # equal ones
+        words = (random.integers(0, 8, 12) + (random.integers(0, 4, 12) << 28)).astype(np.uint32)
+        first, end = random.integers(0, 9, 2)
+        arrays = [np.zeros(8, np.uint32), np.zeros(8, np.uint32)]
+        for lane in range(4):
+            given = numbers, words, arrays[0], first, end, float(lane)
+            with np.errstate(all="ignore"):
+                expected = results(*given)
+            given = numbers, words, arrays[1], first, end, float(lane)
+            assert np.array(compiled(*given)).tobytes() == np.array(expected).tobytes()
+        assert arrays[0].tolist() == arrays[1].tolist()
+        assert arrays[0].tolist()[:4] == [0, 0, words[first], words[first]]
+
+
+# -- machine code on disk ---------------------------------------------------------------------------------------------
+
+FOLLOW = """
+import sys
+import numpy as np
+from brownpipe import stages
+from brownpipe.engines import inlining, kernels
+from brownpipe.engines.compiling import compile_all
+from brownpipe.engines.langevin.step import follow
+if "untested" in sys.argv:
+    inlining.TESTED = ((0, 0), (0, 0))
+stages.remark_listeners.append(lambda line: print(line.partition(" ")[0]))
+for _ in range(2):
+    compile_all(lambda: follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))))
+print(kernels.FOLDER)
+"""
+
+
+@pytest.fixture
+def copied(tmp_path):
+    """A copy of the package, without machine code."""
+    without = shutil.ignore_patterns("__pycache__")
+    return shutil.copytree(provenance.PACKAGE, tmp_path / "copy" / "brownpipe", ignore=without)
+
+
+def follows(package, *words, **environment):
+    """What a process says that compiles a small kernel, unless there is machine code; at last its folder."""
+    apart = os.environ | {"PYTHONPATH": str(package.parent), "NUMBA_CACHE_DIR": ""} | environment
+    command = [sys.executable, "-c", FOLLOW, *words]
+    return subprocess.run(command, env=apart, capture_output=True, text=True, check=True).stdout.split()
+
+
+@pytest.mark.slow
+def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied):
+    said, first = follows(copied)
+    assert said == "compiling" and first.startswith(str(copied / "__pycache__" / "kernels-"))
+    assert follows(copied) == [first]
+    for edited in ("engines/exact/cells.py", "elementary.py"):
+        with open(copied / edited, "a") as file:
+            file.write("# edited\n")
+        said, folder = follows(copied)
+        assert said == "compiling" and folder != first
+        first = folder
+    assert follows(copied, NUMBA_CPU_NAME="generic")[0] == "compiling"  # there is code, for another processor
+
+
+@pytest.mark.slow
+def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(copied, tmp_path):
+    """Here a file is in the place of the folder, as root can write to any."""
+    (copied / "__pycache__").touch()
+    own = {"XDG_CACHE_HOME": str(tmp_path / "own"), "PYTHONDONTWRITEBYTECODE": "1"}
+    said, folder = follows(copied, **own)
+    assert said == "compiling" and folder.startswith(str(tmp_path / "own" / "brownpipe" / "kernels-"))
+    assert follows(copied, **own) == [folder]
+    assert follows(copied, **own | {"XDG_CACHE_HOME": "/dev/null"}) == ["compiling", "machine", "None"]
+    assert "kernels" in follows(copied, "untested", **own)  # the line of a version of Numba that was not tested
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """An entry point made anew, as in another process, with an empty folder."""
+    monkeypatch.setattr(kernels, "FOLDER", tmp_path)
+    return lambda: kernels.entry_point(work.py_func)
+
+
+def outer(kind=float):
+    return Outer(2.0, Inner(3, np.arange(4, dtype=kind)), None, np.zeros(4, kind))
+
+
+def is_compiled_again(function):
+    """Whether there is no machine code of it on disk; it calculates the same with it and without."""
+    assert function(outer()) == 24.0
+    return function.stats.cache_misses != {}
+
+
+def test_truncated_machine_code_is_made_again(kept, tmp_path):
+    assert [is_compiled_again(kept()) for _ in range(2)] == [True, False]
+    for pattern in ("*.nbi", "*.nbc"):
+        for cut in (0, 0.5):
+            (file,) = tmp_path.rglob(pattern)
+            os.truncate(file, int(cut * file.stat().st_size))
+            assert [is_compiled_again(kept()) for _ in range(2)] == [True, False]
+
+
+def test_if_machine_code_cannot_be_written_the_run_goes_on(kept, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    assert [is_compiled_again(kept()) for _ in range(2)] == [True, True]
