@@ -157,6 +157,8 @@ COMMAS = "several values of an option are joined by commas"
         (["simulate", SCENE, *STEP, "--collisions", "x"], "--collisions: must be 'at_contact' or 'late', not 'x'"),
         (["simulate", SCENE, *STEP, "--friction", "enskog"], "--friction enskog: the timestep engine has no such"),
         (["simulate", SCENE, *STEP, "--checkpoint-every", "9"], "keeps no checkpoints; must go with exact"),
+        (["simulate", SCENE, "--checkpoint-every", "0"], "--checkpoint-every: must be "),
+        (["simulate", SCENE, "--checkpoint-every", "often"], "--checkpoint-every: must be "),
         (["simulate", SCENE, *LANGEVIN, "stokes"], "--friction: must be 'enskog', 'boltzmann' or"),
         (["simulate", SCENE, *LANGEVIN, "enskog", "--record", "all,events"], "--record all,events: the langevin"),
         (["simulate", SCENE, "--sedes", "3"], "unrecognized arguments: --sedes 3; did you mean --seeds?"),
