@@ -1,21 +1,15 @@
-"""The order of the layers, the folders and files of src/brownpipe: which layer may import which.
+"""Which layer of src/brownpipe may import which, and which source files are in the digests of what is made with them.
 
 It is read from every import statement at every depth.
 """
 
 import ast
-import re
 from functools import cache
 
 import pytest
 
 from brownpipe import provenance
-from brownpipe.cli import build_parser
-from brownpipe.engines import DEFINITIONS, recorded
-from brownpipe.engines.definition import Setting
-from brownpipe.errors import RequestError
-from brownpipe.scene.reading import Positive
-from brownpipe.verbs import simulate
+from brownpipe.engines import DEFINITIONS
 
 LAYERS = (  # each may import those before it
     "quoting",
@@ -148,15 +142,48 @@ def test_kernels_know_arrays_alone(module):
     assert all(name.startswith("engines/") or name in ("provenance.py", "elementary.py") for name in known), known
 
 
+# -- digests of sources -----------------------------------------------------------------------------------------------
+
+CASES = [*(("simulate", engine) for engine in DEFINITIONS), ("aggregate", None), ("tradeoff", None), ("figures", None)]
+SILENT = (  # what a verb imports and what decides no number and no byte of its output
+    *("verbs/", "study/"),  # they read arguments, all of which are parameters of the job
+    *("progress.py", "stages.py", "parallel.py", "interrupts.py"),  # progress, processes and signals
+    *("errors.py", "quoting.py", "formatting.py", "provenance.py"),  # messages
+    *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),  # refusals; settings are arguments
+    "figures/catalogue.py",  # names that a study may have
+)
+OF_OTHERS = {  # what it imports, or options of other verbs, for the number of runs of a study
+    "simulate": ("tradeoff/", "analysis/"),
+    "aggregate": ("tradeoff/",),
+    "tradeoff": (),
+    "figures": (),
+}
 
 
+def names(files):
+    return {file.relative_to(provenance.PACKAGE).as_posix() for file in files}
 
 
+@pytest.mark.parametrize(("step", "engine"), CASES)
+def test_what_a_verb_imports_is_in_the_digest_or_decides_nothing(step, engine):
+    """A layer that a verb begins to import must be entered in the step or, with its reason, above."""
+    known = names(provenance.sources(*provenance.modules_of(step, engine)))
+    modules = [f"brownpipe.verbs.{step}", *([DEFINITIONS[engine].simulation] if engine else [])]
+    left = needed_by(*modules) - known
+    assert [name for name in sorted(left) if not name.startswith((*SILENT, *OF_OTHERS[step]))] == []
 
 
+def test_an_edit_is_another_source_but_line_ends_are_not(tmp_path):
+    def digest():
+        provenance.source_digest.cache_clear()
+        return provenance.source_digest("one.py", "layer/*", folder=tmp_path)
 
-
-
-
-
-
+    (tmp_path / "layer" / "inner").mkdir(parents=True)
+    digests = [digest()]
+    for name in ("one.py", "layer/two.py", "layer/two.css"):
+        (tmp_path / name).write_bytes(b"A = 1\n")
+        digests.append(digest())
+    assert len({*digests}) == 4
+    for name, text in (("one.py", b"A = 1\r\n"), ("three.py", b""), ("layer/two.py~", b""), ("layer/inner/x.py", b"")):
+        (tmp_path / name).write_bytes(text)
+        assert digest() == digests[-1]

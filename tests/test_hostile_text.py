@@ -1,6 +1,5 @@
 """Text that others have chosen, in files, names and arguments: on the screen it is text and no more."""
 
-import ast
 import json
 import re
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from brownpipe.cli import main
-from brownpipe.provenance import PACKAGE
 from brownpipe.quoting import printable, shell_path
 
 SCENE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
@@ -51,11 +49,6 @@ def run(capsys, *argv):
 # -- words ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("text", ["", "scene.yaml: must be > 0, not -1", "Zürich ± 3 µm", "C:\\new\\table", "π ≈ 3"])
-def test_ordinary_text_is_shown_as_it_is(text):
-    assert printable(text) == text
-
-
 def test_no_character_that_a_terminal_obeys_is_shown():
     everything = "".join(map(chr, [*range(0x10000), 0x1D173, 0x1F600, 0xE0001, 0xE0100, 0x10FFFF]))
     shown = printable(everything)
@@ -92,20 +85,3 @@ def test_what_a_scene_or_study_says_is_text(faults, capsys):
 
 
 # -- the source -----------------------------------------------------------------------------------------------------
-
-PRINTING = {  # functions that print: fixed text, or what `printable` or `in_lines` return
-    "progress.py": {"_overwrite", "say"},
-    "verbs/output.py": {"say", "show"},
-}
-
-
-@pytest.mark.slow
-def test_few_functions_print():
-    """So that no text reaches the screen by another way."""
-    found = {}
-    for file in PACKAGE.rglob("*.py"):
-        for function in ast.walk(ast.parse(file.read_text())):
-            calls = ast.walk(function) if isinstance(function, ast.FunctionDef) else ()
-            if any(isinstance(call, ast.Call) and getattr(call.func, "id", "") == "print" for call in calls):
-                found.setdefault(file.relative_to(PACKAGE).as_posix(), set()).add(function.name)
-    assert found == PRINTING

@@ -79,16 +79,6 @@ def test_figures_tables_summary_and_page_say_what_their_dataset_says(finished):
     assert where.endswith("provenance.json")
 
 
-def test_products_say_in_words_what_they_were_made_from(finished, capsys):
-    for product in PRODUCTS[1:]:
-        capsys.readouterr()
-        assert main(["inspect", str(finished / product)]) == DONE
-        made, dataset, *runs = capsys.readouterr().out.splitlines()
-        assert re.fullmatch(r".*  made by brownpipe \S+, source \w{12},.* Python 3\S+", made)
-        assert re.fullmatch(r"dataset      \w{12}", dataset)
-        assert runs == ["runs         brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"]
-
-
 @pytest.mark.parametrize("name", ["table.csv", "figure.png", "none.svg"])
 def test_files_that_say_nothing_of_their_origin_are_refused(name, tmp_path, capsys):
     path = tmp_path / name

@@ -88,9 +88,3 @@ def test_check_cautions_of_runs_that_end_before(tmp_path):
     assert "caution   the fit window [2, 4] begins before 3/gamma" in describe_scene_or_study(
         str(tmp_path / "one.yaml")
     )
-
-
-def test_a_list_of_disks_and_a_lone_disk_have_no_such_time():
-    alone = scene(disks={"tracer": TRACER})
-    assert np.isnan(friction.diffusive_from(alone))
-    assert friction.default_windows([alone]) == ((0.4, 4.0), (2.0, 4.0))

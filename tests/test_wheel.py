@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import sysconfig
-import tarfile
 import zipfile
 from importlib.metadata import Distribution
 from pathlib import Path
@@ -175,11 +174,3 @@ def test_the_workflow_and_the_examples_in_the_wheel_are_those_of_the_checkout(in
         pipeline = {name.removeprefix("brownpipe/pipeline/") for name in wheel.namelist() if "/pipeline/" in name}
         assert pipeline == files
         assert all(wheel.read(f"brownpipe/pipeline/{file}") == (ROOT / file).read_bytes() for file in files)
-
-
-def test_the_sdist_builds_the_same_wheel(installed, tmp_path):
-    with tarfile.open(installed.sdist) as sdist:
-        sdist.extractall(tmp_path, filter="data")
-    (source,) = tmp_path.iterdir()
-    again = build("wheel", source, tmp_path / "again")
-    assert again.read_bytes() == installed.wheel.read_bytes()

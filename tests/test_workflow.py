@@ -121,15 +121,6 @@ def test_everything_declared_is_there_and_the_answer_is_printed_last(finished):
     assert main(["verify", str(folder / "results/study")]) == DONE
 
 
-@pytest.mark.parametrize("study", ["config/harrison2020.yaml", "my studies/first one.yaml"])
-def test_make_report_calls_snakemake(study):
-    """Make is only asked what it would do: the Snakemake command is the one that a test below runs."""
-    command = ["make", "report", f"STUDY={study}", "REPORT=a page.html", "--dry-run"]
-    done = subprocess.run(command, cwd=ROOT, env=environment(), capture_output=True, text=True, check=True).stdout
-    words = shlex.split(next(line for line in done.splitlines() if line.startswith("snakemake ")))
-    assert words[words.index("--configfile") + 1 :] == [study, "--report", "a page.html"]
-
-
 def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_other_batches(finished, tmp_path):
     folder = write_study(tmp_path / "a folder of another name")
     (folder / "study.yaml").write_text(STUDY.replace("batch: 10", "batch: 5"))
