@@ -410,26 +410,6 @@ def test_a_disk_that_is_nowhere_fails_the_run(engine, value):
     assert all(with_broken(engine, index, value) == [0, 1] for index in range(4))
 
 
-@pytest.mark.parametrize("engine", ["exact", "timestep"])
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_run_that_starts_nowhere_fails(engine, value):
-    """Energies that are NaN from the first have no drift; momentum neither."""
-    scene = FEW["periodic"]
-    state = draw(scene, 3)
-    state.velocity[0, 0] = value
-    if engine == "exact":
-        one = prepare_scene(scene)
-        first = motion_of(state, one.frame)
-        begin(one.workspace, first)
-        found = report_of(one, first)
-    else:
-        one = timestep.prepared(scene, largest_step(scene) / 64)
-        first = motion_of(state, one.frame)
-        timestep.begin(one.workspace, first)
-        found = stepping_report_of(one, first)
-    assert found["failed"] == 1
-
-
 def test_images_that_no_int32_can_count_fail_the_run():
     """2^31 boxes, of what one disk could cross if it had all the energy; after half of these all is well."""
     scene = FEW["periodic"]
@@ -653,18 +633,6 @@ def test_one_or_two_disks_at_rest(boundary, n):
     assert np.array_equal(position, disks.position)
     assert not velocity.any()
     assert len(events.time) == 0
-
-
-@BOTH
-def test_a_disk_as_large_as_its_box(boundary):
-    """Between walls one that cannot move at all; a periodic box must be twice as wide as a disk."""
-    where = box(2, 2, boundary)
-    if boundary == P:
-        with pytest.raises(RequestError, match="at most a quarter"):
-            explicit(where, state_of([(0, 0, 0, 0)], 1.0), 1.0)
-        return
-    position, _, _, _ = outcome(where, state_of([(0, 0, 0, 0)], 1.0), 1.0)
-    assert position.tolist() == [[0.0, 0.0]]
 
 
 def test_a_periodic_box_below_four_radii_is_refused_by_name():

@@ -38,7 +38,8 @@ def scene_of(name="some", boundary="reflecting", width=6.0, particles=150, speci
         "duration": 1.0,
         "sample_interval": 0.01,
     }
-    return parse_scene(mapping | more, f"{name}.yaml")
+    mapping = {key: value for key, value in (mapping | more).items() if value is not None}
+    return parse_scene(mapping, f"{name}.yaml")
 
 
 def unwrapped(scene, ensemble):
@@ -452,43 +453,29 @@ CROWD = {"particles": 900, "width": 6.0, "disks": {
 }}  # fmt: skip
 
 
+DISK = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "radius": 0.1, "mass": 1.0}
+LISTED = {"particles": 1, "disks": [DISK], "velocities": None}
+
+
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "record", "message"),
     [
-        (LIGHT, "some, N = 150: --engine langevin is for a heavy tracer: the disk that is followed has 1.75 times the"),
-        (NO_TRACER, "the disk that is followed has 1 times the mass of the heaviest of the others; must be at least 2"),
-        (CROWD, "has no contact value for --friction enskog: the packing fraction is 0.79"),
-        ({"particles": 1}, "needs a bath, and there is a single disk"),
-        ({"velocities": {"standard_deviation": 1e300}}, "needs a temperature of the bath below 1.8e308"),
+        (LIGHT, "tracer", "some, N = 150: --engine langevin is for a heavy tracer: the disk that is followed has 1.75"),
+        (NO_TRACER, "tracer", "followed has 1 times the mass of the heaviest of the others; must be at least 2"),
+        (CROWD, "tracer", "has no contact value for --friction enskog: the packing fraction is 0.79"),
+        (LISTED, "tracer", "some, N = 1: --engine langevin needs a scene with species"),
+        ({"particles": 1}, "tracer", "needs a bath, and there is a single disk"),
+        ({"velocities": {"standard_deviation": 1e300}}, "tracer", "needs a temperature of the bath below 1.8e308"),
+        ({}, "all", "the langevin engine has no bath; must be tracer or none"),
+        ({}, "events", "the langevin engine has no bath; must be tracer or none"),
     ],
 )
-def test_where_friction_and_noise_are_no_bath(changes, message):
+def test_where_friction_and_noise_are_no_bath(changes, record, message):
     with pytest.raises(RequestError) as refusal:
-        langevin.simulate(scene_of(**changes), [0])
+        langevin.simulate(scene_of(**changes), [0], frozenset({record}))
     assert message in str(refusal.value)
-
-
-def test_a_dense_bath_is_measured_or_nothing():
-    refuse_unfit(scene_of(**CROWD), {"friction": "measured"}, frozenset())
-
-
-def test_a_list_of_disks_has_no_bath():
-    disk = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "radius": 0.1, "mass": 1.0}
-    scene = parse_scene({"box": {"x": [-1, 1], "y": [-1, 1]}, "disks": [disk], "duration": 1.0}, "listed.yaml")
-    with pytest.raises(RequestError, match="listed, N = 1: --engine langevin needs a scene with species"):
-        langevin.simulate(scene, [0])
-
-
-@pytest.mark.parametrize("record", [{"all"}, {"events", "tracer"}])
-def test_what_the_bath_does_cannot_be_recorded(record):
-    with pytest.raises(RequestError, match=r"the langevin engine has no bath; must be tracer or none"):
-        langevin.simulate(scene_of(), [0], frozenset(record))
-
-
-def test_no_caution_of_a_scene_without_a_bath():
-    listed = [{"position": [0.5, 0.5], "velocity": [1.0, 0.0], "radius": 0.1, "mass": 1.0}]
-    box = {"x": [0.0, 1.0], "y": [0.0, 1.0], "boundary": "reflecting"}
-    assert caution(parse_scene({"box": box, "disks": listed, "duration": 1.0}, "listed")) is None
+    if changes is CROWD:  # a dense bath is measured or nothing
+        refuse_unfit(scene_of(**CROWD), {"friction": "measured"}, frozenset())
 
 
 @pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])

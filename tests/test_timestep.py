@@ -415,6 +415,8 @@ def test_the_compiler_changes_no_bit():
     [
         (0.5, {}, r"time_step: must be at most 0\.07\d+, .* found 0.5"),
         (1e-12, {}, "time_step: must be at least 4e-10, for"),
+        (np.nan, {}, "time_step: must be at most"),
+        (1e-3, {"collisions": "x"}, r"^collisions: must be one of at_contact, late, found 'x'$"),
         (1e-3, {"record": {"events"}}, "--record events: the timestep engine knows no instants of collisions"),
     ],
 )
@@ -422,12 +424,6 @@ def test_bad_settings_are_refused_in_one_line(time_step, more, message):
     with pytest.raises(RequestError, match=message) as refused:
         timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=time_step, **more)
     assert "\n" not in str(refused.value)
-
-
-def test_disks_at_rest_allow_any_step():
-    scene = explicit(W, 2.0, [((0.0, 0.0), (0.0, 0.0), 0.1, 1.0)], 1.0)
-    assert largest_step(scene) == np.inf
-    assert not timestep.simulate(scene, [0], time_step=5.0).observables["failed"][0]
 
 
 # -- departure ------------------------------------------------------------------------------------------------------
@@ -441,13 +437,3 @@ def test_departure_is_the_first_sample_beyond_the_bound():
     position[:, 2, 1] = 10.0 * (times > 0.25)
     position[5:, 3, 0] = np.nan
     assert departure_time(times, position, reference, 0.3).tolist() == [np.inf, 0.6000000000000001, times[3], 0.5]
-
-
-def test_a_time_step_that_is_no_number_is_refused():
-    with pytest.raises(RequestError, match="time_step: must be at most"):
-        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=np.nan)
-
-
-def test_unknown_words_are_refused():
-    with pytest.raises(RequestError, match=r"^collisions: must be one of at_contact, late, found 'x'$"):
-        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=1e-3, collisions="x")
