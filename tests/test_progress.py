@@ -47,14 +47,6 @@ def test_a_piece_is_reported_by_what_is_tracked_within_it_and_by_nothing_else(re
     assert reported == [("cases", case + share, 2) for case in (0, 1) for share in shares]
 
 
-def shares(reported, runs):
-    """The fractions of a batch that were reported, which must never fall."""
-    assert {(unit, total) for unit, _, total in reported} == {("runs", runs)}
-    done = [done for _, done, _ in reported]
-    assert done == sorted(done)
-    return done
-
-
 @pytest.mark.parametrize("engine", [EXACT, STEPS], ids=lambda engine: engine.name)
 def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypatch):
     before = engine.simulate(SCENE, [3, 4], {"tracer"}).tracer.position
@@ -62,12 +54,12 @@ def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypa
     monkeypatch.setattr(timestep, "DISK_STEPS_PER_CALL", 31 * 39)
     found = []
     monkeypatch.setattr(stages, "listeners", [lambda *stage: found.append(stage)])
-    after = engine.simulate(SCENE, [3, 4], {"tracer"}).tracer.position
-    assert after.tobytes() == before.tobytes()
-    done = np.array(shares(found, 2))
+    assert engine.simulate(SCENE, [3, 4], {"tracer"}).tracer.position.tobytes() == before.tobytes()
+    assert {(unit, total) for unit, _, total in found} == {("runs", 2)}
+    done = np.array([done for _, done, _ in found])
     inside = done % 1
+    assert np.all(np.diff(done) >= 0) and {1.0, 2.0} <= set(done) and done[0] < 0.2
     assert np.count_nonzero((inside > 0) & (inside < 0.5)) > 2 < np.count_nonzero(inside > 0.5)  # half equilibrates
-    assert {1.0, 2.0} <= set(done) and done[0] < 0.2
 
 
 @pytest.mark.slow
@@ -105,19 +97,18 @@ def test_a_log_has_a_line_every_half_a_minute(clock, capsys):
 
 
 @pytest.mark.parametrize(
-    ("reports", "left"),
+    ("reports", "total", "left"),
     [
-        ((5, 6, 10), 2 * 10 / 5),  # 5 were done before, as the runs of a checkpoint: they took no time
-        ((0.5, 5, 0.2, 1.2), 8.8),  # begun again
-        ((1, 10), None),
+        ((5, 6, 10), 20, 2 * 10 / 5),  # 5 were done before, as the runs of a checkpoint: they took no time
+        ((0.5, 5, 0.2, 1.2), 10, 8.8),  # begun again
+        ((1, 10), 10, None),
     ],
 )
-def test_the_time_left_follows_from_the_pace_since_the_stage_began(clock, capsys, reports, left):
+def test_the_time_left_follows_from_the_pace_since_the_stage_began(clock, capsys, reports, total, left):
     display = progress.Display()
     for done in reports:
-        clock.now += 1.0
-        display.due = clock.now
-        display.update("x", done, 10 if left != 4 else 20)
+        display.due = clock.now = clock.now + 1.0
+        display.update("x", done, total)
     last = capsys.readouterr().err.splitlines()[-1]
     assert last == f"x, {len(reports)} s" + (f", about {left:.0f} s to go" if left else "")
 
@@ -218,61 +209,32 @@ def start(handler, runs=400, seconds=None):
     send(handler, message="brownpipe: the study", runs=dict.fromkeys(seconds, 100), seconds=seconds)
 
 
-def note(log, done, total=100):
-    """Write in the log of a job what `progress.shown` writes there."""
-    log.write_text(f"simulate: {done:,} of {total:,} runs, 1 s\n")
-
-
 def last_line(screen):
     return screen.getvalue().rpartition("\r")[2].rstrip()
 
 
-def test_runs_are_counted_while_the_first_job_is_running(monkeypatch, clock, tmp_path):
-    handler, screen = display(monkeypatch, terminal=True)
-    start(handler, runs=7_200)
-    logs = [tmp_path / "1.log", tmp_path / "2.log"]
-    begin(handler, 1, log=logs[0])
-    begin(handler, 2, log=logs[1])
-    handler.look()
-    clock.now += 6.0
-    note(logs[0], 50)
-    note(logs[1], 10)
-    handler.look()
-    assert last_line(screen) == "simulate: 60 of 7,200 runs, 6 s, about 12 min to go"  # 6 s / 60 x 7,140
-    send(handler, LogEvent.JOB_FINISHED, job_id=1)
-    clock.now += 1.0
-    handler.look()
-    assert last_line(screen).startswith("simulate: 110 of 7,200 runs, ")
-
-
-def test_the_time_left_follows_from_the_times_expected_of_the_jobs(monkeypatch, clock, tmp_path):
+def test_the_time_left_follows_from_the_times_expected_of_the_jobs_and_remarks_are_shown_once(
+    monkeypatch, clock, tmp_path
+):
     """Of 100 s in all, 10 s were of the first job; by the number of runs, 4.5 s would be left."""
     handler, screen = display(monkeypatch, terminal=True)
     start(handler, seconds={"file 1": 10.0, "file 2": 90.0})
-    begin(handler, 1)
-    begin(handler, 2, log=tmp_path / "2.log")
-    handler.look()
+    remark = "brownpipe: compiling the kernels for this kind of scene, once per machine: about 8 s"
+    for number in (1, 2):
+        (tmp_path / f"{number}.log").write_text(f"something else\n{remark}\n")
+        begin(handler, number, log=tmp_path / f"{number}.log")
+        handler.look()
+    assert screen.getvalue().count(f"{remark}\n") == 1
     clock.now += 1.0
-    note(tmp_path / "2.log", 10)
+    (tmp_path / "2.log").write_text("simulate: 10 of 100 runs, 1 s\n")
     send(handler, LogEvent.JOB_FINISHED, job_id=1)
     clock.now += 4.0
     handler.look()
     assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 21 s to go"  # 5 s / 19 x 81
 
 
-def test_a_remark_of_jobs_is_shown_once(monkeypatch, clock, tmp_path):
-    handler, screen = display(monkeypatch, terminal=True)
-    line = "brownpipe: compiling the kernels for this kind of scene, once per machine: about 8 s"
-    (tmp_path / "1.log").write_text(f"something else\n{line}\n")
-    for number in (1, 2):
-        begin(handler, number, log=tmp_path / "1.log")
-        handler.look()
-    assert screen.getvalue() == f"{line}\n"
-
-
-@pytest.mark.parametrize(("terminal", "term"), [(False, "xterm"), (True, "dumb")])
-def test_without_a_terminal_there_is_a_line_every_half_a_minute(monkeypatch, clock, terminal, term):
-    handler, screen = display(monkeypatch, terminal, term)
+def test_without_a_terminal_there_is_a_line_every_half_a_minute(monkeypatch, clock):
+    handler, screen = display(monkeypatch)
     start(handler)
     begin(handler, 4)
     handler.look()
@@ -286,34 +248,22 @@ def test_without_a_terminal_there_is_a_line_every_half_a_minute(monkeypatch, clo
     assert screen.getvalue().splitlines() == lines
 
 
-def test_after_an_interruption_no_job_is_blamed(monkeypatch):
+def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_interruption(monkeypatch):
+    handler, screen = display(monkeypatch)
+    for number in (7, 8, 9, 7, 9):
+        begin(handler, number)
+        fail(handler, number, rule_msg="SLURM sbatch failed. 'invalid partition\x1b[2J: long'.")
+    begin(handler, 9)
+    send(handler, LogEvent.JOB_FINISHED, job_id=9)
+    handler.close()
+    explained = "brownpipe: the rule simulate failed: brownpipe simulate x.yaml\n    SLURM sbatch failed. "
+    explained += "'invalid partition\\x1b[2J: long'.\n"
+    assert screen.getvalue() == 2 * explained
     handler, screen = display(monkeypatch)
     send(handler, message="Terminating processes on user request, this might take some time.")
     fail(handler, 1)
     handler.close()
     assert screen.getvalue().splitlines()[1:] == ["brownpipe: interrupted; the same command goes on from here"]
-
-
-def test_a_job_that_failed_and_was_run_again_is_no_failure(monkeypatch):
-    handler, screen = display(monkeypatch)
-    begin(handler, 7)
-    fail(handler, 7)
-    send(handler, message="Trying to restart job 7.")
-    begin(handler, 7)
-    send(handler, LogEvent.JOB_FINISHED, job_id=7)
-    handler.close()
-    assert screen.getvalue() == "Trying to restart job 7.\n"
-
-
-def test_a_job_that_failed_in_every_attempt_is_explained_once_with_what_the_queue_said(monkeypatch):
-    handler, screen = display(monkeypatch)
-    for number in (7, 8, 7):
-        begin(handler, number)
-        fail(handler, number, rule_msg="SLURM sbatch failed. 'invalid partition\x1b[2J: long'.")
-    handler.close()
-    explained = "brownpipe: the rule simulate failed: brownpipe simulate x.yaml\n    SLURM sbatch failed. "
-    explained += "'invalid partition\\x1b[2J: long'.\n"
-    assert screen.getvalue() == 2 * explained
 
 
 def test_no_control_character_of_others_reaches_the_terminal(monkeypatch, clock, tmp_path):
