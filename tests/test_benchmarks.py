@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
-import numpy as np
 import pytest
 
 import forked
@@ -21,8 +19,6 @@ pytestmark = pytest.mark.slow
 def docs():
     """When each file of docs/ was last written."""
     return {path: path.stat().st_mtime_ns for path in (ROOT / "docs").rglob("*") if path.is_file()}
-
-
 
 
 @pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)
@@ -50,33 +46,6 @@ def test_a_quick_pass_reports_and_leaves_the_tables_of_docs_alone(path, monkeypa
 def hash_runs():
     """The names of benchmarks/hash_runs.py."""
     return runpy.run_path(str(ROOT / "benchmarks" / "hash_runs.py"))
-
-
-def hashes(hash_runs, path, **datasets):
-    """Hashes of a trajectory file with these variables, and with what is not hashed."""
-    with h5py.File(path, "w") as file:
-        file.attrs["runs_digest"] = str(path)
-        for name, value in {"seed": [0], "stopped": np.array([""], h5py.string_dtype()), **datasets}.items():
-            file[name] = value
-            file[name].attrs["made"] = str(path)
-        file["seed"].make_scale("seed")
-    return hash_runs["hashes_of"](path)
-
-
-def test_hashes_are_of_values_types_and_shapes_alone(hash_runs, tmp_path):
-    values = np.array([[0.0, 1.0], [2.0, np.nan]])
-    first = hashes(hash_runs, tmp_path / "first.h5", image=values, position=values)
-    assert first == hashes(hash_runs, tmp_path / "second.h5", image=values, position=values)
-    assert first.keys() == {"image", "position", "stopped"}
-    others = [np.nextafter(values, 3.0), values.astype(np.float32), values.ravel(), np.where(values == 0, -0.0, values)]
-    others += [np.array(["0", "1"], h5py.string_dtype()), np.array(["0", "2"], h5py.string_dtype())]
-    found = [hashes(hash_runs, tmp_path / "other.h5", image=values, position=other) for other in others]
-    assert len({one["position"] for one in (first, *found)}) == 1 + len(others)
-    assert {one["image"] for one in found} == {first["image"]}
-
-
-
-
 
 
 def test_a_comparison_that_finds_differences_ends_with_status_1(hash_runs, tmp_path, monkeypatch, capsys):
