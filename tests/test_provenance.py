@@ -98,6 +98,19 @@ def test_products_name_no_machine_user_folder_or_date(product, finished):
     assert not re.search(rb'"?(date|time_stamp|created)"?[=:]', contents, re.IGNORECASE)
 
 
+def test_movies_and_exports_say_how_their_run_is_made_again(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", str(SCENE), "--particles", "3", "--seeds", "4-5", "--record", "all"]) == DONE
+    command = "brownpipe simulate harrison2020.yaml --particles 3 --seeds 5 --engine exact --record all"
+    for name in ("m.gif", "m.png"):
+        assert main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", name]) == DONE
+        assert origin.read_record(name)["movie"] == {"seed": 5, "frames": 2, "fps": 25.0}
+        capsys.readouterr()
+        assert main(["inspect", name]) == DONE and capsys.readouterr().out.endswith(f"runs         {command}\n")
+    assert main(["export", "harrison2020.h5", "--seed", "5", "--to", "xyz"]) == DONE
+    assert Path("harrison2020.xyz").read_text().count(f'command="{command}"') == 1
+
+
 def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypatch):
     def git(*words):
         who = ["-c", "user.name=a", "-c", "user.email=b", "-c", "init.defaultBranch=main"]

@@ -22,7 +22,6 @@ class Installation(NamedTuple):
     """An installed wheel: its environment is not activated."""
 
     wheel: Path
-    sdist: Path
     bin: Path
     folder: Path  # an empty one, to work in
 
@@ -33,13 +32,6 @@ def run(*words, cwd, **more):
     done = subprocess.run([*map(str, words)], cwd=cwd, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
-
-
-def build(kind, source, target):
-    """The file that hatchling builds, as `python -m build` does; no network is needed."""
-    run(sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", target, cwd=source)
-    (file,) = target.iterdir()
-    return file
 
 
 def install(wheel, packages, programs):
@@ -62,7 +54,8 @@ def install(wheel, packages, programs):
 def installed(tmp_path_factory):
     """The wheel in an environment of its own, which shares the other packages with that of the tests."""
     folder = tmp_path_factory.mktemp("wheel")
-    wheel, sdist = build("wheel", ROOT, folder / "wheel"), build("sdist", ROOT, folder / "sdist")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "wheel", cwd=ROOT)  # as `build` does
+    (wheel,) = (folder / "wheel").iterdir()
     own = folder / "environment"
     run(sys.executable, "-m", "venv", "--without-pip", own, cwd=folder)
     (packages,) = own.glob("lib/python*/site-packages")
@@ -70,7 +63,7 @@ def installed(tmp_path_factory):
     shared = [path for path in sys.path if path.endswith("site-packages")] or [sysconfig.get_path("purelib")]
     (packages / "others.pth").write_text("\n".join(shared) + "\n")
     (folder / "my work").mkdir()
-    return Installation(wheel, sdist, own / "bin", folder / "my work")
+    return Installation(wheel, own / "bin", folder / "my work")
 
 
 @pytest.fixture(scope="session")
