@@ -402,25 +402,6 @@ def test_a_run_that_needs_more_room_leaves_no_trace_in_those_after_it(monkeypatc
         assert np.array_equal(alone.tracer.position[:, 0], batch.tracer.position[:, column]), seed
 
 
-DENSE = {
-    "binary": binary(),
-    "binary-walls": binary().replace(box={"x": (-1.3, 1.3), "y": (-1.3, 1.3), "boundary": W}),
-    "ratio-1.5": crowded(box(21.0, 22.0, P), [(110, 0.5, 1.0), (110, 0.75, 1.0)], 5.0),
-    "few": crowded(box(8.6, 8.6, P), [(60, 0.5, 1.0)], 30.0),
-    "unlike": interstitial(6, 2.0),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", DENSE)
-def test_a_crowded_run_does_not_start_twice(name, starts):
-    """Room for lists and cells is what a scene needs. Too little cost a failed start each."""
-    run = simulate(DENSE[name], range(3), frozenset())
-    assert starts[0] == 3
-    assert not run.observables["failed"].any()
-    assert run.observables["pair_collisions"].min() > 1000
-
-
 @pytest.mark.slow
 def test_lists_are_right_from_block_to_block():
     """A disk may end a block half a square outside a periodic box. Registered in the outermost cell it missed others.

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from brownpipe.cli import main
-from brownpipe.quoting import printable, shell_path
+from brownpipe.quoting import printable
 
 SCENE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
 
@@ -46,22 +46,11 @@ def run(capsys, *argv):
     return status
 
 
-# -- words ----------------------------------------------------------------------------------------------------------
-
-
 def test_no_character_that_a_terminal_obeys_is_shown():
     everything = "".join(map(chr, [*range(0x10000), 0x1D173, 0x1F600, 0xE0001, 0xE0100, 0x10FFFF]))
     shown = printable(everything)
     assert shown.isprintable() and printable(shown) == shown
     assert not set(shown) & set("".join(BREAKS + CODES[5:]) + "\x1b\x9b\x07\b\x00\xa0\xad\ud800\u061c\u200e")
-
-
-@pytest.mark.parametrize(("path", "word"), [("-rf", "./-rf"), ("a b", "'a b'"), ("a/b.h5", "a/b.h5")])
-def test_a_path_is_no_option(path, word):
-    assert shell_path(path) == word
-
-
-# -- names and arguments --------------------------------------------------------------------------------------------
 
 
 def test_what_a_scene_or_study_says_is_text(faults, capsys):
@@ -82,6 +71,3 @@ def test_what_a_scene_or_study_says_is_text(faults, capsys):
         run(capsys, "check", path if faults.random.random() < 0.9 else Path.cwd() / path)
         if text is study:
             run(capsys, "tradeoff", path)
-
-
-# -- the source -----------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 import xarray
 from scipy import stats
 
-from brownpipe import observables, theory
+from brownpipe import observables
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.cli import main
 from brownpipe.engines import Engine, forecast
@@ -116,27 +116,6 @@ def test_pairs_expected_around_the_tracer_are_those_of_many_points(small):
         points_expected = expected / number * 20_000
         assert points_expected.sum() > 1e5
         assert (np.abs(counts - points_expected) < SIGMAS * np.sqrt(points_expected) + 4).all()
-
-
-def test_expected_pairs_of_lone_disks_in_a_list():
-    """Of two lone disks the first is the one that the gas is around; disks of a kind of two have no such pairs."""
-    disks = [
-        {"position": at, "velocity": [0.0, 0.0], "radius": radius, "mass": 1.0}
-        for at, radius in (([0.0, 3.0], 0.2), ([2.0, 3.5], 0.1), ([2.0, 5.0], 0.3), ([3.0, 5.0], 0.2))
-    ]
-    scene = make(W, disks=disks, velocities=None, equilibrate=None, duration=1e-3, sample_interval=None)
-    found = simulate(scene, [0], {"none"}, observables=("pair_distribution",)).observables["pair_expected"][0]
-    reach = 2 * observables.axes(scene, "pair_counts")["distance"][0] * found.shape[1]
-    middle = [1.5, 4.0]
-    for place, number, at, room in (
-        (1, 2, disks[1], (4.6, 3.6)),
-        (2, 2, disks[2], (4.6, 3.6)),
-        (4, 1, disks[1], (4.4, 3.4)),
-    ):
-        off = np.subtract(at["position"], middle)
-        share = theory.disk_area_in_rectangle(reach, *off, *room) / np.prod(room)
-        assert found[place].sum() == pytest.approx(number * share, rel=1e-12)
-    assert np.isnan(found[[0, 3, 5]]).all()
 
 
 def test_reach_of_the_pair_distribution():
@@ -429,35 +408,16 @@ def test_one_whole_run_is_held_at_a_time():
     assert peaks[0] < forecast.BYTES_PER_SAMPLE * len(scene.times) * scene.particles + 2**21
 
 
-def test_what_needs_every_disk():
-    alone = make(kinds=[{"name": "same", "count": 4, **TRACER}], tracer=None)
-    for scene, names, average, expected in (
-        (make(), (), "runs", False),
-        (make(), SQUARE, "origins", False),
-        (make(), ("velocity_autocorrelation",), "runs", True),  # that of the bath
-        (alone, ("square_displacement", "velocity_autocorrelation"), "runs", False),
-        (alone, SQUARE, "disks", True),
-        (alone, ("species_energy",), "runs", True),
-    ):
-        assert observables.needs_every_disk(scene, names, average) == expected
-        found = simulate(scene, [0, 1], {"none"}, observables=names, average=average)
-        assert observables.arrays_of(scene, names) == tuple(name for name in MEASURED if name in found.observables)
-
-
 @pytest.mark.parametrize("name", ALL)
-def test_the_tracer_is_enough_exactly_where_the_record_says_so(name):
-    """Without the other disks' tracks: the same arrays, or an array is missing or cannot be measured."""
-    for scene in (make(), make(kinds=[{"name": "same", "count": 4, **TRACER}])):
-        whole = made_up(scene)
-        expected = observe(scene, whole, (name,))
-        try:
-            found = observe(scene, whole._replace(whole=None), (name,))
-        except AttributeError:  # it reads from None
-            found = {}
-        enough = found.keys() == expected.keys()
-        assert observables.needs_every_disk(scene, (name,)) != enough
-        assert all(np.array_equal(found[array], expected[array]) for array in found)
-        assert bool(observables.of_tracer((name,))[0]) == (next(iter(OBSERVABLES[name].arrays)) in found)
+def test_an_observable_alone_is_what_it_is_among_all(name):
+    """Whether the tracks of all disks are kept for it or that of the tracer alone."""
+    for scene in (make(), make(kinds=[{"name": "same", "count": 4, **TRACER}], tracer=None)):
+        alone, among = (
+            simulate(scene, [0, 1], {"none"}, observables=names).observables for names in ((name,), tuple(ALL))
+        )
+        found = observables.arrays_of(scene, (name,))
+        assert found == tuple(array for array in MEASURED if array in alone)
+        assert all(np.array_equal(alone[array], among[array], equal_nan=True) for array in found)
 
 
 @pytest.mark.parametrize("name", ALL)

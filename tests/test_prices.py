@@ -100,16 +100,6 @@ def test_nothing_is_run_again_until_the_tolerance_changes(finished, tmp_path):
     assert counts["plan"] == counts["tradeoff"] == "1"
 
 
-@pytest.mark.parametrize("deleted", ["tradeoff/prices.nc", "tradeoff/tradeoff.csv", "../runs/half/N6/*/*.h5"])
-def test_what_was_deleted_is_made_again(finished, tmp_path, deleted):
-    folder = shutil.copytree(finished[0], tmp_path / "copy")
-    for file in (folder / "results" / "prices").glob(deleted):
-        file.unlink()
-    before = {"simulate": "1", "tradeoff": "1"}
-    made = before if "runs" in deleted else {"tradeoff": "1"} if deleted.endswith(".nc") else {}
-    assert planned(folder).items() >= (made | {"tradeoff_drawings": "1"}).items()
-
-
 def planned(folder):
     """How many jobs of each rule a dry run would start."""
     table = snakemake(folder, "tradeoff_figures", "--dry-run").partition("Job stats:")[2]

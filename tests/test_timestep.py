@@ -229,22 +229,6 @@ def test_a_disk_without_room_stays():
     assert not run.observables["failed"][0] and np.abs(run.whole[0].position).max() < 2e-3
 
 
-@pytest.mark.parametrize("share", [0.4, 0.95])
-def test_lists_change_no_bit_at_long_steps(share):
-    """Between walls, equal and of two sizes, 12 seeds each: short and long lists, in steps near the largest."""
-    for phi, ratio in ((0.4, 1.0), (0.45, 1.5), (0.3, 2.0)):
-        radius = math.sqrt(phi * 4.0 / (12 * math.pi * (1 + ratio**2) / 2))
-        scene = make(W, 2.0, [(6, radius, 1.0), (6, radius * ratio, 0.3)], 2.0)
-        engine = timestep.prepared(scene, share * largest_step(scene))
-        for seed in range(12):
-            state, ends = draw(scene, seed), []
-            for skin in (engine.workspace.skin, 0.0, 10.0):
-                w = engine.workspace._replace(skin=skin)
-                run = timestep.run(engine._replace(workspace=w), state, scene.times, {"all"})
-                ends.append(run.whole.position[-1])
-            assert np.array_equal(ends[0], ends[1]) and np.array_equal(ends[0], ends[2])
-
-
 def test_a_dense_fluid_loses_no_collisions_in_a_step_of_a_fiftieth():
     """phi = 0.72, steps of a fiftieth of the largest: pairs that third disks push together meet, too; 3 % at most."""
     scene = make(P, 10.0, [(92, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0)

@@ -14,7 +14,6 @@ from validation import fundamental_measure, transport
 from validation.catalogue import RESULTS
 from validation.comparison import Comparison
 from validation.kinetic_theory import correlation, energy_decay, velocity_modes
-from validation.page import table, value, with_table
 from validation.pressure import MOLECULAR_DYNAMICS, VIRIAL_COEFFICIENTS, finite_size, fit, published, series
 from validation.single_runs import single_runs
 from validation.walls import gas_profile
@@ -54,35 +53,6 @@ def test_difference_in_standard_errors():
     assert one._replace(ours=3.6).is_at_odds
     assert one._replace(ours=math.nan).is_at_odds
     assert not one._replace(ours=3.6, approximate=True).is_at_odds
-
-
-@pytest.mark.parametrize(
-    ("number", "error", "text"),
-    [
-        (1.35485, 0.00021, "1.35485(21)"),
-        (7.01, 0.42, "7.01(42)"),
-        (0.98913, 0.00996, "0.989(10)"),
-        (123.4, 9.96, "123(10)"),
-        (123.4, 2.3, "123.4(2.3)"),
-        (1234.5, 23.4, "1234(23)"),
-        (0.25, 0.0, "0.25"),
-        (0.25, math.nan, "0.25"),
-    ],
-)
-def test_a_value_has_its_error_in_the_last_two_digits(number, error, text):
-    assert value(number, error) == text
-
-
-def test_a_table_replaces_that_of_its_result_alone():
-    page = "a\n<!-- virial -->\nold\n<!-- end of virial -->\nb\n<!-- other -->\n<!-- end of other -->\n"
-    comparisons = [Comparison("Z", 2.0, 0.3, 3.0, 0.4, "somebody")]
-    written = with_table(page, "virial", comparisons, 60.0)
-    assert table(comparisons) in written
-    assert "old" not in written
-    assert with_table(written, "virial", comparisons, 60.0) == written
-    assert written.endswith("b\n<!-- other -->\n<!-- end of other -->\n")
-    with pytest.raises(KeyError, match="nobody"):
-        with_table(page, "nobody", comparisons, 60.0)
 
 
 # -- the theory and the numbers that are compared with -----------------------------------------------------------------
