@@ -4,6 +4,7 @@ It is read from every import statement at every depth.
 """
 
 import ast
+import re
 from functools import cache
 
 import pytest
@@ -11,68 +12,27 @@ import pytest
 from brownpipe import provenance
 from brownpipe.engines import DEFINITIONS
 
-LAYERS = (  # each may import those before it
-    "quoting",
-    "errors",
-    "interrupts",
-    "formatting",
-    "provenance",
-    "stages",
-    "parallel",
-    "elementary",
-    "theory",
-    "scene",
-    "observables",
-    "engines",
-    "progress",
-    "storage",
-    "analysis",
-    "tradeoff",
-    "figures",
-    "report",
-    "inspection",
-    "study",
-    "interface",
-    "verbs",
-    "cli",
-    "__main__",
-)
+LAYERS = [  # each may import those before it
+    *("quoting", "errors", "interrupts", "formatting", "provenance", "stages", "parallel", "elementary", "theory"),
+    *("scene", "observables", "engines", "progress", "storage", "analysis", "tradeoff", "figures", "report"),
+    *("inspection", "study", "interface", "verbs", "cli", "__main__"),
+]
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
-HEAVY = {
-    "importlib",
-    "numba",
-    "h5py",
-    "scipy",
-    "pandas",
-    "xarray",
-    "matplotlib",
-    "yaml",
-    "PIL",
-    "gsd",
-}  # may be imported where they are needed
 ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.langevin.step", "engines.insertion")
 
 
 @cache
-def imports_of(file):
-    """(module, imported name or None, whether inside a function) of every import statement of a file."""
-    return [*statements(file)]
-
-
-def statements(file):
-    tree = ast.parse(file.read_text())
-    inside = {
-        id(one)
-        for function in ast.walk(tree)
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        for one in ast.walk(function)
-    }
-    for one in ast.walk(tree):
+def own_imports(file):
+    """The modules of brownpipe that a file imports, at any depth."""
+    found = []
+    for one in ast.walk(ast.parse(file.read_text())):
         if isinstance(one, ast.Import):
-            yield from ((alias.name, None, id(one) in inside) for alias in one.names)
+            found += [alias.name for alias in one.names]
         elif isinstance(one, ast.ImportFrom):
             assert one.level == 0, f"{file}: a relative import, which the digests of sources do not follow"
-            yield from ((one.module, alias.name, id(one) in inside) for alias in one.names)
+            names = [f"{one.module}.{alias.name}" for alias in one.names]
+            found += [name if name in MODULES else one.module for name in names]
+    return [module for module in found if module.split(".")[0] == "brownpipe"]
 
 
 def name_of(file):
@@ -81,13 +41,6 @@ def name_of(file):
 
 
 MODULES = {name_of(file): file for file in FILES}
-
-
-def own_imports(file, hidden=False):
-    """The modules of brownpipe that a file imports; with `hidden`, only those inside functions."""
-    for module, name, inside in imports_of(file):
-        if module.split(".")[0] == "brownpipe" and (inside or not hidden):
-            yield f"{module}.{name}" if f"{module}.{name}" in MODULES else module
 
 
 def needed_by(*modules):
@@ -115,24 +68,18 @@ def test_no_import_climbs():
     assert climbing == []
 
 
+def test_files_and_tables_are_known_from_storage_on():
+    known = re.compile(r"^ *(?:import|from) (?:h5py|h5netcdf|xarray|pandas)\b", re.MULTILINE)
+    below = [name for name in MODULES if name != "brownpipe" and layer_of(name) in LAYERS[: LAYERS.index("storage")]]
+    assert len(below) > 40 and [name for name in below if known.search(MODULES[name].read_text())] == []
+
+
 def test_no_import_cycle():
     after = {name: set(own_imports(file)) for name, file in MODULES.items()}
     while after:
         free = {name for name, needed in after.items() if not needed & after.keys()}
         assert free, f"a cycle among {sorted(after)}"
         after = {name: needed for name, needed in after.items() if name not in free}
-
-
-def test_imports_inside_functions_are_of_heavy_packages_or_at_the_border():
-    """The command line imports what a verb needs when it is called; everything else imports brownpipe at its head."""
-    hidden = [
-        f"{name}: {module}"
-        for name, file in MODULES.items()
-        if not name.startswith("brownpipe.verbs.")
-        for module, _, inside in imports_of(file)
-        if inside and module.split(".")[0] not in HEAVY
-    ]
-    assert hidden == []
 
 
 @pytest.mark.parametrize("module", ENTRY_POINTS)

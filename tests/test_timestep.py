@@ -2,12 +2,7 @@
 
 import json
 import math
-import os
-import pickle
-import subprocess
-import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +16,7 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.tradeoff.compare import departure_time
+from test_exact import in_plain_python
 
 W, P = "reflecting", "periodic"
 EPSILON = np.finfo(float).eps
@@ -379,13 +375,8 @@ def few():
 
 @pytest.mark.slow
 def test_the_compiler_changes_no_bit():
-    plain = os.environ | {
-        "NUMBA_DISABLE_JIT": "1",
-        "PYTHONPATH": os.pathsep.join([*sys.path, str(Path(__file__).parent)]),
-    }
-    code = "import pickle; from test_timestep import few; print(pickle.dumps(few()).hex())"
-    done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, check=True)
-    for run, other in zip(few(), pickle.loads(bytes.fromhex(done.stdout)), strict=True):
+    others = in_plain_python("import pickle; from test_timestep import few; print(pickle.dumps(few()).hex())")
+    for run, other in zip(few(), others, strict=True):
         assert run.observables["pair_collisions"][0] > 2
         assert all(np.array_equal(a, b) for a, b in zip(run.whole[3], other.whole[3], strict=True) if a is not None)
         assert run.observables == other.observables
