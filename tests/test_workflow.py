@@ -259,25 +259,6 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
     assert (study / "results/study/report.html").is_file()
 
 
-# -- a tolerance in place of seeds ----------------------------------------------------------------------------------
-
-
-def test_a_tolerance_is_determined_once_by_a_job_of_its_own(tmp_path):
-    folder = write_study(tmp_path / "study")
-    engines = "engines: [exact, {name: langevin, friction: enskog}]\n"
-    (folder / "study.yaml").write_text(f"scenes: scenes/thermal.yaml\ntolerance: 20%\nfigures: [health]\n{engines}")
-    for query in ("--dry-run", "--unlock", "--summary"):
-        snakemake(folder, query)
-        assert not (folder / "results").exists()
-    printed = snakemake(folder, "--cores", "1")
-    (plan,) = (folder / "results/study/plan").iterdir()
-    runs = int(re.search(r"^runs: (\d+)$", plan.read_text(), re.MULTILINE)[1])
-    for label in ("exact", "langevin-enskog"):
-        assert re.search(rf"^thermal +10 +{label} +{runs} ", printed, re.MULTILINE)
-    assert {file.name for file in folder.rglob("*.h5")} == {f"0-{runs - 1}.h5"}
-    assert planned(folder) == NOTHING
-
-
 # -- what goes wrong ------------------------------------------------------------------------------------------------
 
 
