@@ -2,6 +2,7 @@
 
 import argparse
 import errno
+import json
 import os
 import re
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 from brownpipe.cli import build_parser, main
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
+from brownpipe.quoting import printable
 from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.trajectories import read_trajectories
 from brownpipe.verbs import VERBS
@@ -220,6 +222,22 @@ def test_wrong_requests_are_refused_in_one_line_and_nothing_is_written(argv, mes
 def test_parts_of_a_scene_or_study_are_known_for_what_they_are(text, verb, message, capsys):
     Path("part.yaml").write_text(text)
     assert f"part.yaml: {message}" in said(capsys, verb[0], "part.yaml", *verb[1:])[2]
+
+
+def test_no_character_that_a_terminal_obeys_is_shown(faults, capsys):
+    """Of keys, values and names of files, as they are and in quotes."""
+    everything = "".join(map(chr, [*range(0x10000), 0x1D173, 0xE0001, 0xE0100, 0x10FFFF]))
+    assert printable(everything).isprintable() and not set(printable(everything)) & set("\x1b\x9b\x00\xad\ud800\u202e")
+    codes = ["\x1b[2J", "\x1b]0;title\x07", "\x9b31m", "\b\b", "\x7f", "\u202e", "\u200b", "\r", "\x85", "\u2028"]
+    text = Path(SCENE).read_text()
+    for _ in faults.tries(20):
+        hostile = "".join(faults.random.choices([*codes, "a", "'", '"', "{x}", "%s", "é"], k=6))
+        place = faults.random.choice(list(re.finditer(r"[\w.]+", text)))
+        new = faults.random.choice([hostile, json.dumps(hostile), json.dumps(place[0] + hostile)])
+        path = Path(f"{hostile}.yaml")
+        path.write_text(text[: place.start()] + new + text[place.end() :], newline="")
+        _, out, err = said(capsys, "check", path)
+        assert [char for char in out + err if char != "\n" and not char.isprintable()] == []
 
 
 def test_more_than_memory_and_disk_can_hold(capsys, monkeypatch):

@@ -13,6 +13,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import psutil
 import pytest
 
 from brownpipe.cli import main
@@ -153,15 +154,13 @@ def wait_until(condition, seconds):
 
 def members(session):
     """The processes of a session that are not zombies."""
-    found = []
-    for name in filter(str.isdigit, os.listdir("/proc")):
-        try:
-            with open(f"/proc/{name}/stat") as file:
-                state, _, _, own = file.read().rpartition(")")[2].split()[:4]
-        except OSError:
-            continue
-        found += [int(name)] if int(own) == session and state != "Z" else []
-    return found
+    alive = (one.pid for one in psutil.process_iter(["status"]) if one.info["status"] != psutil.STATUS_ZOMBIE)
+    return [pid for pid in alive if session_of(pid) == session]
+
+
+def session_of(pid):
+    with suppress(ProcessLookupError):
+        return os.getsid(pid)
 
 
 def harm(process, kill):
@@ -169,12 +168,8 @@ def harm(process, kill):
     if kill.endswith("all"):
         for member in members(process.pid):
             send(member, number)
-    elif kill.endswith("worker"):
-        workers = [member for member in members(process.pid) if member != process.pid]
-        for worker in workers[-1:]:
-            send(worker, number)
     else:
-        send(process.pid, number)
+        send(members(process.pid)[-1] if kill.endswith("worker") else process.pid, number)
 
 
 def send(pid, number):

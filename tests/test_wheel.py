@@ -80,18 +80,11 @@ from brownpipe import stages
 from brownpipe.engines.exact import run as exact
 from brownpipe.scene import read_scene
 
-class Listener(event.Listener):
-    def on_start(self, each):
-        function = each.data["dispatcher"].py_func
-        if function.__module__.startswith("brownpipe"):
-            times[f"{function.__module__}.{function.__qualname__}"] += 1
-    def on_end(self, _):
-        pass
-
-times = Counter()
 stages.remark_listeners.append(print)
-with event.install_listener("numba:compile", Listener()):
+with event.install_recorder("numba:compile") as recorder:
     exact.prepare_scene(read_scene(sys.argv[1]))
+functions = [each.data["dispatcher"].py_func for _, each in recorder.buffer if each.is_start]
+times = Counter(f"{one.__module__}.{one.__qualname__}" for one in functions if one.__module__.startswith("brownpipe"))
 print(len(times), "kernels;", "more than once:", sorted(name for name in times if times[name] > 1))
 """
 
