@@ -194,22 +194,21 @@ def test_mirrored_paths_are_reflected_paths():
         assert np.all(np.abs(mean - expected) < FAR * np.hypot(error, more))
 
 
-def test_without_noise_it_goes_from_wall_to_wall():
-    """A triangle wave: 100 from the centre of a box of half-width 2.7 is 18 crossings and 2.8 more, and so back 0.1."""
-    path = np.zeros((2, 2, 2))
-    path[:, 1] = (1.0, -1.0)
-    langevin.follow(path, np.zeros((1, 2, 2)), step_weights(np.array([100.0]), 0.0, 0.0))
-    track, _ = langevin.folded(scene_of(), path)
-    assert np.allclose(track.position[1, 0], [2.6, -2.6], rtol=0, atol=1e-12)
-    assert track.velocity[1, 0].tolist() == [-1.0, 1.0]
-
-
-def test_in_a_periodic_box_it_is_wrapped_and_counted():
-    path = np.zeros((2, 2, 2))
-    path[:, 0] = [(-2.0, 2.5), (20.0, -9.5)]
-    track, _ = langevin.folded(scene_of(boundary="periodic"), path)
-    assert track.position[:, 0].tolist() == [[-2.0, 2.5], [2.0, 2.5]]
-    assert track.image[:, 0].tolist() == [[0, 0], [3, -2]]
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+def test_a_path_is_folded_into_the_box(boundary):
+    """Wrapped and counted, or mirrored: a triangle wave of the free path, and the velocity turns with its slope."""
+    path = 20.0 * np.random.default_rng(4).standard_normal((1000, 2, 2))
+    path[0, 0] = (-2.0, 2.5)
+    track, _ = langevin.folded(scene_of(boundary=boundary), path)
+    position, velocity = track.position[:, 0], track.velocity[:, 0]
+    if boundary == "periodic":
+        assert np.all(np.abs(position) <= 3.0) and track.image[0].tolist() == [[0, 0]]
+        np.testing.assert_allclose(position + 6.0 * track.image[:, 0], path[:, 0], rtol=0, atol=1e-12)
+        assert np.array_equal(velocity, path[:, 1])
+    else:
+        rising = (path[:, 0] + 2.7) % 10.8
+        np.testing.assert_allclose(position, 2.7 - np.abs(rising - 5.4), rtol=0, atol=1e-12)
+        assert np.array_equal(velocity, np.where(rising < 5.4, 1, -1) * path[:, 1])
 
 
 def test_a_tracer_as_wide_as_the_box_does_not_move():
