@@ -89,12 +89,6 @@ def test_an_approaching_pair_in_contact_collides_now_and_a_receding_one_never():
     assert pair_time(1.0, 0.0, 0.0, 0.0, 0.2) == math.inf
 
 
-
-
-
-
-
-
 def test_wall_time():
     assert wall_time(2.0, 0.5) == wall_time(-2.0, -0.5) == 4.0
     assert wall_time(0.0, 0.5) == 0.0
@@ -122,8 +116,6 @@ def after(x, y, a, b, mass_a, mass_b):
     whole_a, part_a, whole_b, part_b, _ = shares(mass_a, mass_b)
     after_a = a[0] + whole_a * fx + part_a * fx, a[1] + whole_a * fy + part_a * fy
     return after_a, (b[0] - whole_b * fx - part_b * fx, b[1] - whole_b * fy - part_b * fy)
-
-
 
 
 def test_a_collision_is_that_of_eqs_5_to_8():

@@ -21,17 +21,8 @@ from brownpipe.storage.trajectories import read_trajectories
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import files_of
 from brownpipe.study.verification import verify_results
+from test_workflow import SCENE
 
-SCENE = """\
-box: {x: [-3.0, 3.0], y: [-3.0, 3.0]}
-particles: 6
-disks:
-  tracer: {radius: 0.3, mass: 1.0}
-  species: [{name: bath, count: rest, radius: 0.1, mass: 0.4}]
-velocities: {temperature: 1.6}
-duration: 0.4
-sample_interval: 0.1
-"""
 RESULTS = Path("results/mine")
 DATASET, FIGURES = f"{RESULTS}/aggregate/mine.nc", f"{RESULTS}/figures"
 
@@ -46,7 +37,7 @@ def original(tmp_path_factory):
         Path("mine.yaml").write_text("scenes: hot.yaml\nseeds: 4\nbatch: 2\nfigures: [health]\n")
         for file in files_of(read_study("mine.yaml")):
             words = ["--seeds", f"{file.first}-{file.last}", "--output", str(file.path), "--planned", file.digest]
-            assert main(["simulate", "hot.yaml", "--particles", "6", *words]) == DONE
+            assert main(["simulate", "hot.yaml", *words]) == DONE
         listed = f"{RESULTS}/aggregate/made_from_0.txt"
         assert main(["aggregate", "--study", "mine.yaml", "--output", DATASET, "--list-runs", listed]) == DONE
         page = ["--figures", "health", "--page", f"{RESULTS}/report.html"]

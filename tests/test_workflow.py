@@ -39,7 +39,6 @@ particles: [8, 12]
 seeds: 10
 batch: 10
 """
-PHYSICS = ("*.h5", "*.nc")
 PICTURES = ("*.png", "*.svg", "*.csv", "*.txt", "*.html")
 pytestmark = pytest.mark.slow
 
@@ -268,19 +267,6 @@ def test_a_wrong_study_is_refused_in_one_line(tmp_path, arguments, message):
     assert lines[0].startswith("brownpipe: ")
     assert message in lines[0]
     assert not (tmp_path / "study" / "results").exists()
-
-
-def test_a_failed_job_says_why(tmp_path):
-    folder = write_study(tmp_path / "study")
-    crowd = "particles: [170]\nseeds: 1\nscenes: scenes/hot.yaml\n"  # they would fit, but not at random
-    (folder / "study.yaml").write_text(crowd)
-    dense = SCENE.replace("[-3.0, 3.0]", "[-1.5, 1.5]").replace("disks:", "disks:\n  placement: random")
-    (folder / "scenes" / "hot.yaml").write_text(dense)
-    printed = snakemake(folder, "--cores", "1", fails=True)
-    assert printed.splitlines()[-1].startswith("    brownpipe: hot, N = 170, seed 0: disks: ")  # below all else
-    assert "brownpipe: the rule simulate failed: brownpipe simulate scenes/hot.yaml --particles 170" in printed
-    assert "Traceback" not in printed
-    assert contents(folder, *PHYSICS) == {}
 
 
 # -- report and style -----------------------------------------------------------------------------------------------
