@@ -183,13 +183,9 @@ KEPT = Path("x.h5.checkpoint")
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path, monkeypatch):
-    """Every test in a folder of its own, with a scene of a few blocks, SIGTERM as before."""
-    monkeypatch.chdir(tmp_path)
+def _scene(elsewhere):
+    """Every test in a folder of its own, with a scene of a few blocks."""
     Path("some.yaml").write_text(SCENE.replace("DURATION", "70.0"))
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
 
 
 @pytest.fixture(scope="module")
