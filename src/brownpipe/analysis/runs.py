@@ -1,6 +1,6 @@
 """Read trajectory files: which files belong together, and their runs block by block, in bounded memory.
 
-The only reader of studies: `analysis.dataset` and `tradeoff.runs` both take their runs from here.
+The only reader of studies: `analysis.dataset` and `tradeoff.compare` both take their runs from here.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
