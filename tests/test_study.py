@@ -364,7 +364,7 @@ def test_a_list_of_disks_in_a_study(tmp_path):
     shutil.copy(Path(__file__).parent / "scenes" / "pair_head_on.yaml", tmp_path)
     (tmp_path / "study.yaml").write_text("scenes: pair_head_on.yaml\nseeds: 1\n")
     assert [case.particles for case in read_study(tmp_path / "study.yaml", {"particles": 2}).cases] == [2]
-    with pytest.raises(RequestError, match="particles: must be 2, the number of disks listed, not 3"):
+    with pytest.raises(RequestError, match="particles: must be 2, the number of disks in `disks`, not 3"):
         read_study(tmp_path / "study.yaml", {"particles": 3})
     with pytest.raises(
         RequestError, match="seeds: must be one seed, as the disks of pair_head_on are listed one by one"

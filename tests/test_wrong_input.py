@@ -129,7 +129,7 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
         "disks[0]",
         "keys position, velocity, radius, mass, not 3",
     ),
-    (LISTED, "duration: 1", "duration: 1\nparticles: 3", 3, "particles", "2, the number of disks listed"),
+    (LISTED, "duration: 1", "duration: 1\nparticles: 3", 3, "particles", "must be 2, the number of disks in"),
     (LISTED, "duration: 1", "duration: 1\nvelocities: {temperature: 1}", 3, "velocities", "explicit list of disks"),
     (LISTED, "duration: 1", "duration: 1\nequilibrate: 1", 3, "equilibrate", "explicit list of disks"),
     (LISTED, "y: [-3, 3]", "y: [-3, 0], boundary: periodic", 4, "disks[0].position", "inside the box, -3.0 <= y < 0.0"),
