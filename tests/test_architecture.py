@@ -20,11 +20,10 @@ from brownpipe.verbs import simulate
 LAYERS = (  # each may import those before it
     "quoting",
     "errors",
-    "interrupts",
     "formatting",
     "provenance",
     "stages",
-    "parallel",
+    "processes",
     "elementary",
     "theory",
     "scene",

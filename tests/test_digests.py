@@ -8,7 +8,7 @@ from test_architecture import needed_by
 
 CASES = [*(("simulate", engine) for engine in DEFINITIONS), ("aggregate", None), ("tradeoff", None), ("figures", None)]
 SILENT = (  # what a step imports and what decides no number and no byte of its output
-    *("progress.py", "stages.py", "parallel.py", "interrupts.py"),  # progress, processes and signals
+    *("progress.py", "stages.py", "processes.py"),  # progress, processes and signals
     *("errors.py", "quoting.py", "formatting.py", "provenance.py"),  # messages
     *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),  # refusals; settings are arguments
     "figures/catalogue.py",  # names that a study may have

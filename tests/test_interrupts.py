@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from brownpipe.interrupts import held
+from brownpipe.processes import held
 from brownpipe.storage.files import read_sealed
 
 LONGEST = 60.0  # s for a busy machine to compile the kernels and to end a process

@@ -123,13 +123,12 @@ class Mixture(Record):
     def _check(self) -> "Mixture":
         if not self.model_fields_set & {"tracer", "species"}:
             refuse("must have tracer, species or both")
-        names = ["tracer", *(species.name for species in self.species)]
-        rest = [k for k, species in enumerate(self.species) if species.count == "rest"]
-        for k, name in enumerate(names[1:]):
-            if name in names[: k + 1]:
-                refuse(f"must be a name of its own (tracer is reserved), not {name!r}", "species", k, "name")
-        if len(rest) > 1:
-            refuse("must be a number, as only one species can be the rest", "species", rest[1], "count")
+        for k, species in enumerate(self.species):
+            before = self.species[:k]
+            if species.name in ("tracer", *(one.name for one in before)):
+                refuse(f"must be a name of its own (tracer is reserved), not {species.name!r}", "species", k, "name")
+            if species.count == "rest" and any(one.count == "rest" for one in before):
+                refuse("must be a number, as only one species can be the rest", "species", k, "count")
         return self
 
 
