@@ -18,7 +18,7 @@ import pytest
 
 from brownpipe.cli import main
 from brownpipe.errors import DONE
-from brownpipe.interrupts import held
+from brownpipe.processes import held
 from brownpipe.storage.files import read_sealed
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import files_of

@@ -14,7 +14,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from typing import NoReturn
 
-from brownpipe import interrupts
+from brownpipe import processes
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.provenance import versions
 from brownpipe.quoting import printable
@@ -27,14 +27,14 @@ JOINED = "several values of an option are joined by commas"
 
 def main(argv: list[str] | None = None) -> int:
     """Run one verb; return the exit status. Without `argv` the process is that of the command."""
-    with interrupts.terminated_by_exception():
+    with processes.terminated_by_exception():
         if argv is not None:
             return _status(argv)
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
         os.environ["OPENBLAS_NUM_THREADS"] = "1"  # no verb gains from more
         gc.set_threshold(GARBAGE)
         status = _status(sys.argv[1:])
-    interrupts.leave()
+    processes.leave()
     gc.freeze()  # nor when it ends: a quarter of the start of a verb, a fifth of figures
     return status
 
@@ -49,7 +49,7 @@ def _status(argv: list[str]) -> int:
             sys.stdout.flush()
     except KeyboardInterrupt:
         return say("interrupted", 128 + signal.SIGINT)
-    except interrupts.Terminated:
+    except processes.Terminated:
         return say("terminated", 128 + signal.SIGTERM)
     except BrokenPipeError:  # nobody reads on; Python would report it once more when it ends
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -32,7 +32,7 @@ from brownpipe.figures.render import draw
 from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import summary_table
 from brownpipe.inspection import read_contents
-from brownpipe.parallel import calculated
+from brownpipe.processes import calculated
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene

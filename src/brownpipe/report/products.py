@@ -13,7 +13,7 @@ from brownpipe.figures import render, tradeoff
 from brownpipe.figures.origin import RECORD, Record, closing_lines, metadata, read_record, record_of, record_text
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.figures.tables import to_csv
-from brownpipe.parallel import calculated
+from brownpipe.processes import calculated
 from brownpipe.report.page import page_of_study, page_of_tradeoff
 from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.files import seal_of, write_files

@@ -14,17 +14,8 @@ from typing import Annotated, Any, NoReturn, Self
 
 import numpy as np
 import yaml
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    Field,
-    GetPydanticSchema,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, GetPydanticSchema, TypeAdapter, model_validator
+from pydantic_core import PydanticCustomError, ValidationError
 
 from brownpipe.errors import RequestError
 from brownpipe.quoting import shell_path

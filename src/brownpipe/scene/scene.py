@@ -7,6 +7,7 @@ box and do not overlap, and no species has more disks than can fit.
 import hashlib
 import json
 import math
+from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -16,24 +17,9 @@ from pydantic import AfterValidator, Field, StrictBool, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.quoting import shell_path
+from brownpipe.scene import reading
 from brownpipe.scene.packing import ROUND_OFF, overlap
-from brownpipe.scene.reading import (
-    NAME,
-    Count,
-    Name,
-    NotNegative,
-    Pair,
-    Positive,
-    Record,
-    alone,
-    key,
-    plain,
-    read_yaml,
-    refuse,
-    validated,
-    with_values,
-    yaml_text,
-)
+from brownpipe.scene.reading import NAME, Count, Name, NotNegative, Pair, Positive, Record, alone, key, refuse
 
 MOST_SAMPLES = 10_000_000
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
@@ -137,13 +123,12 @@ class Mixture(Record):
     def _check(self) -> "Mixture":
         if not self.model_fields_set & {"tracer", "species"}:
             refuse("must have tracer, species or both")
-        names = ["tracer", *(species.name for species in self.species)]
-        rest = [k for k, species in enumerate(self.species) if species.count == "rest"]
-        for k, name in enumerate(names[1:]):
-            if name in names[: k + 1]:
-                refuse(f"must be a name of its own (tracer is reserved), not {name!r}", "species", k, "name")
-        if len(rest) > 1:
-            refuse("must be a number, as only one species can be the rest", "species", rest[1], "count")
+        for k, species in enumerate(self.species):
+            before = self.species[:k]
+            if species.name in ("tracer", *(one.name for one in before)):
+                refuse(f"must be a name of its own (tracer is reserved), not {species.name!r}", "species", k, "name")
+            if species.count == "rest" and any(one.count == "rest" for one in before):
+                refuse("must be a number, as only one species can be the rest", "species", k, "count")
         return self
 
 
@@ -206,18 +191,22 @@ class Scene(Record):
     @model_validator(mode="after")
     def _check(self) -> "Scene":
         self._resolve_times()
+        groups: dict[tuple, Any] = {}  # by the path of keys
         if isinstance(self.disks, Mixture):
-            self._resolve_mixture(self.disks, self.disks.tracer)
+            groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
+            groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
         else:
-            self._resolve_list(self.disks)
-        groups = self.listed or self.species
-        for field in ("radius", "mass"):
-            values = np.array([getattr(group, field) for group in groups], dtype=float)
-            of_each_disk = np.repeat(values, np.array([group.count for group in groups], dtype=int))
-            of_each_disk.flags.writeable = False
-            self._resolve(**{field: of_each_disk})
-        shares = (self.radius / self.box.width) * (self.radius / self.box.height)
-        self._resolve(packing_fraction=float(math.pi * np.sum(shares)))
+            groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
+        self._resolve_number(groups.values())
+        for path, group in groups.items():
+            self._check_disk(group, *path)
+        if isinstance(self.disks, Mixture):
+            self._resolve_motion(self.disks)
+        elif self.velocities is not None or self.equilibrate.time > 0:
+            given = "equilibrate" if self.velocities is None else "velocities"
+            refuse("must not be given with an explicit list of disks, which says it all", given)
+        else:
+            self._resolve(equilibrate=Equilibration(time=0.0, tracer="free"))
         self._check_packing()
         light, heavy = self.mass.min(initial=math.inf), self.mass.max(initial=0.0)
         if heavy / LARGEST_MASS_RATIO > light:
@@ -238,45 +227,42 @@ class Scene(Record):
             self._resolve(samples=self.samples.model_copy(update={"first": first}))
         self._resolve(sample_interval=interval)
 
-    def _resolve_list(self, disks: tuple[Disk, ...]) -> None:
-        """Refuse keys that only species have, and disks that are not in the box."""
-        if self.velocities is not None or self.equilibrate.time > 0:
-            given = "equilibrate" if self.velocities is None else "velocities"
-            refuse("must not be given with an explicit list of disks, which says it all", given)
-        if self.particles not in (None, len(disks)):
-            refuse(f"must be {len(disks)}, the number of disks listed, not {self.particles}", "particles")
-        free = Equilibration(time=0.0, tracer="free")
-        self._resolve(listed=disks, species=(), placement="", particles=len(disks), equilibrate=free)
-        for k, disk in enumerate(disks):
-            self._check_disk(disk, "disks", k)
-
-    def _resolve_mixture(self, disks: Mixture, tracer: Tracer | None) -> None:
-        """Resolve the number of disks, the `rest`, the motion of the tracer before t = 0 and the total momentum."""
-        numbers = [species.count for species in disks.species if species.count != "rest"]
-        known, has_rest = (tracer is not None) + sum(numbers), len(numbers) < len(disks.species)
+    def _resolve_number(self, groups: Collection[Any]) -> None:
+        """Resolve the number of disks, the `rest`, and what follows for each disk; a group is a species or one disk."""
+        numbers = [group.count for group in groups if group.count != "rest"]
+        known, has_rest = sum(numbers), len(numbers) < len(groups)
         if self.particles is None and has_rest:
             refuse("missing; must be given with `count: rest`", "particles")
         total = known if self.particles is None else self.particles
         if total < known or (total > known and not has_rest):
             least = "at least " if has_rest else ""
-            what = "which is what the tracer and the species with numbers add up to"
-            refuse(f"must be {least}{known}, {what}, not {total}", "particles")
+            refuse(f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles")
         rest = {"count": total - known}
-        species = (one.model_copy(update=rest) if one.count == "rest" else one for one in disks.species)
-        self._resolve(listed=(), species=(*([tracer] if tracer else []), *species))
-        self._resolve(particles=total, placement=disks.placement)
-        for k, one in enumerate([tracer, *disks.species] if tracer else disks.species):
-            self._check_disk(one, "disks", *(["tracer"] if one is tracer else ["species", k - (tracer is not None)]))
+        filled = tuple(group.model_copy(update=rest) if group.count == "rest" else group for group in groups)
+        if isinstance(self.disks, Mixture):
+            self._resolve(particles=total, listed=(), species=filled, placement=self.disks.placement)
+        else:
+            self._resolve(particles=total, listed=filled, species=(), placement="")
+        for field in ("radius", "mass"):
+            values = np.array([getattr(group, field) for group in filled], dtype=float)
+            of_each_disk = np.repeat(values, np.array([group.count for group in filled], dtype=int))
+            of_each_disk.flags.writeable = False
+            self._resolve(**{field: of_each_disk})
+        shares = (self.radius / self.box.width) * (self.radius / self.box.height)
+        self._resolve(packing_fraction=float(math.pi * np.sum(shares)))
+
+    def _resolve_motion(self, disks: Mixture) -> None:
+        """Resolve the motion of the tracer before t = 0 and the total momentum."""
         if self.velocities is None:
             refuse("missing; must be given with species", "velocities")
         time, held = self.equilibrate.time, self.equilibrate.tracer
-        if held == "pinned" and tracer is None:
+        if held == "pinned" and disks.tracer is None:
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
         if held is None or time == 0:
-            held = "free" if tracer is None else "pinned"
+            held = "free" if disks.tracer is None else "pinned"
         self._resolve(equilibrate=Equilibration(time=time, tracer=held))
         if self.velocities.zero_momentum is None:
-            drifts = self.box.periodic and total != 1  # as a whole; a single disk would stand still
+            drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
             self._resolve(velocities=self.velocities.model_copy(update={"zero_momentum": drifts}))
 
     def _check_packing(self) -> None:
@@ -352,9 +338,9 @@ class Scene(Record):
     def replace(self, **keys: object) -> "Scene":
         """Return a scene of the same name with other values of some keys, which may be paths like disks.tracer.mass."""
         given = self.model_dump(exclude_unset=True)
-        for path, value in plain(keys).items():
+        for path, value in reading.plain(keys).items():
             set_value(given, path, value, "")
-        scene = validated(Scene, given)
+        scene = reading.validated(Scene, given)
         scene._resolve(name=self.name)
         return scene
 
@@ -403,12 +389,12 @@ def read_scene(path: str | Path, particles: int | None = None) -> Scene:
 
     Raises RequestError, one line, for anything wrong with the file or the scene.
     """
-    return parse_scene(read_yaml(path), str(path), particles)
+    return parse_scene(reading.read_yaml(path), str(path), particles)
 
 
 def scene_yaml(scene: Scene) -> str:
     """Return the text of a scene file, with every default written out; `read_scene` returns an equal scene from it."""
-    return yaml_text(scene.as_mapping())
+    return reading.yaml_text(scene.as_mapping())
 
 
 def parse_scene(mapping: Any, where: str, particles: int | None = None, name: str | None = None) -> Scene:
@@ -422,10 +408,10 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
     if isinstance(mapping, dict) and "box" not in mapping and is_study(mapping):
         raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
     if particles is not None and isinstance(mapping, dict):
-        mapping = with_values(mapping, {"particles": particles})
-    scene = validated(Scene, mapping, where)
+        mapping = reading.with_values(mapping, {"particles": particles})
+    scene = reading.validated(Scene, mapping, where)
     stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
-    scene._resolve(name=validated(SceneName, stem, where, key))
+    scene._resolve(name=reading.validated(SceneName, stem, where, key))
     return scene
 
 

@@ -21,24 +21,8 @@ from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SCAN, SPREADING, TRACKED
 from brownpipe.provenance import digest_of
 from brownpipe.quoting import shell_path
-from brownpipe.scene import Scene
-from brownpipe.scene.reading import (
-    As,
-    AtLeastOne,
-    Count,
-    Name,
-    NotNegative,
-    Positive,
-    Record,
-    alone,
-    converted,
-    distinct,
-    key,
-    read_yaml,
-    refuse,
-    validated,
-    with_values,
-)
+from brownpipe.scene import Scene, reading
+from brownpipe.scene.reading import As, AtLeastOne, Count, Name, NotNegative, Positive, Record, converted, key, refuse
 from brownpipe.scene.scene import is_study
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.variation import Vary, combinations, is_number, scene_with
@@ -57,7 +41,7 @@ def one_or_more(kind: Any, least: int = 1) -> Any:
     """Return the type of a list of values that differ; a single value stands for a list of one."""
     schema = kind | Annotated[list[kind], Field(min_length=least)]
     listed = converted(lambda value: value if isinstance(value, list | tuple) else [value], schema)
-    return Annotated[distinct(kind, least), listed]
+    return Annotated[reading.distinct(kind, least), listed]
 
 
 def _share(value: Any) -> Any:
@@ -79,7 +63,7 @@ Batch = Annotated[
     converted(lambda value: None if value == "auto" else value, int | Literal["auto"]),
 ]
 EngineRecord: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Field(discriminator="name")]  # noqa: UP007  # as many as there are
-EngineKey: Any = Annotated[EngineRecord, alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
+EngineKey: Any = Annotated[EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
 Engines = Annotated[tuple[Any, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
@@ -87,7 +71,7 @@ Observables = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(measures.O
 Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
-Windows = Annotated[tuple[tuple[float, float], ...], As(distinct(tuple[NotNegative, NotNegative], 1))]
+Windows = Annotated[tuple[tuple[float, float], ...], As(reading.distinct(tuple[NotNegative, NotNegative], 1))]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
 
 
@@ -158,7 +142,7 @@ class Study(Record):
                 refuse(f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k)
             path = paths[Path(text).stem] = folder / text
             try:
-                mapping = read_yaml(path)
+                mapping = reading.read_yaml(path)
                 for values in combinations(self.vary, self.vary_together):
                     of_counts = [scene_with(mapping, str(path), values, count) for count in self.particles or (None,)]
                     cases += of_counts
@@ -303,15 +287,15 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     `overrides` replaces top-level keys; seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError,
     one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
     """
-    mapping, overrides = read_yaml(path), overrides or {}
+    mapping, overrides = reading.read_yaml(path), overrides or {}
     if isinstance(mapping, dict):
         if not is_study(mapping) and mapping.keys() & {"box", "disks", "duration"}:
             cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
             raise RequestError(f"{path}: is a scene, not a study; {cure}")
         gone = [REPLACED[new] for new in overrides if overrides[new] and REPLACED.get(new) in mapping]
-        mapping = with_values(mapping, {**dict.fromkeys(gone), **overrides}) if overrides else mapping
-    name = validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
-    return validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
+        mapping = reading.with_values(mapping, {**dict.fromkeys(gone), **overrides}) if overrides else mapping
+    name = reading.validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
+    return reading.validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
 
 
 def variant(overrides: Mapping[str, Any]) -> str:
