@@ -94,7 +94,7 @@ def test_what_a_scene_or_study_says_is_text(faults, capsys):
 # -- the source -----------------------------------------------------------------------------------------------------
 
 PRINTING = {  # functions that print: fixed text, or what `printable` or `in_lines` return
-    "progress.py": {"_overwrite", "say"},
+    "progress.py": {"_overwrite", "relayed", "say"},  # another process of brownpipe
     "verbs/output.py": {"say", "show"},
 }
 

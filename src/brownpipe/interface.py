@@ -7,14 +7,10 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 """
 
 import json
-import os
-import pty
 import reprlib
-import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial, wraps
 from inspect import signature
 from pathlib import Path
@@ -232,19 +228,8 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
     command = [sys.executable, "-P", "-m", "brownpipe", "run", str(path)]
     command += ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))] if cores is not None else []
     command += ["--config", *(f"{key}={json.dumps(value)}" for key, value in values.items())] if values else []
-    screen, end = pty.openpty() if progress.Display().overwrites else os.pipe()
-    process, said = subprocess.Popen(command, stderr=end), ""
-    os.close(end)
-    try:
-        with suppress(OSError), os.fdopen(screen, errors="replace", newline="") as lines:  # EIO: a terminal ends
-            for line in lines:
-                print(line, end="", file=sys.stderr, flush=True)
-                said += line
-        process.wait()
-    finally:
-        process.terminate()  # after Ctrl-C
-        process.wait()
-    if process.returncode:
+    status, said = progress.relayed(command)
+    if status:
         raise RunError(" ".join(said.rpartition("brownpipe: ")[2].split()))
     return read_dataset(f"results/{name}/aggregate/{name}.nc")
 

@@ -7,9 +7,11 @@ Everything goes to standard error. The display of a whole study is the same: sna
 """
 
 import os
+import pty
+import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 from brownpipe import stages
@@ -46,6 +48,25 @@ def shown(title: str, silent: bool = False) -> Iterator[None]:
         stages.listeners.remove(update)
         stages.remark_listeners.remove(remark)
         display.erase()
+
+
+def relayed(command: Sequence[str]) -> tuple[int, str]:
+    """Run a command of brownpipe, whose progress is shown as if it were that of this process.
+
+    Return its exit status and what it said on standard error. Ctrl-C ends both.
+    """
+    screen, end = pty.openpty() if Display().overwrites else os.pipe()
+    process, said = subprocess.Popen(command, stderr=end), ""
+    os.close(end)
+    try:
+        with suppress(OSError), os.fdopen(screen, errors="replace", newline="") as lines:  # EIO: a terminal ends
+            for line in lines:
+                print(line, end="", file=sys.stderr, flush=True)
+                said += line
+        return process.wait(), said
+    finally:
+        process.terminate()
+        process.wait()
 
 
 class Display:
