@@ -8,7 +8,6 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 
 import json
 import reprlib
-import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -230,16 +229,8 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
     command = [sys.executable, "-P", "-m", "brownpipe", "run", str(path)]
     command += ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))] if cores is not None else []
     command += ["--config", *(f"{key}={json.dumps(value)}" for key, value in values.items())] if values else []
-    said = ""
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace") as process:
-        try:
-            for line in process.stderr or ():
-                print(line, end="", file=sys.stderr, flush=True)
-                said += line
-            process.wait()
-        finally:
-            process.terminate()  # after Ctrl-C
-    if process.returncode:
+    status, said = progress.relayed(command)
+    if status:
         raise RunError(" ".join(said.rpartition("brownpipe: ")[2].split()))
     return read_dataset(f"results/{name}/aggregate/{name}.nc")
 
