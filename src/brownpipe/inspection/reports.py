@@ -42,9 +42,9 @@ def report(path: str | Path, seed: int | None = None) -> str:
     is not as it was made, RequestError, which names the seeds of the file, if this one is not among them.
     """
     contents = read_contents(path) if seed is None else trajectories_of(path, "--seed", seed)
-    again = f"run again    brownpipe inspect {shell_path(path)} --reproduce"
     if isinstance(contents, Trajectories):
-        lines, table = [*lines_on_runs(contents), again], table_of_runs(contents.ensemble)
+        lines, table = lines_on_runs(contents), table_of_runs(contents.ensemble)
+        lines.append(f"run again    brownpipe inspect {shell_path(path)} --reproduce")
         made, now = contents.header, made_with("simulate", contents.engine.name)
     else:
         lines, table = lines_on_results(contents), table_of_results(contents)
