@@ -46,9 +46,8 @@ class Trajectories(NamedTuple):
     @property
     def record(self) -> frozenset[str]:
         """What is recorded, of tracer, all, events: whose tracks, and whether collisions."""
-        whole, events = self.ensemble.whole, self.ensemble.events
-        parts = {"tracer": self.ensemble.tracer is not None, "all": whole, "events": events}
-        return frozenset(name for name, is_recorded in parts.items() if is_recorded)
+        tracer, whole, events = self.ensemble.tracer is not None, self.ensemble.whole, self.ensemble.events
+        return frozenset(name for name, there in (("tracer", tracer), ("all", whole), ("events", events)) if there)
 
     @property
     def measured(self) -> tuple[str, ...] | None:
