@@ -9,7 +9,7 @@ from brownpipe import analysis, observables, theory
 from brownpipe.analysis import displacement, distribution, estimator, pairs, thermodynamics, velocity
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import Ensemble, Track
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.scene import parse_scene
@@ -194,22 +194,6 @@ def test_non_gaussian_parameter_and_its_control_variate():
     assert found["alpha_controlled"][early] == pytest.approx(0.0, abs=1e-4)
     assert found["alpha_controlled_standard_error"][early] == pytest.approx(0.0, abs=1e-4)
     assert found["alpha_controlled_standard_error"][-1] == pytest.approx(error[1], rel=0.1)
-
-
-@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
-def test_routes_to_d_from_a_recorded_track_with_velocities(boundary):
-    """To the bit as from the observables, in a periodic box unwrapped; without velocities there are none."""
-    scene = gas(boundary, duration=20.0)
-    made = exact.simulate(scene, [0], {"all"}, observables=("square_displacement", "velocity_autocorrelation"))
-    track = Track(*(None if values is None else values[:, :1] for values in made.whole[0]))
-    assert boundary == "reflecting" or track.image.any()
-    case = case_of(scene)
-    one = velocity
-    for name in ("diffusion_running", "green_kubo"):
-        seen = one.columns(case, block(np.arange(1), None, made.observables)).means
-        from_track = one.columns(case, block(np.arange(1), track, {})).means
-        assert from_track[name].tobytes() == seen[name].tobytes()
-        assert name not in one.columns(case, block(np.arange(1), track._replace(velocity=None), {})).means
 
 
 def test_files_without_products_of_velocity_and_displacement_have_no_running_d():

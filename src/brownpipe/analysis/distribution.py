@@ -254,10 +254,8 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     b = (change * first).mean(axis=0) / (first**2).mean()
     error = np.sqrt(((change - b * first) ** 2).mean(axis=0))
     name = "non_gaussian_parameter_controlled"
-    return {
-        name: np.append(np.nan, value[1:] - b * value[1]),
-        f"{name}_standard_error": np.append(np.nan, error),
-    }
+    controlled = value[1:] - b * value[1]
+    return {name: np.append(np.nan, controlled), f"{name}_standard_error": np.append(np.nan, error)}
 
 
 AT = (*EACH, "displacement_time")

@@ -61,9 +61,8 @@ class Averages:
         self.places = dict(zip(flat, zip(starmap(slice, pairwise(ends)), shapes, strict=True), strict=True))
         self.totals = {name: self.totals.get(name, 0) + values for name, values in columns.totals.items()}
         self.runs += len(seeds)
-        self.sums = resampling.add_block(
-            self.sums, seeds, np.concatenate([np.zeros((len(seeds), 0)), *flat.values()], axis=1)
-        )
+        together = np.concatenate([np.zeros((len(seeds), 0)), *flat.values()], axis=1)
+        self.sums = resampling.add_block(self.sums, seeds, together)
         return self
 
     def of(self, name: str) -> resampling.Sums:

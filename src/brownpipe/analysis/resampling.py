@@ -105,10 +105,8 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
     there[rows - rows[0]] = 1.0
     deviation[rows - rows[0]] = columns - sums.pivot  # 0 for seeds without a run
     weight = sums.weight + weights @ there
-    for terms, total, drawn in (
-        (deviation, sums.first, sums.drawn_first),
-        (deviation**2, sums.second, sums.drawn_second),
-    ):
+    moments = (deviation, sums.first, sums.drawn_first), (deviation**2, sums.second, sums.drawn_second)
+    for terms, total, drawn in moments:
         total += _total(terms)
         for chunk in _chunks(terms.shape[1]):
             steps, unit = _on_a_grid(terms[:, chunk])

@@ -79,11 +79,9 @@ def _group(files: Sequence[RunFile]) -> Group:
     """Return files as a group. Raises AnalysisError if they differ in more than their seeds, or have one in common."""
     kinds = [_kind(file.contents) for file in files]
     for file, kind in zip(files, kinds, strict=True):
-        for what, of_first in kinds[0].items():
-            if kind[what] != of_first:
-                raise AnalysisError(
-                    f"{file.path}: has another {what} than {files[0].path}; use or make again one of them"
-                )
+        if other := [what for what, of_first in kinds[0].items() if kind[what] != of_first]:
+            cure = "use or make again one of them"
+            raise AnalysisError(f"{file.path}: has another {other[0]} than {files[0].path}; {cure}")
     seeds = np.sort(np.concatenate([file.seeds for file in files]))
     repeated = seeds[1:][seeds[1:] == seeds[:-1]]
     if repeated.size:

@@ -14,7 +14,7 @@ from brownpipe.analysis.thermodynamics import enskog
 from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import partners_of
-from brownpipe.observables import ARRAYS, AXES, displacement
+from brownpipe.observables import ARRAYS, AXES
 from brownpipe.scene import Scene
 
 EARLY = 0.25  # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
@@ -117,18 +117,6 @@ def expected_slope(case: Case, averages: Averages) -> float:
     return -share * rate * square_speed
 
 
-def _with_velocity(case: Case, runs: Ensemble, name: str) -> np.ndarray | None:
-    """Return `displacement_velocity`, v(t).(r(t) - r(0)), or `velocity_displacement`, v(0).(r(t) - r(0)), (n, T).
-
-    The observable of that name, else from the tracer's track; None if that has no velocities.
-    """
-    if name in runs.observables or runs.tracer is None or runs.tracer.velocity is None:
-        return runs.observables.get(name)
-    position, velocity, image = runs.tracer
-    moved = displacement.displacement(position, image, (case.scene.box.width, case.scene.box.height))
-    return displacement.dot(moved, velocity if name == "displacement_velocity" else velocity[:1]).T
-
-
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return autocorrelation, its slope at 0, running D and densities."""
     means, seen = {}, runs.observables
@@ -141,8 +129,8 @@ def columns(case: Case, runs: Ensemble) -> Columns:
                 weights = slope_weights(case.times[samples], enskog_rate(case.scene))
                 means["vacf_initial_slope"] = (seen["velocity_autocorrelation"][:, samples] * weights).sum(axis=1)
     for name, product in PRODUCTS.items():
-        if (along := _with_velocity(case, runs, product)) is not None:
-            means[name] = along / 2
+        if product in seen:
+            means[name] = seen[product] / 2
     for name, counts in DENSITIES.items():
         if counts in seen:
             middles = np.asarray(AXES[ARRAYS[counts].dims[-1]].coordinates(case.scene))

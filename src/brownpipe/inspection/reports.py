@@ -41,9 +41,9 @@ def report(path: str | Path, seed: int | None = None) -> str:
     is not as it was made, RequestError, which names the seeds of the file, if this one is not among them.
     """
     contents = read_contents(path) if seed is None else trajectories_of(path, "--seed", seed)
-    again = f"run again    brownpipe inspect {shell_path(path)} --reproduce"
     if isinstance(contents, Trajectories):
-        lines, table = [*lines_on_runs(contents), again], table_of_runs(contents.ensemble)
+        lines, table = lines_on_runs(contents), table_of_runs(contents.ensemble)
+        lines.append(f"run again    brownpipe inspect {shell_path(path)} --reproduce")
         made, now = contents.header, made_with("simulate", contents.engine.name)
     else:
         lines, table = lines_on_results(contents), table_of_results(contents)
@@ -85,12 +85,10 @@ def trajectories_of(path: str | Path, option: str, seed: int | None = None) -> T
     contents = read_contents(path)
     if not isinstance(contents, Trajectories):
         raise WrongFileError(f"{path}: is a dataset; {option} works on {OF_TRAJECTORIES}")
-    if seed is None:
-        return contents
-    ensemble = contents.ensemble
-    if seed not in ensemble.seeds:
-        raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(ensemble.seeds)}")
-    return contents._replace(ensemble=select(ensemble, ensemble.seeds == seed))
+    seeds = contents.ensemble.seeds
+    if seed is not None and seed not in seeds:
+        raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(seeds)}")
+    return contents if seed is None else contents._replace(ensemble=select(contents.ensemble, seeds == seed))
 
 
 def read_contents(path: str | Path) -> Trajectories | Dataset:
@@ -175,8 +173,8 @@ def table_of_runs(ensemble: Ensemble) -> list[str]:
 
 def lines_on_results(dataset: Dataset) -> list[str]:
     """Return the lines of the report on a dataset: its sizes, and the largest errors of all runs, failed ones too."""
-    sizes = {name: np.abs(dataset[name].values) for name in ("energy_drift", "worst_overlap") if name in dataset}
-    worst = {name: np.max(values[np.isfinite(values)], initial=0.0) for name, values in sizes.items()}
+    sizes = {name: abs(dataset[name]) for name in ("energy_drift", "worst_overlap") if name in dataset}
+    worst = {name: size.where(np.isfinite(size), 0.0).max().item() for name, size in sizes.items()}
     words = (f"worst {name.removeprefix('worst_').replace('_', ' ')} {size:.2g}" for name, size in worst.items())
     return [
         f"title        {dataset.attrs.get('title', '-')}",
@@ -203,7 +201,7 @@ def describe_product(path: str | Path) -> list[str]:
     if record is None:
         raise WrongFileError(f"{path}: does not say what it was made from, and no {RECORD} beside it does")
     dataset = record.get("dataset", {})
-    made = [f"dataset      {dataset['sha256'][:DIGITS]}"] if dataset else []
     runs = [*dataset.get("made_from", []), *record.get("made_from", [])]
-    begin = f"{path}  made by {installation_in_words(record['made_by'])}"
-    return [begin, *made, *(f"runs         {one['command']}" for one in runs)]
+    lines = [f"{path}  made by {installation_in_words(record['made_by'])}"]
+    lines += [f"dataset      {dataset['sha256'][:DIGITS]}"] if dataset else []
+    return lines + [f"runs         {one['command']}" for one in runs]

@@ -55,9 +55,10 @@ def announcement(original: Trajectories) -> list[str]:
     cost = engine.forecast(scene, *_options(original))
     seconds = forecast.START_UP + cost.once + runs * cost.seconds
     what = f"{counted(runs, 'run')} of {scene.name}, N = {scene.particles}, {engine.options}"
-    changes = _changes(original)
-    lines = [f"results may differ: the file was made with {changes}"] if changes else []
-    return [f"running again {what}: some {in_time(seconds)} of CPU", *lines]
+    lines = [f"running again {what}: some {in_time(seconds)} of CPU"]
+    if changes := _changes(original):
+        lines.append(f"results may differ: the file was made with {changes}")
+    return lines
 
 
 def differences(original: Trajectories) -> Differences:
@@ -69,20 +70,19 @@ def differences(original: Trajectories) -> Differences:
     again = original.engine.simulate(scene, seeds.tolist(), record, observables=observables, average=average)
     found: Differences = {}
     for seed in seeds.tolist():
-        stored, made = (
-            _variables(scene, select(ensemble, ensemble.seeds == seed)) for ensemble in (original.ensemble, again)
-        )
+        stored, made = (_variables(scene, ensemble, seed) for ensemble in (original.ensemble, again))
         for name in stored | made:
             if (distance := _distance(stored.get(name), made.get(name))) is not None:
                 found.setdefault(name, {})[seed] = distance
     return found
 
 
-def _variables(scene: Scene, ensemble: Ensemble) -> dict[str, np.ndarray]:
+def _variables(scene: Scene, ensemble: Ensemble, seed: int) -> dict[str, np.ndarray]:
     """Return all variables of a run by their paths in a file; of one that could not go on, that it failed and why."""
-    if ensemble.stopped:
-        return {"failed": ensemble.observables["failed"], "stopped": np.array([*ensemble.stopped.values()])}
-    groups = groups_of(scene, ensemble).items()
+    run = select(ensemble, ensemble.seeds == seed)
+    if run.stopped:
+        return {"failed": run.observables["failed"], "stopped": np.array([*run.stopped.values()])}
+    groups = groups_of(scene, run).items()
     return {f"{path}/{name}".lstrip("/"): values for path, group in groups for name, values in group.items()}
 
 

@@ -19,6 +19,6 @@ of the scene) and `long_name` (its meaning). Numbers are stored with gzip 4 and 
 file is verified when it is read (`files`). Nothing in a file depends on when, where or by whom it was written: the same
 runs give the same bytes.
 
-A dataset says in its attributes what it was made from (`origin`) and by which source, versions and commit, so that the
-same installation gives the same bytes of the same runs.
+A dataset says in its attributes what it was made from (`datasets`) and by which source, versions and commit, so that
+the same installation gives the same bytes of the same runs.
 """

@@ -115,8 +115,7 @@ def measure(
             values = compare(runs, exact, fitted, unit * cost.ratio, paired=runs.scene.label == exact.scene.label)
             costs = dict(zip(("cost_ratio", "cost_ratio_low", "cost_ratio_high"), cost, strict=True))
             parts.append(of_scene | {"setting": [label]} | values | costs)
-    stand_ins = {scene: [*others] for scene, others in instead_of.items()}
-    options = {"instead_of": stand_ins, "fit_window": window}
+    options = {"instead_of": {scene: [*others] for scene, others in instead_of.items()}, "fit_window": window}
     made = origin_attributes("tradeoff", ((group.contents, group.seeds) for group in groups), options)
     return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES))
 
