@@ -243,8 +243,8 @@ def test_too_many_jobs_take_larger_batches(study_file, here, monkeypatch):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"seeds": 5, "tolerance": 0.02}, "seeds: must not be given with a tolerance, which says how many"),
-        ({}, "seeds: missing; must be given, or a tolerance instead"),
+        ({"seeds": 5, "tolerance": 0.02}, "seeds: must be given, or a tolerance in their place; not both"),
+        ({}, "seeds: must be given, or a tolerance in their place; not both"),
         ({"tolerance": 0}, "tolerance: must be >= 0.000316"),
         ({"tolerance": "0%"}, "tolerance: must be >= 0.000316"),
         ({"tolerance": 1e-300}, "tolerance: must be >= 0.000316"),

@@ -56,17 +56,6 @@ def test_note_as_published():
 # -- defaults, text and digest ---
 
 
-def test_defaults():
-    scene = parse_scene({"box": {"x": [0, 1], "y": [0, 1]}, "disks": [], "duration": 2}, "some/folder/a.b.yaml")
-    assert (scene.name, scene.box.boundary, scene.sample_interval, scene.equilibrate.time) == (
-        "a.b",
-        "reflecting",
-        2.0,
-        0.0,
-    )
-    assert scene.times.tolist() == [0.0, 2.0]
-
-
 def test_who_is_pinned_does_not_matter_without_equilibration():
     mapping = {"box": BOX, "disks": {"tracer": {"radius": 0.1, "mass": 1}}, "velocities": {"temperature": 1}}
     mapping |= {"duration": 1.0, "equilibrate": {"time": 0, "tracer": "free"}}
@@ -177,14 +166,6 @@ def test_logarithmic_times_go_up_by_one_ratio_and_end_at_the_duration(duration, 
     np.testing.assert_allclose(times[2:-1] / times[1:-2], ratio, rtol=1e-15 * 8)  # two roundings each of power, product
     assert times[-1] / times[-2] <= ratio * (1 + 1e-6)
     assert parse_scene(json.loads(scene.text), "test.yaml") == scene
-
-
-def test_logarithmic_times_of_a_few_decades():
-    times = explicit(duration=10.0, samples={"per_decade": 2, "first": 0.1}).times
-    assert times == pytest.approx([0, 0.1, 0.1 * 10**0.5, 1, 10**0.5, 10], rel=1e-15)
-    assert len(explicit(duration=math.nextafter(10, 11), samples={"per_decade": 2, "first": 0.1}).times) == 6
-    assert len(explicit(duration=10.01, samples={"per_decade": 2, "first": 0.1}).times) == 7
-    assert explicit(duration=20.0, samples={"per_decade": 1}).times[1] == 20.0 * 1e-4
 
 
 def test_digests_of_the_notes_scenes_do_not_change():

@@ -1,7 +1,6 @@
 """The study: which runs are made, in which batches, and what is made of them."""
 
 import re
-import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -85,12 +84,6 @@ def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
     assert sorted([*(seeds & set(held)), *without(wanted, chosen)]) == wanted.tolist()
 
 
-def test_figures_of_collisions_are_drawn_of_engines_that_count_them():
-    langevin = {"name": "langevin", "friction": "enskog"}
-    assert "thermodynamics" not in small(engines=[langevin]).figures
-    assert "thermodynamics" in small(engines=[langevin, "exact"]).figures
-
-
 def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "one.yaml").write_text("box: {x: [0, 1], y: [0, 1]}\ndisks: []\nduration: 1\n")
@@ -150,7 +143,6 @@ def replaced(*entries):
     ("entry", "key", "value"),
     [
         ("seeds=[0-1,17]", "seeds", (0, 1, 17)),
-        ("fit_windows=[[1e-1,1.]]", "fit_windows", ((0.1, 1.0),)),
         ("displacement_times=[0.5,1]", "displacement_times", (0.5, 1.0)),
         ("figures=[msd, health]", "figures", ("msd", "health")),
         ("figures=null", "figures", small().figures),
@@ -202,7 +194,6 @@ def test_seeds_and_tolerance_replace_each_other(tmp_path):
         ("0-3", [0, 1, 2, 3]),
         ("9,3,5,3", [3, 5, 9]),
         ("0-9,2-3,5", list(range(10))),
-        (str(10**18 - 1), [10**18 - 1]),
     ],
 )
 def test_seeds(text, seeds):
@@ -262,14 +253,6 @@ def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(cos
     assert longer[len(found) - 1][1] >= found[-1][1]
 
 
-def test_automatic_batches_begin_anew_after_a_gap_in_the_seeds():
-    cost = forecast.Cost(0, 0, 1.0, 0, 0, 0)
-    assert batches((*range(40), *range(10**6, 10**6 + 20)), cost) == [
-        *((0, 15), (16, 31), (32, 39)),
-        *((10**6, 10**6 + 15), (10**6 + 16, 10**6 + 19)),
-    ]
-
-
 @given(COSTS)
 @settings(max_examples=30, deadline=None)
 def test_automatic_batches_fit_into_memory(cost):
@@ -297,15 +280,3 @@ def test_a_study_without_batch_has_jobs_of_the_length_of_its_cases():
 
 
 # -- refusals: test_wrong_input.py ---
-
-
-def test_a_list_of_disks_in_a_study(tmp_path):
-    shutil.copy(Path(__file__).parent / "scenes" / "pair_head_on.yaml", tmp_path)
-    (tmp_path / "study.yaml").write_text("scenes: pair_head_on.yaml\nseeds: 1\n")
-    assert [case.particles for case in read_study(tmp_path / "study.yaml", {"particles": 2}).cases] == [2]
-    with pytest.raises(RequestError, match="particles: must be 2, the number of disks in `disks`, not 3"):
-        read_study(tmp_path / "study.yaml", {"particles": 3})
-    with pytest.raises(
-        RequestError, match="seeds: must be one seed, as the disks of pair_head_on are listed one by one"
-    ):
-        read_study(tmp_path / "study.yaml", {"seeds": 2})

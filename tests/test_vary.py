@@ -19,7 +19,7 @@ from brownpipe.figures.scan import axis_of, series_of, table
 from brownpipe.figures.summary import summary
 from brownpipe.scene import parse_scene
 from brownpipe.scene.reading import validated
-from brownpipe.scene.variation import Vary, combinations, scene_with
+from brownpipe.scene.variation import Vary, scene_with
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import batches_of, commands, run_sets
 
@@ -74,12 +74,6 @@ def test_packing_fraction_scales_the_box_and_the_place_of_the_tracer(phi):
     assert scene.box.height / scene.box.width == pytest.approx(1.0)
     assert scene.disks.tracer.position == pytest.approx((2.0 * factor, 1.0 * factor))
     assert scene.radius.tolist() == [0.5] * 16
-
-
-def test_combinations_are_all_or_side_by_side():
-    vary = {"a": (1, 2), "b": (3, 4)}
-    assert [[*one.values()] for one in combinations(vary, False)] == [[1, 3], [1, 4], [2, 3], [2, 4]]
-    assert [[*one.values()] for one in combinations(vary, True)] == [[1, 3], [2, 4]]
 
 
 def test_a_value_added_later_runs_only_itself(folder):

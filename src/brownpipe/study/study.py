@@ -245,12 +245,9 @@ class Study(Record):
     @property
     def tradeoff_cases(self) -> list[str]:
         """The cases with exact runs and others to compare with them, by their names in the trade-off."""
-        labels = []
-        for case in self.cases:
-            engines = {use.engine for use in self.uses if use.case is case}
-            if REFERENCE in engines and (len(engines) > 1 or case.name in self.instead_of):
-                labels.append(case.label)
-        return labels
+        engines = {case: {use.engine for use in self.uses if use.case is case} for case in self.cases}
+        compared = [case for case in self.cases if len(engines[case]) > 1 or case.name in self.instead_of]
+        return [case.label for case in compared if REFERENCE in engines[case]]
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
