@@ -231,6 +231,8 @@ def test_no_tracer_no_msd(tmp_path):
     assert np.isnan(dataset.msd).all()
     assert dataset.runs == 12
     assert dataset.pair_collisions == pytest.approx(80, abs=SIGMAS * np.sqrt(80 / 12))
+    alone = {"failed": np.zeros(12, np.uint8), "friction_rate": np.ones(12)}  # as of the langevin engine
+    assert aggregate([bare._replace(ensemble=bare.ensemble._replace(observables=alone))]).runs == 12
 
 
 def test_engines_are_labelled_with_their_settings(tmp_path):

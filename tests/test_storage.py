@@ -108,6 +108,13 @@ def test_round_trip(case, engine, tmp_path):
     assert all(word in text for word in (*told, *ensemble.observables))
 
 
+def test_a_file_says_what_determines_its_runs(tmp_path):
+    """By which `verify` and `aggregate` tell it from a file of other runs with the same seeds."""
+    scene = make_scene(particles=5)
+    write_trajectories(tmp_path / "runs.h5", scene, Engine("exact"), make_ensemble(scene), digest="f00d")
+    assert [read(tmp_path / "runs.h5").digest for read in (read_trajectories, read_outline)] == ["f00d"] * 2
+
+
 def test_an_engine_of_another_version(tmp_path):
     """A setting of no meaning here is refused."""
     path, scene = tmp_path / "runs.h5", make_scene(particles=5)

@@ -269,19 +269,15 @@ def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measu
 
 @pytest.mark.slow
 def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
-    with pytest.raises(AnalysisError, match=r"^full_N20: no runs of the exact engine to compare with"):
-        tradeoff.measure(files[2:3], seconds_per_run=cost)
-    with pytest.raises(AnalysisError, match=r"seed 300 is already in .*; each run may count only once"):
-        tradeoff.measure([*files, files[1]], seconds_per_run=cost)
-    with pytest.raises(
-        AnalysisError, match=r"^nowhere: no runs of the exact engine, and so it cannot stand in for full"
-    ):
-        tradeoff.measure(files, {"full": ["nowhere"]}, seconds_per_run=cost)
     short = write(tmp_path, make_runs(make_scene("short", duration=0.5), range(10)))
-    with pytest.raises(AnalysisError, match=r"^short: has other sample times than full"):
-        tradeoff.measure([*files, short], {"full": ["short"]}, seconds_per_run=cost)
-    with pytest.raises(AnalysisError, match=r"^nothing to compare: there must be runs of the exact engine and of ano"):
-        tradeoff.measure(files[:2], seconds_per_run=cost)
+    for paths, instead_of, message in (
+        (files[2:3], {}, "^full_N20: no runs of the exact engine to compare with"),
+        (files, {"full": ["nowhere"]}, "^nowhere: no runs of the exact engine, and so it cannot stand in for full"),
+        ([*files, short], {"full": ["short"]}, "^short: has other sample times than full"),
+        (files[:2], {}, "^nothing to compare: there must be runs of the exact engine and of another"),
+    ):
+        with pytest.raises(AnalysisError, match=message):
+            tradeoff.measure(paths, instead_of, seconds_per_run=cost)
 
 
 class Clocked(NamedTuple):
