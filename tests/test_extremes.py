@@ -422,7 +422,7 @@ def test_a_duration_of_1e_150():
     assert run.times.tolist() == [0.0, 1e-150]
 
 
-@pytest.mark.parametrize("digits", [0, 1, 2, 3, 4, 5, 6])
+@pytest.mark.parametrize("digits", [0, 1, 2, 3, 4, 5, pytest.param(6, marks=pytest.mark.slow)])
 def test_pi_collisions(digits):
     """A wall, a light disk and a heavy one of 100^digits times its mass: the digits of pi, up to 3,141,592."""
     disks = state_of([(2, 0, 0, 0), (4, 0, -1, 0)], 0.5, np.array([1.0, 100.0**digits]))
@@ -469,6 +469,7 @@ def reflected(x, v, t, half):
     return float(path if path <= 2 * half else period - path) - float(half)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("duration", "speed", "bound"), [(1e6, 1.0, 1e-7), (1e9, 1 / 64, 1e-5)])
 def test_a_lone_disk_for_a_long_time(duration, speed, bound):
     """Up to 5e6 bounces, each off by some 1e-13 at random and 1e-15 in the mean."""

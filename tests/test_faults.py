@@ -93,6 +93,7 @@ def test_without_space_there_is_one_line_and_no_half_a_file(words, outputs, stud
         assert written.exists() or done.returncode == FAILED, name
 
 
+@pytest.mark.slow
 def test_figures_that_cannot_all_be_written_replace_none(study):
     """They would be of another dataset than the rest of the folder."""
 
@@ -175,6 +176,7 @@ def append(path, chance):
         file.write(chance.randbytes(chance.choice([1, 7, 4096])))
 
 
+@pytest.mark.slow
 def test_any_damage_is_found_and_nothing_else(study, faults):
     assert verify_results(RESULTS) == (sealed(), [], [])
     for _ in faults.tries(12):
@@ -190,6 +192,7 @@ def test_any_damage_is_found_and_nothing_else(study, faults):
     assert verify_results(RESULTS)[1] == [str(first), str(second)]
 
 
+@pytest.mark.slow
 def test_what_is_wrong_is_said(study, capsys):
     _, first, second = sealed()
     assert main(["verify", DATASET, first]) == DONE

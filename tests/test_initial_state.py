@@ -229,6 +229,7 @@ GROWN = {  # side of the box, (number, radius, mass) of each species, and a trac
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GROWN)
 def test_mixtures_too_dense_for_insertion_grow(name):
     where, kinds, tracer = GROWN[name]
@@ -258,6 +259,7 @@ def test_where_some_runs_find_no_place_these_grow():
     assert 0 < stuck < 20
 
 
+@pytest.mark.slow
 def test_grown_disks_reach_the_pressure_of_the_fluid():
     """At 0.65, after equilibration: Z by the virial beside that of a lattice start; both forget where they began."""
     pressure = []

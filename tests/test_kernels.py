@@ -99,6 +99,7 @@ def says(number):
     return number + 1
 
 
+@pytest.mark.slow
 def test_other_peoples_compiled_functions_work_as_ever(capfd):
     """Ufuncs, functions that only compiled functions can call, kernels that print, and indices from the end."""
     indices.install()
@@ -216,6 +217,7 @@ def is_compiled_again(function):
     return function.stats.cache_misses != {}
 
 
+@pytest.mark.slow
 def test_truncated_machine_code_is_made_again(kept, tmp_path):
     assert [is_compiled_again(kept()) for _ in range(2)] == [True, False]
     for pattern in ("*.nbi", "*.nbc"):
