@@ -17,8 +17,7 @@ from brownpipe import analysis, progress, stages, tradeoff
 from brownpipe.engines import configured
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
-from brownpipe.figures.movie import movie
-from brownpipe.figures.snapshot import whole_run
+from brownpipe.figures.movie import movie, whole_run
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from brownpipe.study import plan
 from synthetic import render
