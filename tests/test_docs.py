@@ -129,7 +129,7 @@ def test_the_examples_are_valid_and_have_the_defaults(tmp_path):
         "particles",
         "shown_particles",
         "seeds",
-        "figures",
+        *("title", "note", "panel", "figures"),
         "fit_windows",
         "displacement_times",
         "rings",

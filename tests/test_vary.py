@@ -218,8 +218,8 @@ def test_series_are_along_the_first_key(result):
     cases = cases_of(result)
     assert axis_of(cases) == "tracer_mass"
     series = series_of(cases, "tracer_mass")
-    assert [*series] == ["packing fraction 0.1", "packing fraction 0.2"]
-    assert [case.tracer_mass.item() for case in series["packing fraction 0.2"]] == [1.0, 10.0, 100.0]
+    assert [*series] == ["packing_fraction = 0.1", "packing_fraction = 0.2"]
+    assert [case.tracer_mass.item() for case in series["packing_fraction = 0.2"]] == [1.0, 10.0, 100.0]
 
 
 def test_differences_are_of_runs_with_the_same_seeds(result):

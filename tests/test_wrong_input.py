@@ -188,6 +188,7 @@ STUDIES = [
     ("observables: []", "observables: [species]", 12, "observables[0]", "did you mean species_energy?"),
     ("figures: [msd]", "figures: [helth]", 13, "figures[0]", "did you mean health?"),
     ("figures: [msd]", "figures: [msd, msd]", 13, "figures", "differ"),
+    ("figures: [msd]", "panel: [scene, mass]", 13, "panel", "must be of scene, particles, engine, not 'mass'"),
     ("figures: [msd]", "figures: energy", 13, "figures", "needs the observable species_energy"),
     ("displacement_times: [0.5]", "displacement_times: 0.333", 14, "displacement_times[0]", "a sample time of some"),
     ("displacement_times: [0.5]", "displacement_times: [0.5, 0.5]", 14, "displacement_times", "values that differ"),

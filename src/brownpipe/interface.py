@@ -22,7 +22,7 @@ from brownpipe.engines.ensemble import failures
 from brownpipe.engines.saturation import growth_caution
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.figures.render import draw
+from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
 from brownpipe.inspection import read_contents
 from brownpipe.provenance import modules_of, source_digest
@@ -38,6 +38,7 @@ from brownpipe.study import forecast_of_runs
 from brownpipe.study.study import Rings
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "scan", "simulate"]
@@ -193,14 +194,25 @@ def scan(
     return aggregate(runs, _windows(fit_windows), vary=[*values], vary_together=together)
 
 
-def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) -> "Figure":
+def plot(
+    result: Dataset,
+    figure: str = "msd",
+    *,
+    particles: int | None = None,
+    panel: str | Iterable[str] = (),
+    ax: "Axes | None" = None,
+    **looks: Any,
+) -> "Figure | Axes":
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation, velocity_distribution,
-    pair_distribution, energy, thermodynamics, scan or health.
+    pair_distribution, density_profile, orientational_order, energy, thermodynamics, scan or health.
     particles: show the runs with this many disks; by default each scene's largest number.
+    panel: dimensions, such as scene or tracer_mass: cases that differ in them are drawn in panels of their own.
+    ax, looks: draw the main panel into these axes of yours, in your style, and return them; looks are those of the
+    lines, such as color="red", label="my runs".
 
-    Notebooks show it by themselves. Raises FigureError if the dataset has no data for it.
+    Notebooks show a figure by themselves. Raises FigureError if the dataset has no data for it.
     """
     validated(Literal[tuple(FIGURES)], figure, key="figure")
     if not _is_analysis(result):
@@ -210,7 +222,11 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
             raise FigureError(f"result: has no dimension {dim}; plot it before squeeze or sel, which remove it")
         if result.sizes.get(dim) == 0:
             raise FigureError(f"result: the dimension {dim} is empty; there is nothing to plot")
-    drawn = draw(result, figure, plain(particles))
+    if looks and ax is None:
+        raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
+    if ax is not None:
+        return draw_into(ax, result, figure, plain(particles), **looks)
+    drawn = draw(result, figure, plain(particles), _words("panel", panel).split(",") if panel else ())
     drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]  # by which notebooks show an object
     return drawn
 

@@ -7,7 +7,7 @@
 from brownpipe.study.workflow import forecast, read_workflow_study, remove_stale_locks
 from brownpipe.study.cost import requests
 from brownpipe.study.plan import settled
-from brownpipe.study.run_sets import commands, digests, files_of
+from brownpipe.study.run_sets import commands, digests, figure_options, files_of
 from brownpipe.provenance import PACKAGE
 
 if workflow.is_main_process:

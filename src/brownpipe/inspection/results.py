@@ -10,9 +10,9 @@ import numpy as np
 from brownpipe.analysis.variables import EACH
 from brownpipe.errors import WrongFileError
 from brownpipe.figures import tradeoff
+from brownpipe.figures.cases import aligned
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
-from brownpipe.figures.tables import aligned
 from brownpipe.tradeoff import is_tradeoff
 
 if TYPE_CHECKING:

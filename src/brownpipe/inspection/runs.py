@@ -6,7 +6,7 @@ import numpy as np
 
 from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures
-from brownpipe.figures.tables import aligned
+from brownpipe.figures.cases import aligned
 from brownpipe.formatting import counted
 from brownpipe.observables.displacement import displacement
 from brownpipe.scene import Scene

@@ -44,7 +44,8 @@ def aggregate(arguments: Namespace) -> None:
     width, count, study = arguments.ring_width, arguments.rings, None
     if arguments.study is not None:
         study = study_of(arguments)
-        files, windows, times = files_of(study), study.fit_windows, study.displacement_times
+        files, times = files_of(study), study.displacement_times
+        windows = study.fit_windows if "fit_windows" in study.model_fields_set else None
         width, count = (study.rings.dr, study.rings.count) if study.rings else (None, None)
     inputs = [getattr(file, "path", file) for file in files]
     output = writable(arguments.output, *inputs, suffixes=NETCDF)
