@@ -255,3 +255,11 @@ def test_the_answer_has_a_column_for_each_key(result):
     assert [line[1:3] for line in lines if line[:1] == ["fluid"]] == [
         [m, phi] for m in ("1", "10", "100") for phi in ("0.1", "0.2")
     ]
+
+
+def test_tables_of_a_scan_are_drawn_again_in_their_place(result, tmp_path):
+    bp.save(result, tmp_path / "scan.nc")
+    for names in ("scan,health", "health"):
+        words = ["figures", str(tmp_path / "scan.nc"), "--output", str(tmp_path / "figures"), "--figures", names]
+        assert main(words) == 0
+    assert not (tmp_path / "figures" / "scan.csv").exists() and (tmp_path / "figures" / "health.csv").exists()

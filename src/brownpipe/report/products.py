@@ -21,7 +21,7 @@ from brownpipe.storage.files import seal_of, write_files
 from brownpipe.tradeoff import is_tradeoff
 
 MARKS = (b"Made by brownpipe", b'"made_by"')  # in pictures and texts, and in records and pages
-HEADING = b"scene,particles,"  # of every table
+HEADING = b"scene,"  # of every table
 
 
 def read(path: str | Path, options: Mapping[str, Any]) -> tuple[Dataset, Record]:
