@@ -15,9 +15,9 @@ from matplotlib.text import Text
 from brownpipe import provenance
 from brownpipe.analysis import aggregate, velocity
 from brownpipe.analysis.variables import FAILED
-from brownpipe.engines import Engine, configured, recording
+from brownpipe.engines import Engine, configured
 from brownpipe.errors import FigureError
-from brownpipe.figures import cases, displacement_distribution, health, pair_distribution, style, velocity_distribution
+from brownpipe.figures import cases, displacement_distribution, pair_distribution, style, velocity_distribution
 from brownpipe.figures.cases import to_csv
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import draw as draw_figure
@@ -146,15 +146,6 @@ def test_the_catalogue_lists_every_figure_there_is():
     assert drawing == set(NAMES)
     captions = {path.stem for path in folder.glob("*.rst")}
     assert captions >= drawing
-
-
-def test_the_caption_of_health_has_the_bounds_of_the_engines():
-    caption = " ".join((provenance.PACKAGE / "figures" / "health.rst").read_text().split())
-    bounds = (recording.HEALTH_BOUND, health.LEFT_END)
-    bound, least = (f"{value:.0e}".replace("e-0", "e-") for value in bounds)
-    assert f"exact engine has failed if it exceeds {bound} in any panel" in caption
-    assert f"energy drifts by more than {bound}," in caption
-    assert f"values below {least}, zeros among them, are drawn at {least}" in caption
 
 
 @pytest.mark.parametrize("name", OF_OBSERVABLES)

@@ -64,7 +64,7 @@ def _curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
         ):
             _curve(axes, pair, **line)
             style.points(axes, [float(pair.contact_distance)], [pair], "contact_value", fmt="o", color=line["color"])
-    _theory(axes, pairs)
+    _theory(axes, pairs, named=not looks)
     end = max(float(pair.distance[-1]) for pair in pairs)
     axes.set_xlim(min(contacts) - 0.04 * (end - min(contacts)), end)
     axes.set_xlabel("centre-to-centre distance $r$")
@@ -74,16 +74,16 @@ def _contact_in_words(pair: Dataset) -> str:
     return f"g(contact) = {estimate_of(pair, 'contact_value')}"
 
 
-def _theory(axes: Axes, pairs: list[Dataset]) -> None:
+def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
     """Draw the contact value of theory and, for dilute equal disks, g(r) to first order in the density."""
     known = [pair for pair in pairs if has(pair, "contact_theory")]
     for k, pair in enumerate(known):
         label = f"theory at contact: {float(pair.contact_theory):.4g}" if len(known) == 1 else "theory at contact"
         place = [float(pair.contact_distance)], [float(pair.contact_theory)]
-        axes.plot(*place, "_", color=style.INK, markersize=12, linestyle="", label="_" * (k > 0) + label)
+        axes.plot(*place, "_", color=style.INK, markersize=12, linestyle="", label="_" * (k > 0 or not named) + label)
     dilute = [pair for pair in known if has(pair, "compressibility_rate") and pair.packing_fraction < DILUTE]
     for k, pair in enumerate(dilute):  # of equal disks
-        sigma, label = float(pair.contact_distance), "_" * (k > 0) + "first order in the density"
+        sigma, label = float(pair.contact_distance), "_" * (k > 0 or not named) + "first order in the density"
         r = np.linspace(sigma, float(pair.distance[-1]), 400)
         g = theory.dilute_pair_distribution(r, sigma, float(pair.packing_fraction))
         axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=label)
