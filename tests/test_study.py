@@ -15,7 +15,7 @@ from brownpipe.figures.catalogue import FIGURES
 from brownpipe.scene.seeds import ranges, read_seeds, seed_text
 from brownpipe.storage.store import stored_batches, without
 from brownpipe.study import read_study
-from brownpipe.study.run_sets import LARGEST, batches, batches_of, commands, files_of, run_sets
+from brownpipe.study.run_sets import LARGEST, batches, batches_of, commands, digests, figure_options, files_of, run_sets
 from brownpipe.study.study import Rings
 from brownpipe.study.workflow import from_command_line
 
@@ -82,6 +82,32 @@ def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
     held = [seed for first, last in chosen for seed in range(first, last + 1)]
     assert len(held) == len(set(held))
     assert sorted([*(seeds & set(held)), *without(wanted, chosen)]) == wanted.tolist()
+
+
+def test_particles_default_to_those_of_the_scene():
+    assert [case.particles for case in small(particles=None).cases] == [150, 150]
+
+
+def test_title_note_and_panel_concern_the_figures_alone():
+    study = small(title="Hot and cold", note="Two baths.", panel=["scene"])
+    assert figure_options(study) == ["--panel", "scene", "--title", "Hot and cold", "--note", "Two baths."]
+    assert figure_options(small()) == [] and figure_options(small(figures=["msd"])) == ["--figures", "msd"]
+    masses = small(vary={"disks.tracer.mass": [1, 3]}, panel="disks.tracer.mass")
+    assert figure_options(masses) == ["--panel", "tracer_mass"]
+    before, after = digests(small()), digests(study)
+    assert {step for step in before if before[step] != after[step]} == {"figures"}
+
+
+def test_figures_of_collisions_are_drawn_of_engines_that_count_them():
+    langevin = {"name": "langevin", "friction": "enskog"}
+    assert "thermodynamics" not in small(engines=[langevin]).figures
+    assert "thermodynamics" in small(engines=[langevin, "exact"]).figures
+
+
+def test_figures_of_observables_are_drawn_of_engines_that_measure_them():
+    langevin = {"name": "langevin", "friction": "enskog"}
+    assert "energy" not in small(engines=[langevin], observables="species_energy").figures
+    assert "energy" in small(engines=[langevin, "exact"], observables="species_energy").figures
 
 
 def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):

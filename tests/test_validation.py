@@ -136,3 +136,38 @@ def test_effect_of_a_fixed_number_of_disks_on_any_mean_is_that_on_the_pressure()
 
     for phi in (0.1, 0.3, 0.5):
         assert transport.fixed_number(compressibility, phi, 100) == pytest.approx(finite_size(phi, 100), rel=0.02)
+
+
+def test_first_order_of_the_pair_distribution_is_the_area_from_which_both_exclude_a_third():
+    """By summing over a grid of places of the third disk; its contact value gives the third virial coefficient."""
+    x, y = np.meshgrid(np.linspace(-1, 2.5, 1401), np.linspace(-1, 1, 801))
+    for r in (1.0, 1.3, 1.9, 2.0, 2.4):
+        both = (np.hypot(x, y) < 1) & (np.hypot(x - r, y) < 1)
+        area = both.sum() * 0.0025**2
+        assert theory.dilute_pair_distribution(r, 1.0, np.pi / 4) - 1 == pytest.approx(area, abs=2e-3)
+    z3 = 2 * (theory.dilute_pair_distribution(0.7, 0.7, 1.0) - 1)  # of phi^2 in Z = 1 + 2 phi g
+    assert z3 == pytest.approx(VIRIAL_COEFFICIENTS[2] * 4, rel=1e-6)
+    assert theory.dilute_pair_distribution(0.69, 0.7, 0.1) == 0
+
+
+@pytest.mark.slow
+def test_dilute_disks_have_the_pair_distribution_of_first_order():
+    """The size of the correlation within two diameters over that of theory: 1 within four standard errors of 10 %."""
+    number, phi = 1000, 0.05
+    side = np.sqrt(number * np.pi / 4 / phi)
+    scene = bp.Scene(
+        box={"x": (0, side), "y": (0, side), "boundary": "periodic"},
+        disks={"species": [{"name": "disks", "count": number, "radius": 0.5, "mass": 1.0}]},
+        velocities={"temperature": 1.0},
+        equilibrate={"time": 5.0, "tracer": "free"},
+        duration=100.0,
+        sample_interval=5.0,
+    )
+    runs = bp.simulate(scene, 20, observables=["pair_distribution"], quiet=True)
+    result = bp.analyse(runs, quiet=True).squeeze()
+    near = result.isel(distance=(result.distance.values > 1) & (result.distance.values < 2))
+    expected = theory.dilute_pair_distribution(near.distance.values, 1.0, phi) - 1
+    weights = expected * near.distance.values / (expected**2 * near.distance.values).sum()
+    size = (weights * (near.pair_distribution.values - 1)).sum()
+    error = np.hypot.reduce(weights * near.pair_distribution_standard_error.values)
+    assert error < 0.12 and abs(size - 1) < 4 * error

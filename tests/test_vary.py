@@ -135,8 +135,8 @@ def test_series_are_along_the_first_key(result):
     cases = cases_of(result)
     assert axis_of(cases) == "tracer_mass"
     series = series_of(cases, "tracer_mass")
-    assert [*series] == ["packing fraction 0.1", "packing fraction 0.2"]
-    assert [case.tracer_mass.item() for case in series["packing fraction 0.2"]] == [1.0, 10.0, 100.0]
+    assert [*series] == ["packing_fraction = 0.1", "packing_fraction = 0.2"]
+    assert [case.tracer_mass.item() for case in series["packing_fraction = 0.2"]] == [1.0, 10.0, 100.0]
 
 
 def test_differences_are_of_runs_with_the_same_seeds(result):
@@ -172,3 +172,11 @@ def test_the_answer_has_a_column_for_each_key(result):
     assert [line[1:3] for line in lines if line[:1] == ["fluid"]] == [
         [m, phi] for m in ("1", "10", "100") for phi in ("0.1", "0.2")
     ]
+
+
+def test_tables_of_a_scan_are_drawn_again_in_their_place(result, tmp_path):
+    bp.save(result, tmp_path / "scan.nc")
+    for names in ("scan,health", "health"):
+        words = ["figures", str(tmp_path / "scan.nc"), "--output", str(tmp_path / "figures"), "--figures", names]
+        assert main(words) == 0
+    assert not (tmp_path / "figures" / "scan.csv").exists() and (tmp_path / "figures" / "health.csv").exists()

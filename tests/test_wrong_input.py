@@ -145,6 +145,7 @@ STUDIES = [
     ("average: runs\nobs", "average: origins\nobs", 11, "average", "origins needs square_displacement"),
     ("observables: []", "observables: [species]", 12, "observables[0]", "did you mean species_energy?"),
     ("figures: [msd]", "figures: [helth]", 13, "figures[0]", "did you mean health?"),
+    ("figures: [msd]", "panel: [scene, mass]", 13, "panel", "must be of scene, particles, engine, not 'mass'"),
     ("figures: [msd]", "figures: energy", 13, "figures", "needs the observable species_energy"),
     ("displacement_times: [0.5]", "displacement_times: 0.333", 14, "displacement_times[0]", "a sample time of some"),
     ("- [0.1, 1]", "- [0.1, 0.115]", 16, "fit_windows[0]", "three samples or more of harrison2020"),

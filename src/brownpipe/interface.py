@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial, wraps
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from xarray import DataArray, Dataset, DataTree
@@ -27,7 +27,7 @@ from brownpipe.engines.ensemble import Ensemble, failures, joined, select
 from brownpipe.engines.saturation import growth_caution
 from brownpipe.errors import FigureError, RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.figures.render import draw
+from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import summary_table
 from brownpipe.inspection import read_contents
@@ -46,12 +46,36 @@ from brownpipe.study import forecast_of_runs, read_study
 from brownpipe.study.study import Rings
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
 BATCHES = 16  # of seeds for each core: so unlike runs are shared evenly, and progress is shown
 
 
+P, R = ParamSpec("P"), TypeVar("R")
+SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings]  # of engines
+
+
+def _checked(*further: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let a function refuse keywords that neither it nor `further` has, with the one that was probably meant."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        names = [*signature(function).parameters, *further]
+
+        @wraps(function)
+        def checked(*values: P.args, **keywords: P.kwargs) -> R:
+            for name in keywords.keys() - names if "ax" not in keywords else ():  # which has keywords of matplotlib
+                hint = did_you_mean(name, names).strip() or f"see help(brownpipe.{function.__name__})"
+                raise RequestError(f"{name}: unknown; {hint}")
+            return function(*values, **keywords)
+
+        return checked
+
+    return decorate
+
+
+@_checked()
 def Scene(  # noqa: N802  # makes what its name says, like a class
     *,
     box: Mapping,
@@ -84,6 +108,7 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     return parse_scene(keys, "Scene", name=name)
 
 
+@_checked()
 def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
     """Return the scene of a YAML file, with `particles` disks in total if that is given.
 
@@ -92,6 +117,7 @@ def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
     return scene_of_file(validated(Path, path, key="path"), plain(particles))
 
 
+@_checked(*SETTINGS)
 def simulate(
     scene: SceneRecord | str | Path,
     seeds: int | str | Collection[int] = 1,
@@ -158,6 +184,7 @@ def simulate(
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))
 
 
+@_checked()
 def analyse(
     runs: DataTree | str | Path | Sequence[DataTree | str | Path],
     *,
@@ -189,6 +216,7 @@ def analyse(
         return aggregate(sources, windows, width, count, times)
 
 
+@_checked(*signature(simulate).parameters, *SETTINGS)
 def scan(
     scene: SceneRecord | str | Path,
     vary: Mapping[str, Sequence | Mapping],
@@ -216,6 +244,7 @@ def scan(
     return aggregate(runs, _windows(fit_windows), vary=[*values], vary_together=together)
 
 
+@_checked()
 def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] | None = None) -> Dataset:
     """Run a study as `brownpipe run` does, with all results in `results` of the current folder; return its dataset.
 
@@ -235,6 +264,7 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
     return read_dataset(f"results/{name}/aggregate/{name}.nc")
 
 
+@_checked()
 def mean(array: DataArray) -> Dataset:
     """Return the mean over runs of an array of your own with its errors: its dimension `seed` goes.
 
@@ -259,6 +289,7 @@ def mean(array: DataArray) -> Dataset:
     return Dataset({name: ordered.isel(seed=0, drop=True).copy(data=part) for name, part in parts})
 
 
+@_checked()
 def table(result: Dataset) -> "DataFrame":
     """Return the results of an analysis as a pandas table, with a row for each scene, number of disks and engine.
 
@@ -271,14 +302,26 @@ def table(result: Dataset) -> "DataFrame":
     return shown
 
 
-def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) -> "Figure":
+@_checked()
+def plot(
+    result: Dataset,
+    figure: str = "msd",
+    *,
+    particles: int | None = None,
+    panel: str | Iterable[str] = (),
+    ax: "Axes | None" = None,
+    **looks: Any,
+) -> "Figure | Axes":
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation, velocity_distribution,
-    pair_distribution, energy, thermodynamics, scan or health.
+    pair_distribution, density_profile, orientational_order, energy, thermodynamics, scan or health.
     particles: show the runs with this many disks; by default each scene's largest number.
+    panel: dimensions, such as scene or tracer_mass: cases that differ in them are drawn in panels of their own.
+    ax, looks: draw the main panel into these axes of yours, in your style, and return them; looks are those of the
+    lines, such as color="red", label="my runs".
 
-    Notebooks show it by themselves. Raises FigureError if the dataset has no data for it.
+    Notebooks show a figure by themselves. Raises FigureError if the dataset has no data for it.
     """
     validated(Literal[tuple(FIGURES)], figure, key="figure")
     if not _is_analysis(result):
@@ -288,11 +331,16 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
             raise FigureError(f"result: has no dimension {dim}; plot it before squeeze or sel, which remove it")
         if result.sizes.get(dim) == 0:
             raise FigureError(f"result: the dimension {dim} is empty; there is nothing to plot")
-    drawn = draw(result, figure, plain(particles))
+    if looks and ax is None:
+        raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
+    if ax is not None:
+        return draw_into(ax, result, figure, plain(particles), **looks)
+    drawn = draw(result, figure, plain(particles), _words("panel", panel).split(",") if panel else ())
     drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]  # by which notebooks show an object
     return drawn
 
 
+@_checked()
 def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it returns an object
     """Return the runs of a trajectory file, as `simulate` does, or the dataset of an analysis, verified byte by byte.
 
@@ -302,6 +350,7 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
     return to_tree(contents) if isinstance(contents, Trajectories) else contents
 
 
+@_checked()
 def save(data: DataTree | Dataset, path: str | Path) -> None:
     """Write runs to a trajectory file, or an analysis to a dataset, as the command line does.
 
@@ -337,20 +386,6 @@ def _made(make: Callable[[list[int]], Ensemble], seeds: np.ndarray, cores: int) 
 # -- arguments ------------------------------------------------------------------------------------------------------
 
 
-def _checked(function: Callable) -> Callable:
-    """Let a function refuse keywords that it does not have, with the one that was probably meant."""
-    names = (*signature(function).parameters, *(OPTIONS if function in (simulate, scan) else ()))
-
-    @wraps(function)
-    def checked(*values: Any, **keywords: Any) -> Any:
-        for name in (name for name in keywords if name not in names):
-            hint = did_you_mean(name, names).strip() or f"see help(brownpipe.{function.__name__})"
-            raise RequestError(f"{name}: unknown; {hint}")
-        return function(*values, **keywords)
-
-    return checked
-
-
 def _words(name: str, value: Any) -> str:
     """Return names as one text with commas."""
     if not isinstance(value, Iterable):
@@ -374,8 +409,3 @@ def _refuse_suffix(path: str | Path, what: str, suffixes: tuple[str, ...]) -> No
 
 def _is_analysis(data: object) -> bool:
     return isinstance(data, Dataset) and "failed_runs" in data
-
-
-OPTIONS = [*signature(simulate).parameters, *(key for one in DEFINITIONS.values() for key in one.settings)]
-_OWN = {name: one for name, one in globals().items() if getattr(one, "__module__", "") == __name__ and name[0] != "_"}
-globals().update({name: _checked(function) for name, function in _OWN.items()})

@@ -6,7 +6,7 @@
 # on what Snakemake remembers (`rerun-triggers: input` in the profile).
 from brownpipe.study.workflow import forecast, read_workflow_study, remove_stale_locks
 from brownpipe.study.plan import settled
-from brownpipe.study.run_sets import commands, digests, files_of, requests
+from brownpipe.study.run_sets import commands, digests, figure_options, files_of, requests
 from brownpipe.provenance import PACKAGE
 
 if workflow.is_main_process:

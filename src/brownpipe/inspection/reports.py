@@ -11,9 +11,9 @@ from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_test
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
 from brownpipe.errors import RequestError, WrongFileError
 from brownpipe.figures import tradeoff
+from brownpipe.figures.cases import aligned
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
-from brownpipe.figures.tables import aligned
 from brownpipe.formatting import counted
 from brownpipe.observables.displacement import displacement
 from brownpipe.provenance import made_with

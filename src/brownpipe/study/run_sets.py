@@ -21,6 +21,7 @@ from brownpipe.provenance import STEPS, digest_of, source_digest
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import ranges, seed_text
+from brownpipe.scene.variation import short_name
 from brownpipe.storage.store import DIGITS, StoredFile, folder_of_runs, runs_digest, stored_batches, without
 from brownpipe.study.study import REFERENCE, Study
 
@@ -134,18 +135,31 @@ def listed_runs(study: Study) -> list[str]:
     return [f"{runs.folder} {seed_text(np.asarray(runs.seeds))}" for runs in run_sets(study)]
 
 
+def figure_options(study: Study) -> list[str]:
+    """Return the options of `brownpipe figures` for a study."""
+    options = {
+        "--figures": ",".join(study.figures if "figures" in study.model_fields_set else ()),
+        "--particles": study.shown_particles,
+        "--panel": ",".join(short_name(name) if name in study.vary else name for name in study.panel),
+        "--title": study.title,
+        "--note": study.note,
+    }
+    return [word for option, value in options.items() if value for word in (option, str(value))]
+
+
 def digests(study: Study) -> dict[str, str]:
     """Return the first digits of a SHA-256 over all that each step of the workflow after `simulate` is made from."""
     runs = [*listed_runs(study), study.tolerance, study.target, study.fit_windows[0]]
     rings = study.rings and [study.rings.dr, study.rings.count]
-    analysis = [study.fit_windows, study.displacement_times, rings, [*study.vary], study.vary_together]
+    windows = study.fit_windows, "fit_windows" in study.model_fields_set  # the dataset says if they were asked for
+    analysis = [*windows, study.displacement_times, rings, [*study.vary], study.vary_together]
     found = {step: source_digest(*modules) for step, modules in STEPS.items()}
     aggregate = digest_of(runs, analysis, found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])
     return {
         "plan": digest_of(runs, study.average, study.observables, found["tradeoff"]),
         "aggregate": aggregate,
-        "figures": digest_of(aggregate, study.figures, study.shown_particles, found["figures"]),
+        "figures": digest_of(aggregate, study.figures, figure_options(study), found["figures"]),
         "tradeoff": tradeoff,
         "tradeoff_figures": digest_of(tradeoff, found["figures"]),
     }

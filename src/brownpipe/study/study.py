@@ -108,7 +108,10 @@ class Study(Record):
     record: Literal["tracer", "none"] = key("the trajectory of the tracer, or only the observables", "tracer")
     observables: Observables = key("quantities measured in each run, from all of its disks", ())
     average: Average = key("average over runs alone, or also over time origins or equal disks", "runs")
+    title: Text | None = key("of the study, above its answer and its page", None)
+    note: Text | None = key("what the study is about, at the top of its page", None)
     figures: Figures | None = key("figures to draw (default: all that the study has data for)", None)
+    panel: Texts = key("scene, particles, engine, varied keys: what differs in them is drawn in panels of its own", ())
     displacement_times: Times = key("times of the displacement distribution (default: the end of each run)", ())
     fit_windows: Windows | None = key("[t0, t1] in which lines are fitted to the MSD [time]", None)
     rings: Rings | None = key("of the displacement distribution (default: from the data)", None)
@@ -209,6 +212,10 @@ class Study(Record):
             if unmet[name]:
                 refuse(f"{name} needs {unmet[name][0]}", "figures")
         self._resolve(figures=self.figures or tuple(name for name in FIGURES if not unmet[name]))
+        labels = ("scene", "particles", "engine", *self.vary)
+        for name in self.panel:
+            if name not in labels:
+                refuse(f"must be of {', '.join(labels)}, not {name!r}", "panel")
         if self.shown_particles not in (None, *counts):
             allowed = f"one of the study's numbers of disks, {counts}"
             refuse(f"must be {allowed}, not {self.shown_particles}", "shown_particles")

@@ -150,9 +150,8 @@ def movie(arguments: Namespace) -> None:
 
 def _frames(trajectories: Trajectories, arguments: Namespace, kind: str) -> tuple[bytes, str]:
     """Return a picture, animation or video, and what it shows."""
-    from brownpipe.figures.movie import movie, samples_shown
+    from brownpipe.figures.movie import movie, samples_shown, whole_run
     from brownpipe.figures.origin import movie_record
-    from brownpipe.figures.snapshot import whole_run
 
     frames, fps = arguments.frames, arguments.fps or FPS
     with progress.shown("movie"):

@@ -47,7 +47,8 @@ def aggregate(arguments: Namespace) -> None:
     width, count, study = arguments.ring_width, arguments.rings, None
     if arguments.study is not None:
         study = study_of(arguments)
-        files, windows, times = files_of(study), study.fit_windows, study.displacement_times
+        files, times = files_of(study), study.displacement_times
+        windows = study.fit_windows if "fit_windows" in study.model_fields_set else None
         width, count = (study.rings.dr, study.rings.count) if study.rings else (None, None)
     inputs = [getattr(file, "path", file) for file in files]
     output = writable(arguments.output, *inputs, suffixes=NETCDF)
@@ -79,6 +80,9 @@ def add_figures(add: Callable) -> None:
     names = f"names joined by commas, some of {', '.join(FIGURES)} (default: all)"
     add("--figures", type=several(typed(Literal[tuple(FIGURES)])), metavar="NAMES", help=names)
     add_particles(add, "show the runs with this many disks (default: the most)")
+    add("--panel", type=several(str), metavar="NAMES", help="draw what differs in these labels in panels of its own")
+    add("--title", metavar="TEXT", help="of the study, above the answer and the page")
+    add("--note", metavar="TEXT", help="what the study is about, at the top of the page")
     cores = "draw so many figures at the same time (default: 1); the files are the same"
     add("--cores", type=typed(AtLeastOne), metavar="N", default=1, help=cores)
 
@@ -94,7 +98,8 @@ def figures(arguments: Namespace) -> None:
     from brownpipe.report.products import read, write  # takes 0.5 s
 
     output = folder(arguments.output)
-    dataset, record = read(arguments.dataset, arguments.figures, arguments.particles)
+    given = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
+    dataset, record = read(arguments.dataset, given)
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
         written = write(dataset, output, record, page=page, cores=arguments.cores)
