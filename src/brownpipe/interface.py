@@ -53,7 +53,8 @@ if TYPE_CHECKING:
 BATCHES = 16  # of seeds for each core: so unlike runs are shared evenly, and progress is shown
 
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings]  # of engines
 
 
