@@ -16,7 +16,7 @@ import pytest
 from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.saturation import share_failing
+from brownpipe.engines.placement import ALL_FAIL, SOME_FAIL, crowding
 from brownpipe.errors import RequestError
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene, read_scene
@@ -49,7 +49,7 @@ def test_other_engines_are_forecast_to_cost_as_much_more_or_less_as_measured():
 
     def cost(engine, **settings):
         expected = configured(engine, **settings).forecast(scene)
-        return (expected.seconds + expected.storing) / (one.seconds + one.storing)
+        return expected.seconds / one.seconds
 
     one = forecast.of_run(scene)
     assert 1.4 < cost("timestep", time_step=0.035) < cost("timestep", time_step=0.001) < 3
@@ -77,9 +77,9 @@ def test_too_few_disks_for_the_box_are_said():
     )
     expected = 36.0 / 3 / (2 * 2**0.5 * 0.2)  # of the three others
     assert forecast.mean_free_path(scene) == pytest.approx(expected, rel=0.01)
-    remark = forecast.few_collisions(scene)
+    remark = forecast.caution(scene)
     assert remark.startswith("thin: 4 disks are too few for Brownian motion in this box: the mean free path, 21, is")
-    assert forecast.few_collisions(read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
+    assert forecast.caution(read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
 
 
 def test_scene_with_another_number_of_disks():
@@ -207,11 +207,11 @@ def test_averages_and_kept_disks_have_their_price():
     assert seconds(scene) < seconds(scene, names=("square_displacement",)) < seconds(scene, frozenset({"all"}))
     for name in ("square_displacement", "velocity_autocorrelation"):
         assert seconds(scene, names=(name,)) < seconds(scene, names=(name,), average="origins")
-        assert seconds(scene, frozenset({"all"})) < seconds(scene, names=(name,), average="disks")
+        assert seconds(scene, names=(name,)) < seconds(scene, names=(name,), average="disks")
     langevin = Engine("langevin", (("friction", "enskog"),))
     heavy = read_scene(CONFIG / "scenes" / "heavy.yaml")
     alone, measured = (langevin.forecast(heavy, frozenset(), names) for names in ((), tuple(OBSERVABLES)))
-    assert alone.seconds < measured.seconds < 2 * alone.seconds  # it follows the tracer alone
+    assert alone.seconds < measured.seconds < 5 * alone.seconds  # it follows the tracer alone
 
 
 @pytest.mark.parametrize(("name", "phi"), [("dilute", 0.03), ("fluid_014", 0.14), ("dense", 0.7)])
@@ -315,14 +315,14 @@ def test_placement_is_foreseen_to_fail_where_it_does(name):
     """
     mapping, sparse, dense = PLACED[name]
     sparse, dense = (parse_scene(mapping(count), f"{name}.yaml") for count in (sparse, dense))
-    assert share_failing(sparse) < 0.04 and not at_least(3, sparse, range(500, 510))
-    assert share_failing(dense) > 0.9 and at_least(7, dense, range(500, 510))
+    assert crowding(sparse) < SOME_FAIL and not at_least(3, sparse, range(500, 510))
+    assert crowding(dense) > ALL_FAIL and at_least(7, dense, range(500, 510))
 
 
 def test_a_lattice_a_list_and_a_lone_disk_always_find_a_place():
-    assert share_failing(parse_scene(crowd(80, placement="lattice"), "a.yaml")) == 0.0
-    assert share_failing(parse_scene(crowd(1, radius=5.0, boundary="reflecting"), "a.yaml")) == 0.0
-    assert share_failing(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")) == 0.0
+    assert crowding(parse_scene(crowd(80, placement="lattice"), "a.yaml")) == 0.0
+    assert crowding(parse_scene(crowd(1, radius=5.0, boundary="reflecting"), "a.yaml")) == 0.0
+    assert crowding(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")) == 0.0
 
 
 def report(folder, mapping, name="scene"):
@@ -340,11 +340,11 @@ def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):
     assert cautions(report(tmp_path, crowd(60))) == []
     (caution,) = cautions(report(tmp_path, crowd(75)))
     assert caution == (
-        "scene, N = 75: random placement is expected to fail in every run: of 75 disks of radius 0.5 some 69 find a "
-        "place; must be fewer or smaller disks, or `placement: auto` with `equilibrate`"
+        "scene, N = 75: random placement is expected to fail in every run (packing fraction 0.589); must be fewer or "
+        "smaller disks, or `placement: auto` with `equilibrate`"
     )
     (caution,) = cautions(report(tmp_path, crowd(66)))
-    assert "expected to fail in some 5.9 % of the runs: of 66 disks" in caution
+    assert "expected to fail in some of the runs (packing fraction 0.518)" in caution
     assert cautions(report(tmp_path, crowd(75, placement="lattice"))) == []
 
 
@@ -352,14 +352,6 @@ def test_no_time_step_is_proposed_where_nothing_moves(tmp_path):
     lines = report(tmp_path, crowd(5, velocities={"temperature": 0.0}))
     assert any("timestep: no: " in line and "needs disks that move" in line for line in lines)
     assert not any("inf" in line.split() for line in lines)
-
-
-def test_a_rare_failure_matters_to_many_runs(tmp_path):
-    report(tmp_path, crowd(64), "crowd")
-    few, many = (report(tmp_path, {"scenes": "crowd.yaml", "seeds": seeds}, "study") for seeds in (10, 1000))
-    assert cautions(few) == []
-    (caution,) = cautions(many)
-    assert "random placement is expected to fail in some 0.65 % of the runs" in caution
 
 
 def test_remarks_are_on_the_engine_of_the_study(tmp_path):
@@ -374,8 +366,6 @@ def test_remarks_are_on_the_engine_of_the_study(tmp_path):
     assert "langevin-boltzmann" in lines[2]
     (caution,) = cautions(report(tmp_path, study | {"engines": ["exact", langevin]}, "study"))
     assert caution.startswith("crowd, N = 76: random placement is expected to fail in every run")
-    (caution,) = cautions(report(tmp_path, study | {"engines": [langevin | {"friction": "measured"}]}, "study"))
-    assert caution.startswith("crowd, N = 76: random placement")
     crowded["disks"]["tracer"]["mass"] = 3.0
     crowded["disks"]["species"][0]["count"] = 20
     report(tmp_path, crowded, "crowd")

@@ -19,7 +19,7 @@ import pytest
 
 from brownpipe import stages
 from brownpipe.cli import build_parser, main
-from brownpipe.engines import inlining
+from brownpipe.engines import compiler
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
 from brownpipe.storage.datasets import read_dataset
@@ -502,7 +502,7 @@ def imported_by(code):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not inlining.is_tested(), reason="this version of Numba imports scipy.linalg by itself")
+@pytest.mark.skipif(not compiler.is_tested(), reason="this version of Numba imports scipy.linalg by itself")
 def test_simulate_does_without_linear_algebra():
     """With every engine, all in one process: what is not imported in the end, none of them imports."""
     code = "from brownpipe.cli import main"

@@ -20,11 +20,11 @@ FOLLOW = """
 import sys
 import numpy as np
 from brownpipe import stages
-from brownpipe.engines import inlining, kernels
-from brownpipe.engines.compiling import compile_all
-from brownpipe.engines.langevin.step import follow
+from brownpipe.engines import compiler, kernels
+from brownpipe.engines.kernels import compile_all
+from brownpipe.engines.langevin.simulation import follow
 if "untested" in sys.argv:
-    inlining.TESTED = ((0, 0), (0, 0))
+    compiler.TESTED = ((0, 0), (0, 0))
 stages.remark_listeners.append(lambda line: print(line.partition(" ")[0]))
 for _ in range(2):
     compile_all(lambda: follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))))

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import pytest
 
-from brownpipe.engines import indices, inlining, kernels
+from brownpipe.engines import compiler, kernels
 from brownpipe.engines.records import by_reference, local_copy
 
 HERE = Path(__file__).parent
@@ -31,9 +31,9 @@ def test_a_prefetch_is_compiled_to_one():
 
 PLACED = """
 import sys
-from brownpipe.engines import inlining
+from brownpipe.engines import compiler
 if sys.argv[1] == "usual":
-    inlining.TESTED = ((0, 0), (0, 0))
+    compiler.TESTED = ((0, 0), (0, 0))
 from numba.core.codegen import JITCPUCodegen
 from brownpipe.scene import read_scene
 from brownpipe.engines.initial_state import draw
@@ -54,8 +54,8 @@ def test_with_a_numba_that_was_not_tested_kernels_are_compiled_as_usual_to_the_s
         ).stdout.split()
         for which in ("inlined", "usual")
     ]
-    tested = inlining.is_tested()
-    expected = "brownpipe.engines.inlining" if tested else "numba.core.codegen"
+    tested = compiler.is_tested()
+    expected = "brownpipe.engines.compiler" if tested else "numba.core.codegen"
     assert [module for module, _ in results] == [expected, "numba.core.codegen"]
     assert results[0][1] == results[1][1] and len(results[0][1]) > 1000
 
@@ -119,7 +119,7 @@ def says(number):
 
 def test_other_peoples_compiled_functions_work_as_ever(capfd):
     """Ufuncs, functions that only compiled functions can call, kernels that print, and indices from the end."""
-    indices.install()
+    compiler.take_indices()
 
     @numba.vectorize(["float64(float64)"])
     def twice(x):

@@ -404,7 +404,7 @@ def test_units_are_powers_of_two_or_refused(boundary, length, time, mass):
     """The path to the square root of odd powers, 4 units of round-off; kT and kT/m must be numbers with all digits."""
     scene, usual = in_units(length, time, mass, boundary=boundary), in_units(boundary=boundary)
     if abs(2 * (length - time) + mass) > 1018 or abs(2 * (length - time)) > 1018:
-        with pytest.raises(RequestError, match=r"needs a temperature of the bath below|needs kT and kT/m of at least"):
+        with pytest.raises(RequestError, match="needs kT and kT/m from"):
             langevin.simulate(scene, [1, 2])
         return
     found, plain = langevin.simulate(scene, [1, 2]), langevin.simulate(usual, [1, 2])
@@ -459,7 +459,7 @@ CROWD = {"particles": 900, "width": 6.0, "disks": {
         (NO_TRACER, "the disk that is followed has 1 times the mass of the heaviest of the others; must be at least 2"),
         (CROWD, "has no contact value for --friction enskog: the packing fraction is 0.79"),
         ({"particles": 1}, "needs a bath, and there is a single disk"),
-        ({"velocities": {"standard_deviation": 1e300}}, "needs a temperature of the bath below 1.8e308"),
+        ({"velocities": {"standard_deviation": 1e300}}, "needs kT and kT/m from 2.23e-308 to 1.8e308"),
     ],
 )
 def test_where_friction_and_noise_are_no_bath(changes, message):

@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.engines.initial_state import draw
-from brownpipe.engines.placement import place
+from brownpipe.engines.initial_state import draw, place
 from brownpipe.engines.units import common_radius
 from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import packing, parse_scene

@@ -19,7 +19,6 @@ from brownpipe import progress
 from brownpipe.analysis import aggregate
 from brownpipe.engines import read_record, requested
 from brownpipe.engines.ensemble import failures
-from brownpipe.engines.saturation import growth_caution
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
@@ -126,7 +125,7 @@ def simulate(
         seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
     numbers = read_seeds(plain(seeds))
     forecast_of_runs(chosen, scene, numbers, recorded, names, average)
-    for remark in filter(None, (chosen.definition.caution(scene), growth_caution(scene, len(numbers)))):
+    if remark := chosen.definition.caution(scene):
         warnings.warn(remark, stacklevel=2)
     with progress.shown("simulate", silent=quiet):
         ensemble = chosen.simulate(scene, numbers, recorded, observables=names, average=average)

@@ -157,5 +157,5 @@ VARIABLES = {
     "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient by Enskog's theory, at the scene's total momentum"),
 }
 ESTIMATOR = Estimator(
-    _columns, VARIABLES, lambda case, averages: enskog(case.scene, case.engine.definition.counts_collisions)
+    _columns, VARIABLES, lambda case, averages: enskog(case.scene, case.engine.definition.moves_all_disks)
 )

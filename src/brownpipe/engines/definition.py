@@ -37,9 +37,5 @@ class Definition(NamedTuple):
     # Settings that `brownpipe plan` tries, of which `check` shows the first, at least one for any scene, also for one
     # that is refused later
     candidates: Callable[[Scene], list[dict]] = lambda scene: [{}]
-    # (scene, settings): the scene whose disks are placed and moved; None if the engine needs no disk but the tracer
-    scene_with_disks: Callable[[Scene, dict], Scene | None] = lambda scene, settings: scene
-    # (observables, average): what it can measure of these, and the average; by default all
-    measured: Callable[[tuple[str, ...], str], tuple[tuple[str, ...], str]] = lambda *asked: asked
-    counts_collisions: bool = True  # whether its runs have the rates of collisions among their observables
+    moves_all_disks: bool = True  # otherwise it moves the tracer alone, and counts no collisions
     keeps_checkpoints: bool = False

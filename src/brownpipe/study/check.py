@@ -6,10 +6,9 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 import pandas as pd
 
 from brownpipe.engines import DEFINITIONS, configured, forecast, friction
+from brownpipe.engines.forecast import settling_caution, settling_in_words
 from brownpipe.engines.friction import DECAY_TIMES, diffusive_from, window_caution
-from brownpipe.engines.lattice import lattice_gaps
-from brownpipe.engines.saturation import is_grown, placement_caution
-from brownpipe.engines.settling import settling_caution, settling_in_words
+from brownpipe.engines.placement import is_grown, lattice_gaps
 from brownpipe.errors import RequestError
 from brownpipe.formatting import in_bytes, in_time
 from brownpipe.observables.quarters import claims_equilibrium
@@ -20,8 +19,6 @@ from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study import Study, read_study
 from brownpipe.study.cost import describe_workload, with_assumed_runs
 from brownpipe.study.run_sets import RunSet, run_sets
-
-RUNS = 100  # of a scene, for which its placement should succeed
 
 
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:
@@ -51,11 +48,7 @@ def _scene(scene: Scene) -> list[str]:
         f"memory      {in_bytes(forecast.memory(cost, 1))} for one run; {in_bytes(cost.recorded)} of file per run",
     ]
     window = friction.default_windows([scene])[0]
-    cautions = [
-        placement_caution(scene, RUNS),
-        settling_caution(scene),
-        window_caution(window, {scene.name: start}),
-    ]
+    cautions = [settling_caution(scene), window_caution(window, {scene.name: start})]
     for name, definition in DEFINITIONS.items():
         engine = configured(name, **definition.candidates(scene)[0])
         try:
@@ -64,7 +57,7 @@ def _scene(scene: Scene) -> list[str]:
             lines.append(f"engine      {name}: no: {error}")
             continue
         cost = engine.forecast(scene)
-        cpu = f"some {in_time(cost.seconds + cost.storing)} of CPU per run"
+        cpu = f"some {in_time(cost.seconds)} of CPU per run"
         lines.append(f"engine      {engine.options}: {engine.model([scene])}; {cpu}")
         cautions.append(definition.caution(scene))
     return [*lines, *_cautions(cautions)]
@@ -123,7 +116,7 @@ def _study(study: Study) -> list[str]:
             "engine": runs.engine.label,
             "runs": f"{len(runs.seeds):,}",
             "collisions": f"{runs.cost.pair_collisions + runs.cost.wall_collisions:,.0f}",
-            "CPU": in_time(runs.cost.seconds + runs.cost.storing),
+            "CPU": in_time(runs.cost.seconds),
             "file": f"{in_bytes(runs.cost.recorded)} per run",
         }
         for runs in sets
@@ -137,10 +130,7 @@ def _study(study: Study) -> list[str]:
     cautions += [settling_caution(case) for case in study.cases]
     starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
     cautions += [window_caution(window, starts) for window in study.fit_windows or ()]
-    for runs in sets:
-        placed = runs.engine.definition.scene_with_disks(runs.case, dict(runs.engine.settings))
-        cautions += [placed and placement_caution(placed, len(runs.seeds)), _too_large(runs)]
-    lines += _cautions(cautions)
+    lines += _cautions([*cautions, *map(_too_large, sets)])
     if study.tolerance is not None:
         goal = f"{study.target} to {100 * study.tolerance:g} %"
         lines.append(f"seeds     as many as {goal} needs, by pilot runs; here assumed {len(assumed.seeds):,}")

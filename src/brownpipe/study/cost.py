@@ -25,7 +25,7 @@ Need = tuple[float, float]  # bytes of memory, CPU seconds
 
 def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
     """Return the CPU seconds of so many processes that make and write so many runs together."""
-    return jobs * (forecast.START_UP + cost.once) + runs * (cost.seconds + cost.storing)
+    return jobs * (forecast.START_UP + cost.once) + runs * cost.seconds
 
 
 def with_assumed_runs(study: Study) -> Study:

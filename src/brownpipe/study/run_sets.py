@@ -60,7 +60,7 @@ def batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int 
     batches stay valid when seeds are added. Every range of consecutive seeds is cut from its first seed on.
     """
     most = length or max(1, forecast.most_runs(cost, LARGEST))
-    size = length or min(most, _power_of_two((SECONDS + OFTEN * cost.once) / (cost.seconds + cost.storing)))
+    size = length or min(most, _power_of_two((SECONDS + OFTEN * cost.once) / cost.seconds))
     found = []
     for first, last in ranges(seeds):
         start = first

@@ -65,7 +65,6 @@ def simulate(arguments: Namespace) -> int:
     """
     from brownpipe.engines import read_record
     from brownpipe.engines.ensemble import failures
-    from brownpipe.engines.saturation import growth_caution
     from brownpipe.scene.seeds import read_seeds
     from brownpipe.scene.variation import scene_with
     from brownpipe.scene.yaml_file import read_yaml
@@ -89,7 +88,7 @@ def simulate(arguments: Namespace) -> int:
     from brownpipe.storage.checkpoints import remove_checkpoint
     from brownpipe.storage.trajectories import write_trajectories
 
-    for remark in filter(None, (engine.definition.caution(scene), growth_caution(scene, len(seeds)))):
+    if remark := engine.definition.caution(scene):
         say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)

@@ -1,16 +1,28 @@
 """Runs of the exact engine, which can be interrupted and continued (`checkpoint`).
 
-Each run is drawn from its seed (`initial_state`), equilibrated (`equilibration`), run from collision to collision
-(`run`) and measured (`ensemble`).
+Each run is drawn from its seed (`initial_state`), equilibrated, run from collision to collision (`run`) and measured
+(`ensemble`).
 """
 
 from collections.abc import Collection, Sequence
 
+import numpy as np
+
 from brownpipe.engines.ensemble import Ensemble, RunResult, make_runs, new_batch
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, pack, resume, saving_of
-from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
-from brownpipe.engines.exact.run import beginning, prepare_scene, recorder_of, to_end
-from brownpipe.engines.initial_state import draw
+from brownpipe.engines.exact.run import (
+    NOT_SAVED,
+    PreparedScene,
+    RunState,
+    Saving,
+    beginning,
+    new_recorder,
+    prepare_scene,
+    to_end,
+)
+from brownpipe.engines.initial_state import draw, without_total_momentum
+from brownpipe.engines.units import State
+from brownpipe.errors import RunError
 from brownpipe.scene import Scene
 
 
@@ -36,7 +48,7 @@ def simulate(
     """
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator, prepared = prepare_equilibration(scene), prepare_scene(scene)
-    recorder = recorder_of(prepared, scene.times, batch.needed_record)
+    recorder = new_recorder(prepared, scene.times, batch.needed_record)
     finished, unfinished = resume(checkpoints.stored, batch)
 
     def run(column: int) -> RunResult:
@@ -52,3 +64,36 @@ def simulate(
             checkpoints.store(pack(batch.ensemble, done, None))
 
     return make_runs(batch, run, finished, store)
+
+
+# -- the state at t = 0, from which all engines that move all disks start ---------------------------------------------
+
+
+def prepare_equilibration(scene: Scene) -> PreparedScene | None:
+    """Return what equilibrates the states of a scene; None if it has no time to equilibrate."""
+    return prepare_scene(scene, scene.equilibrate.tracer == "pinned") if scene.equilibrate.time > 0 else None
+
+
+def equilibrate(
+    prepared: PreparedScene | None, state: State, stored: RunState | None = None, saving: Saving = NOT_SAVED
+) -> State:
+    """Run a drawn state for the scene's time to equilibrate, or continue a stored run; return the state at t = 0.
+
+    `prepared` is from `prepare_equilibration`; if it is None, the drawn state is returned. A pinned tracer keeps its
+    place and regains its velocity at t = 0. Raises RunError if the run fails its health check or makes no progress.
+    """
+    if prepared is None:
+        return state
+    scene = prepared.scene
+    moving = np.arange(len(state.mass)) >= int(prepared.pinned)  # all disks, or all but the tracer
+    start = stored or beginning(prepared, state._replace(velocity=state.velocity * moving[:, None]), True)
+    result = to_end(prepared, start, new_recorder(prepared, np.array([scene.equilibrate.time]), {"all"}), saving)
+    if result.observables["failed"]:
+        raise RunError("the time to equilibrate failed its health check")
+    position, velocity = result.whole.position[-1], result.whole.velocity[-1]
+    if prepared.pinned:
+        position[0] = state.position[0]
+        velocity[0] = state.velocity[0]
+    if scene.velocities.zero_momentum:
+        velocity = without_total_momentum(velocity, state.mass)
+    return state._replace(position=position, velocity=velocity)

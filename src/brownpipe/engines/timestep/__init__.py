@@ -76,7 +76,7 @@ def _forecast(
     exact = forecast.of_run(scene, record, observables, average)
     steps = scene.duration / settings["time_step"]
     seconds = SECONDS_PER_DISK_STEP * scene.particles * steps
-    seconds += SECONDS_PER_CROSSING * scene.duration * forecast.crossing_rate(scene, forecast.mixture_of(scene))
+    seconds += SECONDS_PER_CROSSING * scene.duration * forecast.crossing_rate(scene)
     return exact._replace(seconds=exact.seconds + seconds)
 
 
@@ -90,7 +90,7 @@ TIMESTEP = Definition(
     },
     model=lambda scenes, settings: "all disks, in time steps",
     refuse_unfit=refuse_unfit,
-    caution=forecast.few_collisions,
+    caution=forecast.caution,
     forecast=_forecast,
     candidates=lambda scene: [{"time_step": float(f"{largest_step(scene) * part:.1g}")} for part in TRIAL_STEPS],
 )

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.ensemble import Ensemble, RunResult, make_runs, new_batch
-from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
+from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
+from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.recording import (
     conservation,
     images_fit,
