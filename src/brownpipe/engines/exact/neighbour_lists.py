@@ -15,7 +15,7 @@ import numpy as np
 
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.disks import contact_distance, position, shifted
+from brownpipe.engines.exact.workspace import contact_distance, position, shifted
 from brownpipe.engines.fours import replace_in_four
 from brownpipe.engines.kernels import kernel, prefetch
 
@@ -97,9 +97,8 @@ def centre(lists: ws.NeighbourLists, w: ws.Workspace, i: int, now: float) -> Non
 @kernel
 def meet(lists: ws.NeighbourLists, w: ws.Workspace, i: int, least: int) -> None:
     """Find the neighbours of disk i numbered `least` or more in the cell list, and add each to the other's list."""
-    column, row = cells.place_of(w, i)
     n = 0
-    for j in range(cells.gather_around(w, column, row)):
+    for j in range(cells.gather(w.big, w, i, ws.PAIR)):
         candidate = w.candidate[j]
         k = candidate & ws.DISK_MASK
         w.candidate[n] = candidate
@@ -140,7 +139,7 @@ def prefetch_list(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int)
     prefetch(lists.neighbour, words(lists.wide) * i)
     prefetch(lists.centre, 2 * i)
     if cells.is_crossing(event):
-        cells.prefetch_cells_around(w, cells.cell_of(w, i))
+        cells.prefetch_cells(w, i, ws.PAIR)
 
 
 @kernel

@@ -11,7 +11,7 @@ import numpy as np
 from brownpipe.engines.collisions import delay, encounter, meets, wall_time
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.disks import four_contact_distances, four_disks, four_shifted, position, radius_of
+from brownpipe.engines.exact.workspace import four_contact_distances, four_disks, four_shifted, position, radius_of
 from brownpipe.engines.fours import any_of, four, four_entries, four_from, least, where
 from brownpipe.engines.kernels import kernel
 
@@ -143,9 +143,9 @@ def candidates_after(
         w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
         return neighbour_lists.neighbours(lists, i)
     if cells.is_crossing(event):
-        return w.candidate, 0, cells.gather_new(w.big, w, i, event)
+        return w.candidate, 0, cells.gather(w.big, w, i, event)
     w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
-    return w.candidate, 0, cells.gather(w.big, w, i)
+    return w.candidate, 0, cells.gather(w.big, w, i, ws.PAIR)
 
 
 @kernel

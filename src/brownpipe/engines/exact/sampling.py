@@ -10,7 +10,7 @@ import numpy as np
 from brownpipe.engines.collisions import encounter
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.disks import four_contact_distances, four_disks, four_shifted, position
+from brownpipe.engines.exact.workspace import four_contact_distances, four_disks, four_shifted, position
 from brownpipe.engines.fours import four, four_entries, least, where
 from brownpipe.engines.kernels import kernel
 
@@ -43,7 +43,7 @@ def audit(w: ws.Workspace, i: int, now: float) -> None:
     """Check disk i for overlaps with its neighbours (NEAREST), and its position against its cell (STRAY)."""
     audit_place(w.lists, w, i, now)
     x_i, y_i = position(w, i, now)
-    m = cells.gather(w.big, w, i)
+    m = cells.gather(w.big, w, i, ws.PAIR)
     for j in range(0, m, 4):
         candidate = four_entries(w.candidate, j, m, i)
         k = candidate & ws.DISK_MASK
