@@ -180,7 +180,7 @@ def begin_block(w: ws.Workspace) -> None:
     left a periodic box by half a square; its neighbours are found only from its cell inside.
     """
     w.cell[:: w.grid.slots] = 0
-    calendar.clear(w)
+    calendar.clear(w.deferred, w)
     for i in range(len(w.disk) // ws.ROW - 1, -1, -1):
         a = ws.ROW * i
         enter_cell(w.image, w, i, *cells.place(w.shift, w, i, 0.0))

@@ -9,10 +9,6 @@ then holds the disks by the centres of their squares, and is read only to make l
 `lists` is `w.lists`, a `NeighbourLists`.
 """
 
-import math
-
-import numpy as np
-
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.workspace import contact_distance, position, shifted
@@ -118,19 +114,6 @@ def make_all(lists: ws.NeighbourLists | None, w: ws.Workspace) -> None:
             centre(lists, w, i, 0.0)
         for i in range(n):
             meet(lists, w, i, i)
-
-
-@kernel
-def edges_ahead(lists: ws.NeighbourLists, i: int, vx: float, vy: float) -> tuple[float, float]:
-    """Return the edges (x, y) of the square of disk i to which it moves."""
-    return lists.centre[2 * i] + math.copysign(lists.half, vx), lists.centre[2 * i + 1] + math.copysign(lists.half, vy)
-
-
-@kernel
-def neighbours(lists: ws.NeighbourLists, i: int) -> tuple[np.ndarray, int, int]:
-    """Return the array that holds the list of disk i, the index at which it begins, and its length."""
-    first = words(lists.wide) * i
-    return lists.neighbour, first + 1, lists.neighbour[first]
 
 
 @kernel

@@ -66,14 +66,8 @@ def set_partner(
     partner, changes = np.int64(link[a + ws.PARTNER]), np.int64(link[a + ws.PARTNER_CHANGES])
     other = np.int64(candidates[int(least(where(best <= time, chosen, four(math.inf))))])  # of several, the first
     other_changes = np.int64(disk[ws.ROW * (other & ws.DISK_MASK) + ws.CHANGES])
-    link[a + ws.PARTNER] = either(sooner, other, partner)
-    link[a + ws.PARTNER_CHANGES] = either(sooner, other_changes, changes)
-
-
-@kernel
-def either(condition: bool, one: int, other: int) -> int:
-    """Return one of two integers, without a branch."""
-    return other + condition * (one - other)
+    link[a + ws.PARTNER] = partner + sooner * (other - partner)
+    link[a + ws.PARTNER_CHANGES] = changes + sooner * (other_changes - changes)
 
 
 @kernel
@@ -103,7 +97,8 @@ def leave_time(
 def edges_ahead(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, vx: float, vy: float) -> tuple[float, float]:
     """Return the edges (x, y) of the cell of disk i, or of the square of its list, to which it moves."""
     if lists is not None:
-        return neighbour_lists.edges_ahead(lists, i, vx, vy)
+        x, y = lists.centre[2 * i], lists.centre[2 * i + 1]
+        return x + math.copysign(lists.half, vx), y + math.copysign(lists.half, vy)
     box, a = w.grid, ws.ROW * i
     x = box.x + (w.link[a + ws.CELL_COLUMN] + (vx > 0.0)) * box.cell_width
     return x, box.y + (w.link[a + ws.CELL_ROW] + (vy > 0.0)) * box.cell_height
@@ -141,7 +136,8 @@ def candidates_after(
     """
     if lists is not None:
         w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
-        return neighbour_lists.neighbours(lists, i)
+        first = neighbour_lists.words(lists.wide) * i
+        return lists.neighbour, first + 1, lists.neighbour[first]
     if cells.is_crossing(event):
         return w.candidate, 0, cells.gather(w.big, w, i, event)
     w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
