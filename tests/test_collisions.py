@@ -32,7 +32,7 @@ def aimed(rng, distance, impact, sigma, speed=1.0):
 
 def pair_time(x, y, u, v, sigma):
     """Time until two disks touch, inf if never, as the engine puts it together."""
-    b, c, d = encounter(x, y, u, v, sigma)
+    b, c, d = encounter(x, y, u, v, sigma * sigma)
     return delay(b, c, d) if meets(b, d) else math.inf
 
 
@@ -104,7 +104,7 @@ def test_pair_time_does_not_depend_on_who_is_who():
 
 
 def test_meets_and_delay_of_a_simple_pair():
-    b, c, d = encounter(1.0, 0.5, -1.0, 0.0, 0.6)
+    b, c, d = encounter(1.0, 0.5, -1.0, 0.0, 0.6**2)
     assert (b, c, d) == (-1.0, 1.25 - 0.36, 0.36 - 0.25)
     assert meets(b, d)
     assert delay(b, c, d) == pytest.approx(1 - math.sqrt(0.11), rel=4 * EPSILON)

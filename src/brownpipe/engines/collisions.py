@@ -25,15 +25,15 @@ OFF_POWERS_OF_TWO = 0.75
 
 
 @kernel
-def encounter(x: float, y: float, u: float, v: float, sigma: float) -> tuple[float, float, float]:
-    """Return (b, c, d) of the quadratic equation behind eqs. (1)-(3) for a pair with contact distance sigma.
+def encounter(x: float, y: float, u: float, v: float, sigma2: float) -> tuple[float, float, float]:
+    """Return (b, c, d) of the quadratic equation behind eqs. (1)-(3) for a pair; `sigma2` is its sigma^2.
 
     r = (x, y) and v = (u, v) are position and velocity of the second disk relative to the first. b = r.v,
     c = r.r - sigma^2, and d = v.v sigma^2 - (r x v)^2, which equals b^2 - v.v c. The form with the cross product costs
     the same, and its round-off error is smaller by a factor of abs(r)/sigma.
     """
     cross = x * v - y * u
-    return x * u + y * v, x * x + y * y - sigma * sigma, (u * u + v * v) * (sigma * sigma) - cross * cross
+    return x * u + y * v, x * x + y * y - sigma2, (u * u + v * v) * sigma2 - cross * cross
 
 
 @kernel

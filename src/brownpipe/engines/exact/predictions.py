@@ -39,15 +39,16 @@ def earliest(
         x_k, y_k, vx_k, vy_k, pair_time_k, radius_k = four_disks(w, k, now)
         x, y = four_shifted(w.shift, candidate, x_k - x_i, y_k - y_i)
         sigma = four_contact_distances(w.mass, w, i, radius_k)
-        b, c, d = encounter(x, y, vx_k - vx_i, vy_k - vy_i, sigma)
+        sigma2 = sigma * sigma
+        b, c, d = encounter(x, y, vx_k - vx_i, vy_k - vy_i, sigma2)
         time = now + delay(b, c, d)
         latest = where(meets(b, d), pair_time_k, four(math.nan))
         sooner = (time < best) & (time <= latest)
         best, chosen = where(sooner, time, best), where(sooner, index, chosen)
         index = index + 4.0
-        closer = (c < nearest * (sigma * sigma)) & (k != i)
+        closer = (c < nearest * sigma2) & (k != i)
         if any_of(closer):
-            nearest = least(where(closer, c / (sigma * sigma), four(nearest)))
+            nearest = least(where(closer, c / sigma2, four(nearest)))
             w.tally[ws.NEAREST] = nearest
     return best, chosen
 

@@ -47,8 +47,9 @@ def audit(w: ws.Workspace, i: int, now: float) -> None:
         x_k, y_k, u, v, _, radius = four_disks(w, k, now)
         x, y = four_shifted(w.shift, candidate, x_k - x_i, y_k - y_i)
         sigma = four_contact_distances(w.mass, w, i, radius)
-        c = encounter(x, y, u, v, sigma)[1]  # whatever the velocities
-        w.tally[ws.NEAREST] = min(w.tally[ws.NEAREST], least(where(k != i, c / (sigma * sigma), four(math.inf))))
+        sigma2 = sigma * sigma
+        c = encounter(x, y, u, v, sigma2)[1]  # whatever the velocities
+        w.tally[ws.NEAREST] = min(w.tally[ws.NEAREST], least(where(k != i, c / sigma2, four(math.inf))))
 
 
 @kernel

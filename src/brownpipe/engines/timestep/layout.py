@@ -19,18 +19,12 @@ def prepare(scene: Scene, frame: Frame, time_step: float, collisions: str, capac
     n, box = scene.particles, scene.box
     radius = scene.radius[frame.order] / frame.length
     common = common_radius(radius) if n else 0.5
-    corner = (np.array((box.x[0], box.y[0])) - frame.origin) / frame.length
-    x, y = corner.tolist()
-    inner = EngineBox(x, y, box.width / frame.length, box.height / frame.length, box.periodic)
-    dt = time_step / frame.time
-    reals = np.zeros(ws.REALS)
-    reals[ws.DT] = dt
-    reals[[ws.LEFT, ws.BOTTOM]] = corner
-    reals[[ws.RIGHT, ws.TOP]] = corner + np.array((inner.width, inner.height))
+    x, y = ((np.array((box.x[0], box.y[0])) - frame.origin) / frame.length).tolist()
+    width, height = box.width / frame.length, box.height / frame.length
     capacity = max(capacity, 16 * n + 64)
     return Workspace(
-        box=inner,
-        step=dt,
+        box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
+        step=time_step / frame.time,
         late=collisions == "late",
         skin=2 * common * skin_of(scene, time_step),
         common_radius=float(common),
@@ -42,7 +36,6 @@ def prepare(scene: Scene, frame: Frame, time_step: float, collisions: str, capac
         mass=scene.mass[frame.order] / frame.mass,
         straight_since=np.zeros(n),
         cell_start=np.zeros(4 * n + 9, np.int32),
-        real=reals,
         within=_pair_list(capacity),
         across=_pair_list(capacity if box.periodic else 0),
         candidate=np.zeros(2 * capacity, np.uint32),
