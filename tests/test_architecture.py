@@ -12,7 +12,7 @@ import pytest
 from brownpipe import provenance
 from brownpipe.cli import build_parser
 from brownpipe.engines import DEFINITIONS, recorded
-from brownpipe.engines.definition import Setting
+from brownpipe.engines.forecast import Setting
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import Positive
 from brownpipe.verbs import simulate

@@ -491,7 +491,7 @@ def test_insertions_are_deferred_until_the_next_bucket_but_one(monkeypatch):
     assert (stored(), w.deferred.number.tolist()) == ([1, 0, 0], [0, 0])
     assert w.current_disk[: w.progress[ws.CURRENT_EVENTS]].tolist() == [1, 0]
     calendar.push(w, 3, 9.5 * w.calendar.width)
-    calendar.clear(w)
+    calendar.clear(w.deferred, w)
     assert not w.deferred.number.any()
 
 

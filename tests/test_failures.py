@@ -17,8 +17,7 @@ from brownpipe.engines import Engine
 from brownpipe.engines.exact import layout
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact_simulation
-from brownpipe.engines.exact.checkpoint import Checkpoints
-from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.exact.simulation import Checkpoints, simulate
 from brownpipe.engines.initial_state import draw as draw_state
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.figures.render import draw

@@ -6,7 +6,7 @@ difference between their printed form and this one.
 
     (1)-(3)   time of a pair collision     `encounter`, `meets`, `delay`
     (4)       time of a wall collision     `wall_time`; the gap to the wall in `exact.predictions.leave_time`
-    (5)-(6)   velocities after it          `exact.disks.apply_impulse`, `timestep.steps.collide`, with `shares`
+    (5)-(6)   velocities after it          `exact.workspace.apply_impulse`, `timestep.steps.collide`, with `shares`
     (7)-(8)   momentum along the normal    `exchange`
     (9)-(10)  reflection at a wall         `exact.events.bounce`, `timestep.steps.bounce`
 """

@@ -1,4 +1,4 @@
-"""Forecast of a run: Enskog's collision rates, and from them CPU time, memory, file size and the time to settle.
+"""What is known before a run: the engine's `Definition`; the forecast of collisions, cost and time to settle.
 
 The forecast is rough on purpose, good to a factor of 2: an engine has one measured cost of its events, an observable
 one of a disk in a sample (`observables.Observable`). Collision counts hold in equilibrium, within some percent, those
@@ -9,8 +9,8 @@ the velocity, they hold for the first collisions only. docs/theory.md, section 3
 import math
 import os
 from bisect import bisect_right
-from collections.abc import Collection
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,6 +55,34 @@ class Cost(NamedTuple):
     kept: float  # bytes in memory until they are written
     working: float  # bytes of memory besides, used by one run at a time
     once: float = 0.0  # CPU seconds in each process before its first run, besides START_UP
+
+
+class Setting(NamedTuple):
+    """A setting of an engine."""
+
+    kind: Any  # the type of its values, for pydantic
+    metavar: str  # of the command line's option
+    help: str  # of the option: the values, in a few words
+    default: object = None  # None: it must be given
+
+
+class Definition(NamedTuple):
+    """An engine. The functions take `settings`, a mapping with a value for each setting of the engine."""
+
+    name: str
+    summary: str  # for the help of the command line
+    simulation: str  # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
+    settings: dict[str, Setting]
+    model: Callable[[Sequence[Scene], dict], str]  # (scenes, settings): the model, in a few words
+    caution: Callable[[Scene], str | None]  # one line on the limits of its results in the scene, or None
+    forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
+    # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
+    refuse_unfit: Callable[[Scene, dict, frozenset[str]], None] = lambda scene, settings, record: None
+    # Settings that `brownpipe plan` tries, of which `check` shows the first, at least one for any scene, also for one
+    # that is refused later
+    candidates: Callable[[Scene], list[dict]] = lambda scene: [{}]
+    moves_all_disks: bool = True  # otherwise it moves the tracer alone, and counts no collisions
+    keeps_checkpoints: bool = False
 
 
 def of_run(

@@ -134,7 +134,7 @@ def _checkpoints(
     """
     if arguments.checkpoint_every is None:
         return ()
-    from brownpipe.engines.exact.checkpoint import Checkpoints
+    from brownpipe.engines.exact.simulation import Checkpoints
     from brownpipe.provenance import made_with
     from brownpipe.scene.seeds import seed_text
     from brownpipe.storage.checkpoints import read_checkpoint, write_checkpoint

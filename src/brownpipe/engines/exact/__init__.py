@@ -4,7 +4,7 @@
 """
 
 from brownpipe.engines import forecast
-from brownpipe.engines.definition import Definition
+from brownpipe.engines.forecast import Definition
 
 EXACT = Definition(
     name="exact",

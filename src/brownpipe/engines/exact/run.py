@@ -258,7 +258,8 @@ def quarter_of(recorder: ws.Recorder, w: ws.Workspace) -> ws.Recorder:
 
 def _take_totals(recorder: ws.Recorder, w: ws.Workspace) -> None:
     """Write pair collisions and virial so far, and the kinetic energy of each species now, at the end of a quarter."""
-    for totals in recorder.totals[recorder.quarter == w.progress[ws.SAMPLE] - 1]:
+    for row in np.flatnonzero(recorder.quarter == w.progress[ws.SAMPLE] - 1):
+        totals = recorder.totals[row]
         totals[:2] = w.count[ws.PAIRS], w.tally[ws.VIRIAL]
         if len(recorder.species):
             vx, vy = w.disk.reshape(-1, ws.ROW)[:, [ws.VX, ws.VY]].T

@@ -1,15 +1,16 @@
-"""Runs of the exact engine, which can be interrupted and continued (`checkpoint`).
+"""Runs of the exact engine, which can be interrupted and continued.
 
 Each run is drawn from its seed (`initial_state`), equilibrated, run from collision to collision (`run`) and measured
 (`ensemble`).
 """
 
-from collections.abc import Collection, Sequence
+import json
+from collections.abc import Callable, Collection, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from brownpipe.engines.ensemble import Ensemble, RunResult, make_runs, new_batch
-from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints, pack, resume, saving_of
+from brownpipe.engines.ensemble import Batch, Ensemble, Events, RunResult, blank, make_runs, new_batch
 from brownpipe.engines.exact.run import (
     NOT_SAVED,
     PreparedScene,
@@ -23,7 +24,21 @@ from brownpipe.engines.exact.run import (
 from brownpipe.engines.initial_state import draw, without_total_momentum
 from brownpipe.engines.units import State
 from brownpipe.errors import RunError
+from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
+
+Record = TypeVar("Record", bound=NamedTuple)
+
+
+class Checkpoints(NamedTuple):
+    """When to store a batch, how, and what to continue from."""
+
+    due: Callable[[], bool]  # whether to store at the next end of a block
+    store: Callable[[dict[str, np.ndarray]], None]  # takes the arrays of `pack`
+    stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
+
+
+NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 
 
 def simulate(
@@ -52,7 +67,7 @@ def simulate(
     finished, unfinished = resume(checkpoints.stored, batch)
 
     def run(column: int) -> RunResult:
-        saving = saving_of(checkpoints, batch.ensemble, column)
+        saving = Saving(checkpoints.due, lambda state: checkpoints.store(pack(batch.ensemble, column, state)))
         start = unfinished if column == finished else None
         if start is None or start.equilibrating:
             drawn = draw(scene, int(batch.ensemble.seeds[column]))
@@ -97,3 +112,74 @@ def equilibrate(
     if scene.velocities.zero_momentum:
         velocity = without_total_momentum(velocity, state.mass)
     return state._replace(position=position, velocity=velocity)
+
+
+# -- checkpoints: the finished runs, and the unfinished one at the end of a block, as named arrays -------------------
+
+
+def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str, np.ndarray]:
+    """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies.
+
+    `done` is the number of finished runs; `tracer.*`, `observables`, `whole.SEED.*` and `events.SEED.*` are their
+    columns and records in the ensemble, `stopped` its reasons as JSON, if there are any; `run.*` is the RunState of the
+    unfinished run, with `run.events.*`.
+    """
+    arrays = {"done": np.array(finished)}
+    if ensemble.tracer is not None:
+        arrays |= _named("tracer", ensemble.tracer.of(slice(finished)))
+    if finished:
+        fields = [(name, values.dtype, values.shape[1:]) for name, values in ensemble.observables.items()]
+        arrays["observables"] = np.empty(finished, fields)  # one table, which keeps the order of the observables
+        for name, values in ensemble.observables.items():
+            arrays["observables"][name] = values[:finished]
+    for group, records in (("whole", ensemble.whole), ("events", ensemble.events)):
+        for seed, record in records.items():
+            arrays |= _named(f"{group}.{seed}", record)
+    if ensemble.stopped:
+        arrays["stopped"] = np.frombuffer(json.dumps(dict(ensemble.stopped)).encode(), np.uint8)
+    if state is not None:
+        arrays |= _named("run", state._replace(arrays=None, events=None))
+        arrays |= {f"run.{name}": values for name, values in state.arrays.items()}
+        arrays |= _named("run.events", state.events)
+    return arrays
+
+
+def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, RunState | None]:
+    """Copy the finished runs of a checkpoint into a batch; return their number, and the unfinished run, if any."""
+    if arrays is None:
+        return 0, None
+    ensemble = batch.ensemble
+    if "stopped" in arrays:
+        stopped = json.loads(arrays["stopped"].tobytes())
+        batch.stopped.update((int(seed), reason) for seed, reason in stopped.items())
+    finished = int(arrays["done"])
+    if ensemble.tracer is not None:
+        for name, values in ensemble.tracer._asdict().items():
+            if values is not None:
+                values[:, :finished] = arrays[f"tracer.{name}"]
+    for name in arrays["observables"].dtype.names if finished else ():
+        column = arrays["observables"][name]
+        ensemble.observables[name] = blank((len(ensemble.seeds), *column.shape[1:]), column.dtype)
+        ensemble.observables[name][:finished] = column
+    for seed in ensemble.seeds[:finished].tolist():
+        if whole := _record(Track, arrays, f"whole.{seed}"):
+            ensemble.whole[seed] = whole
+        if events := _record(Events, arrays, f"events.{seed}"):
+            ensemble.events[seed] = events
+    if "run.motion" not in arrays:
+        return finished, None
+    run = {name.removeprefix("run."): values for name, values in arrays.items() if name.startswith("run.")}
+    numbers, events = (bool(run["equilibrating"]), int(run["slots"])), _record(Events, arrays, "run.events")
+    return finished, RunState(*numbers, run["first"], run["motion"], run, events)
+
+
+def _named(group: str, record: Any) -> dict[str, np.ndarray]:
+    """Return the fields of a record that are not None as arrays, by names that begin with `group`."""
+    fields = record._asdict() if record is not None else {}
+    return {f"{group}.{name}": np.asarray(value) for name, value in fields.items() if value is not None}
+
+
+def _record(kind: type[Record], arrays: dict[str, np.ndarray], group: str) -> Record | None:
+    """Return the record that `_named` took apart; None if it was None."""
+    values = [arrays.get(f"{group}.{name}") for name in kind._fields]
+    return None if all(value is None for value in values) else kind._make(values)

@@ -11,7 +11,7 @@ How to read a kernel
     w.event_time  EVENT_ROW * i    `---'   the first 8 bytes of that row, as a float64
 
 `w.disk[ROW * i + VX]` is the x velocity of disk i. (Two-dimensional arrays cost 10 to 28 % of the speed.) No index is
-negative (see `engines.indices`). A `four` of numbers belongs to four disks (see `engines.fours`).
+negative (see `engines.compiler`). A `four` of numbers belongs to four disks (see `engines.fours`).
 
 An optional field is an argument of its own beside `w`, as in `gather(w.big, w, i)`: where the argument is
 None, Numba removes the branch behind `if big is not None` when it compiles; a branch on `w.big` would remain. Every

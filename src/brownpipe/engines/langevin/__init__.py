@@ -9,10 +9,10 @@ bath the neighbours form a cage; neither tail nor cage is modelled. docs/theory.
 
 import math
 from collections.abc import Collection, Sequence
-from typing import NoReturn
+from typing import Literal, NoReturn
 
 from brownpipe.engines import forecast
-from brownpipe.engines.definition import Definition, one_of
+from brownpipe.engines.forecast import Definition, Setting
 from brownpipe.engines.friction import DENSEST, bath_of, bath_share, followed, friction_rate, moves, partners_of
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
@@ -29,7 +29,7 @@ RATE_RUNS = 8  # of the exact engine that share these collisions
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
 SECONDS_PER_RUN = 7.5e-5  # CPU seconds, most of them to set up random number generators
 BYTES_PER_SAMPLE = 180.0  # of memory, during a run: random numbers, the path and intermediate arrays
-FRICTIONS = ("enskog", "boltzmann", "measured")
+Friction = Literal["enskog", "boltzmann", "measured"]
 
 
 def refuse_unfit(scene: Scene, settings: dict, record: Collection[str] = frozenset({"tracer"})) -> None:
@@ -129,7 +129,7 @@ LANGEVIN = Definition(
     name="langevin",
     summary="the tracer alone, in friction and noise",
     simulation="brownpipe.engines.langevin.simulation",
-    settings={"friction": one_of(FRICTIONS, "WHICH", "enskog, boltzmann or measured")},
+    settings={"friction": Setting(Friction, "WHICH", "enskog, boltzmann or measured")},
     model=_model,
     refuse_unfit=refuse_unfit,
     caution=caution,
