@@ -261,7 +261,7 @@ def test_more_than_this_machine_can_hold(capsys, monkeypatch):
     monkeypatch.setattr(os, "sysconf", pages.__getitem__)
     status, _, err = said(capsys, "simulate", SCENE, "--seeds", "0-9999999")
     assert status == WRONG_REQUEST
-    assert "harrison2020: 10000000 runs need some 63.2 GB of memory, and this machine has 0.0041 GB: take fewer" in err
+    assert "harrison2020: 10000000 runs need some 64.8 GB of memory, and this machine has 0.0041 GB: take fewer" in err
 
 
 def test_figures_that_there_is_nothing_to_show_in(dataset, capsys):
