@@ -126,12 +126,13 @@ def _to_last_sample(
     before, events, estimated = time_since_start(w), 0, w.calendar.width
     few = most = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
     settled = 0.0 if start.equilibrating else scene.equilibrate.time
+    quarter = quarter_of(recorder, w)
     while w.progress[ws.SAMPLE] < len(recorder.block):
         w.progress[ws.STOP] = saving.due()
         done, began = events_so_far(w), time_since_start(w)
-        outcome = advance(w, quarter_of(recorder, w), most)
-        now = time_since_start(w)
+        outcome = advance(w, quarter, most)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
+            now = time_since_start(w)
             events += most if outcome == ws.PAUSED else len(recorder.log_time)
             w = with_fitting_buckets(w, events_so_far(w) - done, now - began, estimated)
             most = few if w.calendar.width < estimated else EVENTS_PER_CALL
@@ -144,8 +145,9 @@ def _to_last_sample(
             w.progress[ws.LOGGED] = 0
         if outcome == ws.CELL_FULL:
             return False
-        if outcome == ws.DONE:
+        if outcome == ws.DONE and len(recorder.quarter):
             _take_totals(recorder, w)
+            quarter = quarter_of(recorder, w)
         if outcome == ws.BLOCK_OVER:
             arrays = _arrays_of(w, recorder)
             arrays |= {name: arrays[name][: w.progress[ws.SAMPLE]] for name in SAMPLES}
