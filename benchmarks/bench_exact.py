@@ -23,8 +23,7 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, with_fitting_buckets
-from brownpipe.engines.exact.recording import new_recorder
-from brownpipe.engines.exact.run import events_so_far, prepare_scene, time_since_start
+from brownpipe.engines.exact.run import events_so_far, new_recorder, prepare_scene, time_since_start
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.units import motion_of
 from brownpipe.errors import RequestError
@@ -104,7 +103,7 @@ def started(scene, effort, change=None, record=()):
     """A melted run, its buckets as in `run.to_end`: workspace and recorder. `change` gives a workspace more to do."""
     engine = prepare_scene(scene)
     w = engine.workspace if change is None else change(engine.workspace)
-    room = new_recorder(engine.scene, engine.frame, w, FOR_EVER, record)
+    room = new_recorder(engine, FOR_EVER, record)
     begin(w, motion_of(draw(scene, 0), engine.frame))
     melting = max(effort.melting, EVENTS_TO_MELT * scene.particles)
     go_on(w, room, melting // 2)
@@ -172,7 +171,7 @@ def milliseconds_per_run(effort):
     """Median CPU time of a run of the note's scene: the engine alone, and with drawing, sampling and reporting."""
     scene, runs = read_scene(NOTE), effort.runs
     engine, states = prepare_scene(scene), [draw(scene, seed) for seed in range(runs)]
-    w, room = engine.workspace, new_recorder(engine.scene, engine.frame, engine.workspace, scene.times, ())
+    w, room = engine.workspace, new_recorder(engine, scene.times)
     alone, whole, pairs = [], [], 0
     for _ in range(effort.stretches):
         begun = time.process_time()

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe.engines import placement
+from brownpipe.engines import initial_state
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.timestep import largest_step
@@ -119,8 +119,8 @@ def _check(engine, *names):
     for name in names:
         made = getattr(engine, name)
         setattr(engine, name, lambda *given, made=made: checked(made(*given)))
-    insert = placement.insert
-    placement.insert = lambda *arrays: insert(*map(checked, arrays))
+    insert = initial_state.insert
+    initial_state.insert = lambda *arrays: insert(*map(checked, arrays))
 
 
 @pytest.mark.slow

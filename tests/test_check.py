@@ -13,7 +13,7 @@ import pytest
 from brownpipe.engines import forecast
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.saturation import share_failing
+from brownpipe.engines.placement import ALL_FAIL, SOME_FAIL, crowding
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.study import check
@@ -48,9 +48,9 @@ def test_too_few_disks_for_the_box_are_said():
     )
     expected = 36.0 / 3 / (2 * 2**0.5 * 0.2)  # of the three others
     assert forecast.mean_free_path(scene) == pytest.approx(expected, rel=0.01)
-    remark = forecast.few_collisions(scene)
+    remark = forecast.caution(scene)
     assert remark.startswith("thin: 4 disks are too few for Brownian motion in this box: the mean free path, 21, is")
-    assert forecast.few_collisions(read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
+    assert forecast.caution(read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
 
 
 def test_explicit_disks(tmp_path):
@@ -198,14 +198,14 @@ def test_placement_is_foreseen_to_fail_where_it_does(name):
     """
     mapping, sparse, dense = PLACED[name]
     sparse, dense = (parse_scene(mapping(count), f"{name}.yaml") for count in (sparse, dense))
-    assert share_failing(sparse) < 0.04 and not at_least(3, sparse, range(500, 510))
-    assert share_failing(dense) > 0.9 and at_least(7, dense, range(500, 510))
+    assert crowding(sparse) < SOME_FAIL and not at_least(3, sparse, range(500, 510))
+    assert crowding(dense) > ALL_FAIL and at_least(7, dense, range(500, 510))
 
 
 def test_a_lattice_a_list_and_a_lone_disk_always_find_a_place():
-    assert share_failing(parse_scene(crowd(80, placement="lattice"), "a.yaml")) == 0.0
-    assert share_failing(parse_scene(crowd(1, radius=5.0, boundary="reflecting"), "a.yaml")) == 0.0
-    assert share_failing(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")) == 0.0
+    assert crowding(parse_scene(crowd(80, placement="lattice"), "a.yaml")) == 0.0
+    assert crowding(parse_scene(crowd(1, radius=5.0, boundary="reflecting"), "a.yaml")) == 0.0
+    assert crowding(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")) == 0.0
 
 
 def report(folder, mapping, name="scene"):
@@ -223,11 +223,11 @@ def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):
     assert cautions(report(tmp_path, crowd(60))) == []
     (caution,) = cautions(report(tmp_path, crowd(75)))
     assert caution == (
-        "scene, N = 75: random placement is expected to fail in every run: of 75 disks of radius 0.5 some 69 find a "
-        "place; must be fewer or smaller disks, or `placement: auto` with `equilibrate`"
+        "scene, N = 75: random placement is expected to fail in every run (packing fraction 0.589); must be fewer or "
+        "smaller disks, or `placement: auto` with `equilibrate`"
     )
     (caution,) = cautions(report(tmp_path, crowd(66)))
-    assert "expected to fail in some 5.9 % of the runs: of 66 disks" in caution
+    assert "expected to fail in some of the runs (packing fraction 0.518)" in caution
     assert cautions(report(tmp_path, crowd(75, placement="lattice"))) == []
 
 

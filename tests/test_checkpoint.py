@@ -15,8 +15,7 @@ import pytest
 from brownpipe import provenance
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints
-from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.exact.simulation import NO_CHECKPOINTS, Checkpoints, simulate
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene

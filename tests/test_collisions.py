@@ -32,7 +32,7 @@ def aimed(rng, distance, impact, sigma, speed=1.0):
 
 def pair_time(x, y, u, v, sigma):
     """Time until two disks touch, inf if never, as the engine puts it together."""
-    b, c, d = encounter(x, y, u, v, sigma)
+    b, c, d = encounter(x, y, u, v, sigma * sigma)
     return delay(b, c, d) if meets(b, d) else math.inf
 
 

@@ -8,7 +8,7 @@ import pytest
 from brownpipe import observables
 from brownpipe.analysis import aggregate, drift
 from brownpipe.engines import configured
-from brownpipe.engines.settling import settling_caution, settling_time
+from brownpipe.engines.forecast import settling_caution, settling_time
 from brownpipe.figures.cases import cases_of, title_of
 from brownpipe.figures.summary import answer, summary
 from brownpipe.inspection import reports

@@ -16,7 +16,7 @@ from PIL import Image
 import brownpipe as bp
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.engines.exact import recording
+from brownpipe.engines.exact import run as exact_run
 from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
 from brownpipe.figures.summary import answer
 from synthetic import render
@@ -209,7 +209,7 @@ def test_engines_take_their_settings_as_arguments():
 
 
 def test_runs_that_failed_are_named(monkeypatch):
-    monkeypatch.setattr(recording, "HEALTH_BOUND", 1e-30)
+    monkeypatch.setattr(exact_run, "HEALTH_BOUND", 1e-30)
     with pytest.warns(UserWarning, match="^harrison2020: failed their health check: 2 of 2 runs: 0-1; analyse leaves"):
         bp.simulate(SCENE, 2, particles=20, quiet=True)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from brownpipe import provenance
-from brownpipe.engines import indices, inlining, kernels
+from brownpipe.engines import compiler, kernels
 from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import by_reference, local_copy
 
@@ -23,9 +23,9 @@ NOTE = HERE.parent / "config" / "scenes" / "harrison2020.yaml"
 
 PLACED = """
 import sys
-from brownpipe.engines import inlining
+from brownpipe.engines import compiler
 if sys.argv[1] == "usual":
-    inlining.TESTED = ((0, 0), (0, 0))
+    compiler.TESTED = ((0, 0), (0, 0))
 from numba.core.codegen import JITCPUCodegen
 from brownpipe.scene import read_scene
 from brownpipe.engines.initial_state import draw
@@ -46,8 +46,8 @@ def test_with_a_numba_that_was_not_tested_kernels_are_compiled_as_usual_to_the_s
         ).stdout.split()
         for which in ("inlined", "usual")
     ]
-    tested = inlining.is_tested()
-    expected = "brownpipe.engines.inlining" if tested else "numba.core.codegen"
+    tested = compiler.is_tested()
+    expected = "brownpipe.engines.compiler" if tested else "numba.core.codegen"
     assert [module for module, _ in results] == [expected, "numba.core.codegen"]
     assert results[0][1] == results[1][1] and len(results[0][1]) > 1000
 
@@ -102,7 +102,7 @@ def says(number):
 @pytest.mark.slow
 def test_other_peoples_compiled_functions_work_as_ever(capfd):
     """Ufuncs, functions that only compiled functions can call, kernels that print, and indices from the end."""
-    indices.install()
+    compiler.take_indices()
 
     @numba.vectorize(["float64(float64)"])
     def twice(x):
@@ -148,11 +148,11 @@ FOLLOW = """
 import sys
 import numpy as np
 from brownpipe import stages
-from brownpipe.engines import inlining, kernels
-from brownpipe.engines.compiling import compile_all
-from brownpipe.engines.langevin.step import follow
+from brownpipe.engines import compiler, kernels
+from brownpipe.engines.kernels import compile_all
+from brownpipe.engines.langevin.simulation import follow
 if "untested" in sys.argv:
-    inlining.TESTED = ((0, 0), (0, 0))
+    compiler.TESTED = ((0, 0), (0, 0))
 stages.remark_listeners.append(lambda line: print(line.partition(" ")[0]))
 for _ in range(2):
     compile_all(lambda: follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))))

@@ -404,7 +404,7 @@ def test_units_are_powers_of_two_or_refused(boundary, length, time, mass):
     """The path to the square root of odd powers, 4 units of round-off; kT and kT/m must be numbers with all digits."""
     scene, usual = in_units(length, time, mass, boundary=boundary), in_units(boundary=boundary)
     if abs(2 * (length - time) + mass) > 1018 or abs(2 * (length - time)) > 1018:
-        with pytest.raises(RequestError, match=r"needs a temperature of the bath below|needs kT and kT/m of at least"):
+        with pytest.raises(RequestError, match="needs kT and kT/m from"):
             langevin.simulate(scene, [1, 2])
         return
     found, plain = langevin.simulate(scene, [1, 2]), langevin.simulate(usual, [1, 2])

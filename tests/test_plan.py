@@ -10,9 +10,7 @@ from brownpipe import cli, tradeoff
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.engines import Engine, configured
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.saturation import share_failing
 from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError, RequestError, StorageError
-from brownpipe.scene import parse_scene
 from brownpipe.study import plan, read_study
 from brownpipe.study.plan import Performance, offers
 from brownpipe.study.run_sets import run_sets
@@ -147,16 +145,9 @@ def crowd(count):
     return {"box": box, "disks": disks, "velocities": {"temperature": 1.0}, "duration": 0.01}
 
 
-def test_failing_runs_are_added_where_they_are_more_than_none(study_file, tmp_path, here):
-    assert 0 < share_failing(parse_scene(crowd(56), "crowd")) < 1e-6
-    counts = {}
-    for count in (40, 56, 72):
-        (tmp_path / "scenes" / "few.yaml").write_text(yaml.safe_dump(crowd(count)))
-        study = read_study(study_file(tolerance=0.05, target="displacement_distribution"))
-        counts[count] = len(range(counted(study)))
-    assert counts[40] == counts[56] < counts[72] / 5
+def test_a_scene_without_places_is_refused_and_failing_runs_are_added(study_file, tmp_path, here):
     (tmp_path / "scenes" / "few.yaml").write_text(yaml.safe_dump(crowd(80)))
-    with pytest.raises(RequestError, match="few, N = 80: 100 % of the runs are expected to fail"):
+    with pytest.raises(RequestError, match="few, N = 80: the runs are expected to fail at placement"):
         counted(read_study(study_file(tolerance=0.05, target="displacement_distribution")))
     assert tradeoff.runs_for(1e-4, 0.0, 1.0) == tradeoff.runs_for(1e-4, 0.0, 1.0, 1.0) == 10**8
     assert tradeoff.runs_for(0.02, 0.0, 1.0, 0.25) == 4 * tradeoff.runs_for(0.02, 0.0, 1.0)

@@ -91,8 +91,6 @@ SAME = {  # where they are used, and why no stored number depends on them
     "scene/scene.py: math.log10": "a number of samples, with tolerance",
     "scene/scene.py: 10 ** (k / per_decade)": "Python's power, one for all processors with FMA",
     "scene/variation.py: (last / first) ** (k / (count - 1))": "Python's power, too",
-    "engines/forecast.py: max(scene.particles / FITS_CACHE, 1.0) ** SLOWER": "a forecast of CPU time",
-    "engines/saturation.py: (1.0 - share) ** runs": "a warning",
     "engines/exact/layout.py: math.log2": "rounded up to a power of two",
     "analysis/resampling.py: math.exp": "rounded to integers",
     "analysis/resampling.py: weights @ steps": "sums of integers below 2^24",

@@ -263,7 +263,6 @@ COSTS = st.builds(
     recorded=st.floats(0, 1e8),
     kept=st.floats(0, 1e8),
     working=st.floats(0, 1e10),
-    storing=st.just(0.0),
     once=st.floats(0, 100),
 )
 

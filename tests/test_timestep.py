@@ -9,7 +9,7 @@ import pytest
 
 from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
+from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.timestep import COLLISIONS, largest_step
 from brownpipe.engines.timestep import simulation as timestep

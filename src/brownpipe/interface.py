@@ -24,7 +24,6 @@ from brownpipe.analysis import aggregate
 from brownpipe.analysis.resampling import resample
 from brownpipe.engines import DEFINITIONS, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures, joined, select
-from brownpipe.engines.saturation import growth_caution
 from brownpipe.errors import FigureError, RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw, draw_into
@@ -172,7 +171,7 @@ def simulate(
     numbers = read_seeds(plain(seeds))
     cores = validated(AtLeastOne, plain(cores), key="cores")
     forecast_of_runs(chosen, scene, numbers, recorded, names, average)
-    for remark in filter(None, (chosen.definition.caution(scene), growth_caution(scene, len(numbers)))):
+    if remark := chosen.definition.caution(scene):
         warnings.warn(remark, stacklevel=3)
     make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average)
     with progress.shown("simulate", silent=quiet):

@@ -18,7 +18,7 @@ from brownpipe.analysis.thermodynamics import compressibility, temperature
 from brownpipe.analysis.variables import EACH, ERROR, Variable
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import EXACT
-from brownpipe.engines.settling import settling_time
+from brownpipe.engines.forecast import settling_time
 from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene

@@ -135,7 +135,7 @@ def columns(case: Case, runs: Ensemble) -> Columns:
 
 def results(case: Case, averages: Averages) -> dict[str, float]:
     """Return Enskog's theory."""
-    return enskog(case.scene, case.engine.definition.counts_collisions)
+    return enskog(case.scene, case.engine.definition.moves_all_disks)
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"

@@ -10,10 +10,9 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, create_model
 
-from brownpipe.engines.definition import Definition
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
-from brownpipe.engines.forecast import Cost
+from brownpipe.engines.forecast import Cost, Definition
 from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError

@@ -3,7 +3,6 @@
 All is in the scene's units and in the scene's order of the disks; the tracer is disk 0.
 """
 
-import math
 from collections import ChainMap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
@@ -12,15 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import observables, stages
-from brownpipe.engines.saturation import share_failing
-from brownpipe.engines.units import SMALLEST_NORMAL
+from brownpipe.engines.placement import never_placed
 from brownpipe.errors import PlacementError, RequestError, RunError
 from brownpipe.observables.tracks import Track
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
 
 NONE_STOPPED: Mapping[int, str] = MappingProxyType({})
-EVERY_RUN = 0.99  # share of runs without a place for all disks above which the scene is refused
 HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")  # observables with bounds that a run must not exceed
 
 
@@ -115,7 +112,7 @@ def make_runs(
         try:
             _add(batch, column, run(column))
         except (RunError, RequestError) as error:
-            is_of_scene = isinstance(error, PlacementError) and share_failing(scene) > EVERY_RUN
+            is_of_scene = isinstance(error, PlacementError) and never_placed(scene)
             if is_of_scene or not isinstance(error, RunError | PlacementError):
                 raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seeds[column]}: {error}") from None
             batch.stopped[int(seeds[column])] = str(error)
@@ -133,7 +130,8 @@ def _add(batch: Batch, column: int, result: RunResult) -> None:
     ensemble, seed = batch.ensemble, int(batch.ensemble.seeds[column])
     values: dict[str, Any] = dict(result.observables)
     if batch.scene.particles and result.tracer.velocity is not None:
-        values["initial_square_speed"] = _square_of(*result.tracer.velocity[0, 0].tolist())
+        x, y = result.tracer.velocity[0, 0].tolist()
+        values["initial_square_speed"] = x * x + y * y
     values |= observables.observe(batch.scene, result, batch.observables, ensemble.average)
     _write(batch, column, values)
     if ensemble.tracer is not None:
@@ -194,12 +192,6 @@ def joined(parts: Sequence[Ensemble]) -> Ensemble:
         stopped=dict(ChainMap(*(dict(runs.stopped) for runs in parts))),
     )
     return select(every, np.argsort(seeds, kind="stable"))
-
-
-def _square_of(x: float, y: float) -> float:
-    """Return the square of a velocity, NaN where it underflows."""
-    square = x * x + y * y
-    return square if square >= SMALLEST_NORMAL or x == y == 0.0 else math.nan
 
 
 # -- failed runs in words -------------------------------------------------------------------------------------------

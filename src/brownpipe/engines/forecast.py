@@ -1,52 +1,46 @@
-"""Forecast of the cost of a run: Enskog's collision rates, and from them CPU time, memory and file size.
+"""What is known before a run: the engine's `Definition`; the forecast of collisions, cost and time to settle.
 
-CPU time is a sum of terms in proportion to the numbers of collisions and cell crossings, of samples, and of disks that
-an observable measures in a sample; the costs of an observable are in its record (`observables.Observable`).
-
-The forecast is rough on purpose, good to a factor of 2. Collision counts hold in equilibrium, within some percent,
-those above a packing fraction of 0.7 for crystals. In a scene that gives disks of all masses the same standard
-deviation of the velocity, they hold for the first collisions only. docs/theory.md, section 3.
+The forecast is rough on purpose, good to a factor of 2: an engine has one measured cost of its events, an observable
+one of a disk in a sample (`observables.Observable`). Collision counts hold in equilibrium, within some percent, those
+above a packing fraction of 0.7 for crystals. In a scene that gives disks of all masses the same standard deviation of
+the velocity, they hold for the first collisions only. docs/theory.md, section 3.
 """
 
 import math
 import os
 from bisect import bisect_right
-from collections.abc import Collection, Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from brownpipe import observables as measures
 from brownpipe import theory
-from brownpipe.engines.friction import DENSEST
-from brownpipe.engines.lattice import lattice_gaps
-from brownpipe.engines.saturation import is_grown, share_stuck
+from brownpipe.engines.friction import DENSEST, partners_of
+from brownpipe.engines.placement import is_grown, lattice_gaps, placement_caution
+from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
-from brownpipe.observables import Observable
+from brownpipe.observables.quarters import claims_equilibrium
 from brownpipe.observables.species import bath_disks, equal_disks, species_table
 from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
 EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it
-SECONDS_TO_FAIL = 0.09  # CPU seconds of the tries of a disk that finds no place by random insertion
-SECONDS_TO_GROW = 4e-5  # CPU seconds for each disk that grows, some hundred sweeps
-SECONDS_PER_DISK = 1e-6  # CPU seconds to draw the initial state of one disk, list it, and predict its first event
 SECONDS_PER_EVENT = 1.9e-7  # CPU seconds of a collision, or of a disk that moves by the distance of neighbours
-FITS_CACHE, SLOWER = 1e3, 0.1  # number of disks whose data fit the cache, and a power of more: events cost more there
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
-SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, and
-SECONDS_PER_LAG = 8e-6  # for each lag, averaged over time origins
+SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, at least
 SECONDS_PER_BYTE = 4e-8  # CPU seconds to compress, write and verify a byte of a file
 PROCESS = 140e6  # bytes of memory of a process besides its runs: Python, packages, kernels
 BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the engine
 BYTES_PER_SAMPLE = 120  # of a disk that is recorded, during its run: its samples, sorted by disk, intermediate arrays
-BYTES_PER_EVENT = 32  # of a collision in memory
-EVENT_IN_FILE = 22  # bytes of a collision, compressed
-COMPRESSED = 0.95  # size of compressed random coordinates, relative to the bytes of the numbers
+BYTES_PER_EVENT = 32  # of a collision in memory, and some two thirds of that in a file
 BYTES_PER_NUMBER = 8
 CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of equal disks
 SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
+FRICTION_TIMES = 5.0  # 1/gamma, in which a hot tracer's kinetic energy comes within e^-10 of that of its bath
+FEWEST_DISKS = 10  # for kinetic theory to predict collisions
+TOO_SHORT = 0.5  # of the forecast time to settle, which is rough
 MOST_RUNS = 10**9  # of one process
 COPIES = 2  # of what is recorded, as arrays and as a file, while it is written
 
@@ -56,21 +50,39 @@ class Cost(NamedTuple):
 
     pair_collisions: float
     wall_collisions: float
-    seconds: float  # CPU time
+    seconds: float  # CPU time, with that to write what is recorded
     recorded: float  # bytes in the file
     kept: float  # bytes in memory until they are written
     working: float  # bytes of memory besides, used by one run at a time
-    storing: float = 0.0  # CPU seconds besides, to sample the tracer and to write what is recorded
     once: float = 0.0  # CPU seconds in each process before its first run, besides START_UP
 
 
-class Mixture(NamedTuple):
-    """The disks of a scene as K components, each of one radius and mass; arrays of shape (K,)."""
+class Setting(NamedTuple):
+    """A setting of an engine."""
 
-    number: np.ndarray  # of disks
-    radius: np.ndarray  # [length]
-    mass: np.ndarray  # [mass]
-    speed: np.ndarray  # standard deviation of one velocity component [length/time]
+    kind: Any  # the type of its values, for pydantic
+    metavar: str  # of the command line's option
+    help: str  # of the option: the values, in a few words
+    default: object = None  # None: it must be given
+
+
+class Definition(NamedTuple):
+    """An engine. The functions take `settings`, a mapping with a value for each setting of the engine."""
+
+    name: str
+    summary: str  # for the help of the command line
+    simulation: str  # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
+    settings: dict[str, Setting]
+    model: Callable[[Sequence[Scene], dict], str]  # (scenes, settings): the model, in a few words
+    caution: Callable[[Scene], str | None]  # one line on the limits of its results in the scene, or None
+    forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
+    # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
+    refuse_unfit: Callable[[Scene, dict, frozenset[str]], None] = lambda scene, settings, record: None
+    # Settings that `brownpipe plan` tries, of which `check` shows the first, at least one for any scene, also for one
+    # that is refused later
+    candidates: Callable[[Scene], list[dict]] = lambda scene: [{}]
+    moves_all_disks: bool = True  # otherwise it moves the tracer alone, and counts no collisions
+    keeps_checkpoints: bool = False
 
 
 def of_run(
@@ -84,45 +96,32 @@ def of_run(
     `record` and `average` as in `engines.ensemble.new_batch`.
     """
     time = scene.duration + scene.equilibrate.time
-    mixture = mixture_of(scene)
-    pair_collisions = time * pair_rate(scene, mixture)
-    wall_collisions = time * wall_rate(scene, mixture)
+    pair_collisions, wall_collisions = time * pair_rate(scene), time * wall_rate(scene)
     collisions = pair_collisions + wall_collisions
-    recorded, kept = _bytes_of_record(scene, record, observables, collisions)
     every_disk = "all" in record or measures.needs_every_disk(scene, observables, average)
-    disks_recorded = 1 + (scene.particles if every_disk else 0)
-    working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * len(scene.times) * disks_recorded
-    slower = max(scene.particles / FITS_CACHE, 1.0) ** SLOWER
-    seconds = EACH_RUN * (1 + (scene.equilibrate.time > 0)) + _seconds_to_place(scene)
-    seconds += slower * SECONDS_PER_EVENT * (collisions + time * crossing_rate(scene, mixture))
-    seconds += SECONDS_PER_DISK_SAMPLE * len(scene.times) * scene.particles * every_disk
-    seconds += sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average) for name in observables)
-    storing = SECONDS_PER_DISK_SAMPLE * len(scene.times) + SECONDS_PER_BYTE * recorded
-    return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working, storing)
-
-
-def _seconds_to_place(scene: Scene) -> float:
-    """Return the CPU seconds to place the disks, with the tries of those that find no place, and of those that grow."""
-    share = share_stuck(scene)
-    tried = 0.0 if is_grown(scene) else SECONDS_TO_FAIL * share
-    grown = SECONDS_TO_GROW * share if scene.placement == "auto" else 0.0
-    return tried + (SECONDS_PER_DISK + grown) * scene.particles
+    disk_samples = len(scene.times) * (1 + scene.particles * every_disk)
+    working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * disk_samples
+    recorded, kept = _bytes_of_record(scene, record, observables, collisions)
+    seconds = EACH_RUN * (1 + (scene.equilibrate.time > 0)) + seconds_to_record(disk_samples, recorded)
+    seconds += SECONDS_PER_EVENT * (collisions + time * crossing_rate(scene) + 5 * scene.particles)
+    seconds += seconds_to_measure(scene, observables, average)
+    return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working)
 
 
 def _bytes_of_record(
     scene: Scene, record: Collection[str], observables: Collection[str], events: float
 ) -> tuple[float, float]:
     """Return the bytes of what is recorded and measured of a run with so many events: in the file, and in memory."""
-    coordinates = 2 * BYTES_PER_NUMBER
+    coordinates, samples = 2 * BYTES_PER_NUMBER, len(scene.times)
     images = 8 if scene.box.periodic else 0  # which take next to nothing in a file
-    tracer = len(scene.times) * len({"tracer", "velocity"}.intersection(record))
-    every_disk = len(scene.times) * scene.particles if "all" in record else 0
-    logged = events if "events" in record else 0.0
+    tracer = samples * len({"tracer", "velocity"}.intersection(record))
+    every_disk = samples * scene.particles * ("all" in record)
+    logged = BYTES_PER_EVENT * events * ("events" in record)
     measured = BYTES_PER_NUMBER * measures.numbers_in(scene, observables)
     changed = min(2 * events, every_disk)  # velocities, as those between two collisions of a disk are the same
-    recorded = COMPRESSED * coordinates * (tracer + every_disk + changed) + EVENT_IN_FILE * logged + measured
+    recorded = coordinates * (tracer + every_disk + changed) + logged * 2 / 3 + measured
     kept = (coordinates + images) * tracer + (2 * coordinates + images) * every_disk
-    return recorded, kept + BYTES_PER_EVENT * logged + measured
+    return recorded, kept + logged + measured
 
 
 def memory(cost: Cost, runs: int) -> float:
@@ -130,24 +129,25 @@ def memory(cost: Cost, runs: int) -> float:
     return PROCESS + max(cost.working + runs * cost.kept, COPIES * runs * (cost.kept + cost.recorded))
 
 
-def seconds_to_measure_tracer(scene: Scene, observables: Iterable[str], average: str) -> float:
-    """Return the CPU seconds to measure the tracer's part of `observables`, for an engine of the tracer alone."""
-    names, average = measures.of_tracer(observables, average)
-    return sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average, of_bath=False) for name in names)
+def seconds_to_record(disk_samples: int, recorded: float) -> float:
+    """Return the CPU seconds to take so many samples of a disk, and to write so many bytes."""
+    return SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
 
 
-def _seconds_to_measure(scene: Scene, observable: Observable, average: str, of_bath: bool = True) -> float:
-    """Return the CPU seconds to measure an observable in a run, or without its part `of_bath`."""
-    samples, disks = len(scene.times), scene.particles
-    if observable.of_single_disks:
-        disks = len(equal_disks(scene)) if average == "disks" else 1
-        disks += len(bath_disks(scene)) if of_bath and observable.is_also_of_bath else 0
-    elif observable.is_over_samples and not is_stationary(scene):
-        samples = 1
-    of_sample = disks * observable.seconds_per_disk_sample
-    if average == "origins" and observable.of_single_disks:
-        of_sample = SECONDS_PER_LAG + disks * observable.seconds_per_product * samples / 2
-    return SECONDS_TO_MEASURE + samples * of_sample
+def seconds_to_measure(scene: Scene, names: Collection[str], average: str, of_bath: bool = True) -> float:
+    """Return the CPU seconds to measure observables in a run, or without their part `of_bath`."""
+    seconds = SECONDS_TO_MEASURE * len(names)
+    for observable in (measures.OBSERVABLES[name] for name in names):
+        samples, disks = len(scene.times), scene.particles
+        if observable.of_single_disks:
+            disks = len(equal_disks(scene)) if average == "disks" else 1
+            disks += len(bath_disks(scene)) if of_bath and observable.is_also_of_bath else 0
+        elif observable.is_over_samples and not is_stationary(scene):
+            samples = 1
+        by_origins = average == "origins" and observable.of_single_disks
+        each = observable.seconds_per_product * samples / 2 if by_origins else observable.seconds_per_disk_sample
+        seconds += samples * disks * each
+    return seconds
 
 
 def machine_memory() -> int:
@@ -168,43 +168,39 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
         raise RequestError(f"{scene.name}: {runs} runs need some {needed / 1e9:.3g} GB of memory, and {cure}")
 
 
-def mixture_of(scene: Scene) -> Mixture:
-    """Return the disks of a scene by species."""
-    table = species_table(scene)
-    return Mixture(table.number, table.radius, table.mass, _speeds(scene, table.mass))
+# -- collision rates ------------------------------------------------------------------------------------------------
 
 
-def _speeds(scene: Scene, mass: np.ndarray) -> np.ndarray:
-    """Return the standard deviation [length/time] of a velocity component of disks of each mass (K,).
+def speeds(scene: Scene) -> np.ndarray:
+    """Return the standard deviation [length/time] of a velocity component of disks of each species (K,).
 
     A list of disks is taken to be in equilibrium at its mean kinetic energy per disk.
     """
-    if scene.particles == 0:
-        return np.zeros(len(mass))
+    mass = species_table(scene).mass
     if scene.velocities is None:
-        velocity = np.array([disk.velocity for disk in scene.listed])
-        unit = float(np.abs(velocity).max()) or 1.0  # so that no square overflows
-        return unit * np.sqrt(np.mean(scene.mass * np.sum((velocity / unit) ** 2, axis=1)) / 2 / mass)
+        velocity = np.array([disk.velocity for disk in scene.listed]).reshape(-1, 2)
+        unit = float(np.abs(velocity).max(initial=0.0)) or 1.0  # so that no square overflows
+        energy = (scene.mass * np.sum((velocity / unit) ** 2, axis=1)).sum() / 2 / max(len(velocity), 1)
+        return unit * np.sqrt(energy / mass)
     if scene.velocities.temperature is not None:
         return np.sqrt(scene.velocities.temperature / mass)
     return np.full(len(mass), scene.velocities.standard_deviation)
 
 
-def pair_rate(scene: Scene, mixture: Mixture) -> float:
-    """Return the expected collisions between disks per time [1/time], summed over all pairs of components.
+def pair_rate(scene: Scene) -> float:
+    """Return the expected collisions between disks per time [1/time], summed over all pairs of species.
 
     `theory.collision_rate` with sqrt(kT/mu) = hypot(speed_i, speed_j), the standard deviation of a component of the
-    relative velocity. This also holds for components of different temperatures.
+    relative velocity. This also holds for species of different temperatures.
     """
-    density = mixture.number / scene.box.area
-    fluid, rate = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300)), 0.0
-    for i, radius in enumerate(mixture.radius):
-        partners = mixture.number - (np.arange(len(mixture.number)) == i)
-        sigma = radius + mixture.radius
-        contact = theory.contact_value_mixture(2 * radius, 2 * mixture.radius, fluid * density, 2 * mixture.radius)
-        relative_speed = np.hypot(mixture.speed[i], mixture.speed)
-        rates = theory.collision_rate(partners / scene.box.area, sigma, contact, 1.0, 1.0) * relative_speed
-        rate += mixture.number[i] * rates.sum() / 2
+    table, speed, rate = species_table(scene), speeds(scene), 0.0
+    density, diameter = table.number / scene.box.area, 2 * table.radius
+    fluid = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
+    for i, radius in enumerate(table.radius):
+        partners = (table.number - (np.arange(len(speed)) == i)) / scene.box.area
+        contact = theory.contact_value_mixture(diameter[i], diameter, fluid * density, diameter)
+        rates = theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0)
+        rate += table.number[i] * (rates * np.hypot(speed[i], speed)).sum() / 2
     return float(rate) * _crowding(scene)
 
 
@@ -223,23 +219,27 @@ def _crowding(scene: Scene) -> float:
         gaps = np.array([in_row, to_next, to_next])
         gaps /= gaps + 2 * float(scene.radius.max())
     z = float(np.mean(1 / np.maximum(gaps, SMALLEST_GAP)))
-    crystal = (z - 1) / (2 * phi)
-    return crystal / theory.contact_value(DENSEST)
+    return (z - 1) / (2 * phi) / theory.contact_value(DENSEST)
 
 
-def wall_rate(scene: Scene, mixture: Mixture) -> float:
+def wall_rate(scene: Scene) -> float:
     """Return the expected collisions with walls per time [1/time]: n Z speed/sqrt(2 pi) per length of the perimeter."""
-    if scene.box.periodic or scene.particles == 0:
+    if scene.box.periodic:
         return 0.0
     phi = min(scene.packing_fraction, DENSEST)
-    density = mixture.number / scene.box.area * theory.compressibility(phi, theory.contact_value_henderson(phi))
-    flux = density * mixture.speed / np.sqrt(2 * np.pi)
-    return float(2 * (scene.box.width + scene.box.height) * flux.sum())
+    compressibility = theory.compressibility(phi, theory.contact_value_henderson(phi))
+    flux = (species_table(scene).number * speeds(scene)).sum() / scene.box.area * compressibility / np.sqrt(2 * np.pi)
+    return float(2 * (scene.box.width + scene.box.height) * flux)
 
 
-def crossing_rate(scene: Scene, mixture: Mixture) -> float:
+def path_rate(scene: Scene) -> float:
+    """Return the length of all disks' paths per time [length/time]; the mean speed is sqrt(pi/2) times `speeds`."""
+    return float(np.sqrt(np.pi / 2) * (species_table(scene).number * speeds(scene)).sum())
+
+
+def crossing_rate(scene: Scene) -> float:
     """Return how often per time [1/time] disks move by the distance of neighbours, sqrt(area per disk)."""
-    return _path_rate(mixture) / float(np.sqrt(scene.box.area / max(scene.particles, 1)))
+    return path_rate(scene) / math.sqrt(scene.box.area / max(scene.particles, 1))
 
 
 def mean_free_path(scene: Scene) -> float:
@@ -247,21 +247,65 @@ def mean_free_path(scene: Scene) -> float:
 
     An average over all disks; inf if none collide.
     """
-    mixture = mixture_of(scene)
-    rate = 2 * pair_rate(scene, mixture)
-    return _path_rate(mixture) / rate if rate > 0 else np.inf
+    rate = 2 * pair_rate(scene)
+    return path_rate(scene) / rate if rate > 0 else np.inf
 
 
-def _path_rate(mixture: Mixture) -> float:
-    """Return the length of all disks' paths per time [length/time]; the mean speed is sqrt(pi/2) times `speed`."""
-    return float(np.sqrt(np.pi / 2) * (mixture.number * mixture.speed).sum())
+def caution(scene: Scene) -> str | None:
+    """Return one line of caution on runs of all disks of a scene; otherwise None.
 
-
-def few_collisions(scene: Scene) -> str | None:
-    """Return one line of caution if the mean free path is longer than the shorter side of the box; otherwise None."""
+    If random placement is expected to fail, or if the mean free path is longer than the shorter side of the box.
+    """
+    if line := placement_caution(scene):
+        return line
     side = min(scene.box.width, scene.box.height)
     path = mean_free_path(scene)
     if not scene.species or scene.particles < 2 or not side < path < np.inf:
         return None
     too_long = f"the mean free path, {path:.2g}, is longer than its shorter side, {side:.2g}"
     return f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: {too_long}"
+
+
+# -- time to settle -------------------------------------------------------------------------------------------------
+
+
+def settling_time(scene: Scene) -> float:
+    """Return the time [time] in which the fluid of a scene forgets its start; NaN beyond Enskog's theory.
+
+    The most numerous disks, of speed v (standard deviation of a component), move by the distance of neighbours a: a/v
+    in flight and, to forget a lattice, also a^2/D, with D = v^2/gamma and gamma about their collision rate. It is at
+    least FRICTION_TIMES of the tracer, unless velocities are drawn at a temperature.
+    """
+    rate = 2 * pair_rate(scene) / scene.particles if scene.particles >= FEWEST_DISKS else 0.0
+    if not rate > 0 or scene.packing_fraction > DENSEST:
+        return math.nan
+    flight = math.sqrt(scene.box.area / scene.particles) / speeds(scene)[np.argmax(species_table(scene).number)]
+    diffusion = flight * flight * rate if _is_ordered(scene) else 0.0
+    is_hot = scene.velocities.temperature is None
+    cooling = FRICTION_TIMES / max(partners_of(scene).friction.sum(), SMALLEST_NORMAL) if is_hot else 0.0
+    return float(max(flight + diffusion, cooling))
+
+
+def _is_ordered(scene: Scene) -> bool:
+    """Return whether a scene starts far from the places of a fluid: on a lattice, or of disks that have grown."""
+    return scene.placement == "lattice" or is_grown(scene)
+
+
+def settling_in_words(scene: Scene) -> str | None:
+    """Return how long to equilibrate and what that rests on; None for a scene that does not claim equilibrium."""
+    if not claims_equilibrium(scene):
+        return None
+    needed = settling_time(scene)
+    if math.isnan(needed):
+        return f"no forecast for few disks, or above a packing fraction of {DENSEST:g}, where disks freeze"
+    basis = "to move to a neighbour's place" + (" by diffusion" if _is_ordered(scene) else "")
+    hot = "" if scene.velocities.temperature is not None else f", {FRICTION_TIMES:g}/gamma of the tracer"
+    return f"some {needed:.2g} should be enough ({basis}{hot}; Enskog's theory of the fluid, not of crystals)"
+
+
+def settling_caution(scene: Scene) -> str | None:
+    """Return one line of caution if a scene equilibrates for far less than it is expected to need; otherwise None."""
+    time, words = scene.equilibrate.time, settling_in_words(scene)
+    if words is None or not time < TOO_SHORT * settling_time(scene):
+        return None
+    return f"{scene.name}, N = {scene.particles}: equilibrate.time {time:g} is short: {words}"

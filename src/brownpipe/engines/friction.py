@@ -39,6 +39,11 @@ def followed(scene: Scene) -> Species:
     return next(species for species in scene.species if species.count)
 
 
+def moves(scene: Scene) -> bool:
+    """Return whether the velocities of a scene of species are not all zero."""
+    return bool(scene.velocities.temperature or scene.velocities.standard_deviation)
+
+
 def bath_of(scene: Scene) -> Bath:
     """Return the bath of a scene of species: all disks but the tracer."""
     table = species_table(scene)
@@ -130,8 +135,7 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
     gamma = partners.friction.sum()
     if friction == "measured" and gamma > 0:
         gamma *= measured / partners.rate.sum()
-    moves = bool(scene.velocities.temperature or scene.velocities.standard_deviation)
-    if not (math.isfinite(gamma) and (gamma >= SMALLEST_NORMAL or not moves)):
+    if not (math.isfinite(gamma) and (gamma >= SMALLEST_NORMAL or not moves(scene))):
         raise RequestError(
             f"{scene.name}, N = {scene.particles}: --engine langevin needs a friction rate from "
             f"{SMALLEST_NORMAL:.3g} to 1.8e308, found {gamma:g}; choose another unit of time"

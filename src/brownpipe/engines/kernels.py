@@ -1,7 +1,7 @@
 """Compile kernels with Numba.
 
 An `entry_point` is called from Python; all functions marked `kernel` that it calls are inlined into it. Numba keeps its
-machine code on disk (`FOLDER`). `engines/compiling.py` compiles it before the first run.
+machine code on disk (`FOLDER`). `compile_all` compiles it before the first run.
 """
 
 import fcntl
@@ -10,6 +10,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -18,11 +19,14 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.cpu import CPUContext
 from numba.extending import intrinsic, register_jitable
 
-from brownpipe.engines import indices, inlining
+from brownpipe import stages
+from brownpipe.engines import compiler
+from brownpipe.processes import held
 from brownpipe.provenance import PACKAGE
 
 config: Any = numba.config  # Numba sets its attributes from the environment, unseen by type checkers
@@ -32,10 +36,10 @@ config: Any = numba.config  # Numba sets its attributes from the environment, un
 # _nrt=False: no reference counts of array arguments (1.6 times faster); private to Numba.
 # fastmath is never used: results would depend on the model of the CPU.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
-if inlining.is_tested():
+if compiler.is_tested():
     OPTIONS["_nrt"] = False
-    OPTIONS["pipeline_class"] = indices.Compiler
-    inlining.install()
+    OPTIONS["pipeline_class"] = compiler.Compiler
+    compiler.simplify_inlined()
 NEWEST = 4  # folders of machine code that are kept, each of another version of the source
 
 
@@ -63,7 +67,7 @@ class DiskCache(FunctionCache):
 
         Numba would first import all that could be compiled: 0.3 s. In our machine code that is inlined.
         """
-        load = self._load_overload if inlining.is_tested() else super().load_overload
+        load = self._load_overload if compiler.is_tested() else super().load_overload
         try:
             return load(*variant)
         except (EOFError, UnpicklingError):
@@ -105,6 +109,36 @@ def _folder() -> Path | None:
 
 
 FOLDER = _folder()
+
+
+def compile_all(*calls: Callable[[], object]) -> None:
+    """Compile the entry points that are called, or load their machine code; the calls do nothing else.
+
+    Ctrl-C and SIGTERM wait until all are compiled: an exception would leave objects of llvmlite half made.
+    """
+    if not compiler.is_tested():
+        first, last = (".".join(map(str, version)) for version in compiler.TESTED)
+        _say_once(f"kernels are slower with Numba {numba.__version__}; must be {first} to {last} for full speed")
+    with held(), event.install_listener("numba:compile", _Compiling()):
+        for call in calls:
+            call()
+
+
+class _Compiling(event.Listener):
+    """Say when the first kernel is compiled, because there is no machine code of it, or none can be kept."""
+
+    def on_start(self, _: event.Event) -> None:
+        _say_once("compiling the kernels for this kind of scene, once per machine: about 8 s")
+        if FOLDER is None:
+            _say_once("machine code cannot be kept: every process compiles; set NUMBA_CACHE_DIR to a folder of yours")
+
+    def on_end(self, _: event.Event) -> None:
+        pass
+
+
+@cache
+def _say_once(line: str) -> None:
+    stages.remark(line)
 
 
 def prefetch(array: np.ndarray, index: int | np.integer) -> None:

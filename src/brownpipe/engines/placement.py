@@ -1,120 +1,139 @@
-"""Initial positions of the disks: random sequential insertion, or a triangular lattice for dense scenes."""
+"""Whether the disks of a scene find places: by random sequential insertion, and on a triangular lattice.
+
+Random sequential insertion of equal disks saturates at a packing fraction of 0.547 (E. L. Hinrichsen, J. Feder &
+T. Jossang, J. Stat. Phys. 44, 793 (1986)). Here it ends earlier, at SATURATION, when a disk has found no place in
+`insertion.TRIES` tries. Disks are inserted from large to small: to disks of radius r, a larger disk of radius R is an
+obstacle of radius R + MARGIN r, and a wall an inaccessible strip of width MARGIN r. docs/decisions.md has the
+measurements.
+"""
 
 import math
-from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from brownpipe.engines.growth import push_apart
-from brownpipe.engines.insertion import OUT_OF_NUMBERS, STUCK, TRIES, Places, insert, register
-from brownpipe.engines.lattice import lattice_sites
-from brownpipe.engines.saturation import JAMMED, is_grown
-from brownpipe.engines.units import common_radius
-from brownpipe.errors import PlacementError
+from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-BEFORE_GROWTH = 0.4  # packing fraction of the smaller disks that are inserted, and then grow
-SPARE = 0.1  # share of the room between disks that they leave to each other when they are pushed apart
-MOST_SWEEPS = 5_000  # over all disks
-TRIES_PER_CALL = 1_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
+SATURATION = 0.541  # packing fraction of equal disks at which insertion ends
+MARGIN = 0.34  # in radii of the disk to be inserted
+SOME_FAIL, ALL_FAIL = 0.95, 1.05  # disks over places for them, above which insertion fails in some runs, and in all
+JAMMED = 0.84  # packing fraction at which disks pushed apart in disorder have no more room
 
 
-def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
-    """Return the centres (N, 2) [length] of the disks of a scene of species.
+# -- random insertion -----------------------------------------------------------------------------------------------
 
-    A tracer is placed where the scene says, if it gives a position; all other disks by the scene's `placement`:
-    `random`: random sequential insertion (B. Widom, J. Chem. Phys. 44, 3888 (1966)): each centre is uniform over the
-    positions where the disk lies in the box and overlaps no disk inserted before. Larger disks are inserted first, as
-    they find no gap among many small ones, and equal disks in the scene's order. The packing fraction can reach 0.5.
-    `auto`: the same where it succeeds; otherwise smaller disks are inserted, and grow and push each other apart. The
-    packing fraction can reach 0.75; the places are not those of equilibrium.
-    `lattice`: random sites of a triangular lattice that fills the box.
-    Raises RequestError if the disks do not fit, PlacementError if random insertion ends before all have a place.
+
+def crowding(scene: Scene) -> float:
+    """Return the number of disks over that of the places for them, of the radius for which this is greatest.
+
+    It is 0 for a lattice, a list of disks, and a lone disk, which always find their places.
     """
-    fixed = scene.species[0].position if scene.species else None
-    if scene.placement == "lattice":
-        return _on_lattice(scene, fixed, stream)
-    if not scene.particles:
-        return np.zeros((0, 2))
-    if is_grown(scene):
-        return _grow(scene, stream)
-    try:
-        return _insert(scene, stream)
-    except PlacementError:
-        if scene.placement == "random":
-            raise
-        return _grow(scene, stream)
+    if scene.placement not in ("auto", "random") or scene.particles < 2:
+        return 0.0
+    worst = 0.0
+    radii = sorted({species.radius for species in scene.species if species.count}, reverse=True)
+    counts = [sum(species.count for species in scene.species if species.radius == radius) for radius in radii]
+    for k, (radius, count) in enumerate(zip(radii, counts, strict=True)):
+        walls = 0.0 if scene.box.periodic else 2 * MARGIN * radius
+        area = (scene.box.width - walls) * (scene.box.height - walls)
+        area -= sum(n * math.pi * (larger + MARGIN * radius) ** 2 for larger, n in zip(radii[:k], counts, strict=False))
+        places = SATURATION * max(area, 0.0) / (math.pi * radius**2)
+        if k > 0 or count > 1:  # the first disk always finds a place
+            worst = max(worst, count / max(places, 1e-3))
+    return worst
 
 
-@lru_cache(maxsize=2)
-def _insertion(scene: Scene, scale: float) -> tuple[Places, np.ndarray]:
-    """Return the box before the insertion of disks of `scale` times their radii; kept for the next run of the scene.
+def is_grown(scene: Scene) -> bool:
+    """Return whether disks are grown in every run, as random insertion is certain to fail."""
+    return scene.placement == "auto" and crowding(scene) > ALL_FAIL
 
-    A tracer of given position is in it. And of each of the scene's disks (N,) its place in the order of insertion.
+
+def never_placed(scene: Scene) -> bool:
+    """Return whether a disk is expected to find no place in every run; with `auto` disks grow up to JAMMED."""
+    return crowding(scene) > ALL_FAIL and (scene.placement == "random" or scene.packing_fraction > JAMMED)
+
+
+def placement_caution(scene: Scene) -> str | None:
+    """Return one line of caution if random insertion is expected to fail in some runs of a scene; otherwise None."""
+    share = crowding(scene)
+    if share < SOME_FAIL:
+        return None
+    where = f"{'every run' if share > ALL_FAIL else 'some of the runs'} (packing fraction {scene.packing_fraction:.3g})"
+    case = f"{scene.name}, N = {scene.particles}"
+    if scene.placement == "auto":
+        settled = "" if scene.equilibrate.time else "; add `equilibrate`"
+        return f"{case}: smaller disks are inserted and grow in {where}: no equilibrium{settled}"
+    cure = "must be fewer or smaller disks, or `placement: auto` with `equilibrate`"
+    return f"{case}: random placement is expected to fail in {where}; {cure}"
+
+
+# -- a triangular lattice -------------------------------------------------------------------------------------------
+
+
+def lattice_sites(scene: Scene) -> np.ndarray:
+    """Return the sites (at least as many as disks without a position, 2) of a lattice in the box of a scene.
+
+    Around a fixed disk sites are lost: the lattice is refined until enough are left. Raises RequestError if there is no
+    such lattice with places as large as the largest disk.
     """
-    sequence, fixed = np.argsort(-scene.radius, kind="stable"), scene.species[0].position
-    if fixed is not None:
-        sequence = np.concatenate([[0], sequence[sequence > 0]])
-    places = _places(
-        scene, np.zeros((scene.particles, 2)), scale * scene.radius[sequence], 1 + math.isqrt(4 * scene.particles)
-    )
-    if fixed is not None:
-        places.position[0] = np.array(fixed) - scene.box.origin
-        register(places, 0)
-    return places, np.argsort(sequence)
-
-
-def _places(scene: Scene, position: np.ndarray, radius: np.ndarray, most: int | None = None) -> Places:
-    """Return disks in the box of a scene with empty cells, along each side at most so many."""
-    common, size, n = common_radius(radius), np.array((scene.box.width, scene.box.height)), len(radius)
-    cells = np.clip((size / (2 * common)).astype(np.int64), 1, most)
-    grid, big = np.full(cells, -1, np.int64), np.flatnonzero(radius > common)
-    return Places(position, radius, common, big, size, scene.box.periodic, grid, np.full(n, -1, np.int64))
-
-
-def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np.ndarray:
-    """Return centres (N, 2) by random sequential insertion of disks of `scale` times their radii."""
-    empty, back = _insertion(scene, scale)
-    p = empty._replace(**{name: getattr(empty, name).copy() for name in ("position", "grid", "following")})
-    n, fixed = scene.particles, scene.species[0].position is not None
-    outcome, progress = OUT_OF_NUMBERS, np.array([int(fixed), 0])  # disks placed, failed tries for the next one
-    while outcome == OUT_OF_NUMBERS:
-        numbers = stream.random((2 * n + 64, 2))
-        for first in range(0, len(numbers), TRIES_PER_CALL):
-            outcome = insert(p, numbers[first : first + TRIES_PER_CALL], progress)
-            if outcome != OUT_OF_NUMBERS:
-                break
-    if outcome == STUCK:
-        raise PlacementError(
-            f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries (packing "
-            f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: auto` or `lattice`"
-        )
-    return (p.position + scene.box.origin).take(back, axis=0)
-
-
-def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
-    """Return centres (N, 2) by random insertion of smaller disks, which grow and push each other apart."""
-    fixed = scene.species[0].position
-    small = math.sqrt(BEFORE_GROWTH / scene.packing_fraction)
-    position = _insert(scene, stream, small) - scene.box.origin
-    size = np.array((scene.box.width, scene.box.height))
-    if not scene.box.periodic:
-        position = np.clip(position, scene.radius[:, None], size - scene.radius[:, None])
-    p, held = _places(scene, position, scene.radius.copy()), -1 if fixed is None else 0
-    apart = 1.0 + SPARE * (math.sqrt(max(JAMMED / scene.packing_fraction, 1.0)) - 1.0)
-    for _ in range(MOST_SWEEPS):
-        if push_apart(p, held, apart) == 0 and push_apart(p, held, 0.0) == 0:
-            return p.position + scene.box.origin
-    raise PlacementError(
-        f"disks: {scene.particles} disks still overlap after they were pushed apart {MOST_SWEEPS} times (packing "
-        f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
-    )
-
-
-def _on_lattice(scene: Scene, fixed: tuple[float, float] | None, stream: np.random.Generator) -> np.ndarray:
-    """Return centres (N, 2) on random sites of a lattice; disk 0 is at `fixed`, if not None, off the lattice."""
-    if not scene.species:
+    fixed, radius = scene.species[0].position, scene.radius
+    free = radius if fixed is None else radius[1:]
+    if len(free) == 0:
         return np.zeros((0, 2))
-    sites = lattice_sites(scene)
-    position = sites[stream.permutation(len(sites))[: scene.particles - (fixed is not None)]]
-    return position if fixed is None else np.concatenate([[fixed], position])
+    low, size = scene.box.accessible(free.max())
+    wanted, sites = len(free), np.zeros((0, 2))
+    while len(sites) < len(free):
+        lattice, nearest = _lattice(size, scene.box.periodic, wanted)
+        sites = low + lattice
+        if nearest < 2 * free.max() * (1 - 1e-14):
+            raise RequestError(
+                f"disks: no triangular lattice in this box has {len(free)} places for disks of radius "
+                f"{float(free.max())!r}, the largest (packing fraction {scene.packing_fraction:.4g}); must be fewer or "
+                "smaller disks"
+            )
+        if fixed is not None:
+            separation = np.abs(sites - fixed)
+            if scene.box.periodic:
+                separation = np.minimum(separation, size - separation)
+            sites = sites[np.hypot(*separation.T) >= radius[0] + free.max()]
+        wanted += len(free) - min(len(sites), len(free))
+    return sites
+
+
+def _lattice(size: np.ndarray, periodic: bool, n: int) -> tuple[np.ndarray, float]:
+    """Return the sites (at least n, 2) of a triangular lattice in a rectangle, and the distance of nearest neighbours.
+
+    It has the number of rows for which this distance is greatest; in a periodic box this number is even, as every other
+    row is shifted. It is stretched along x or y to fill the rectangle: its triangles need not be equilateral.
+    """
+    rows, columns, across, up = _rows_and_columns(size, periodic, n)
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    sites = np.stack([(column + 0.5 * (row % 2)) * across, row * up], axis=1)
+    return sites, float(min(_spacings(across, up)))
+
+
+def _rows_and_columns(size: np.ndarray, periodic: bool, n: int) -> tuple[int, int, float, float]:
+    """Return the numbers of rows and columns of a lattice, and the distances between columns and between rows."""
+    rows = np.arange(1 + periodic, n + 2 + periodic, 1 + periodic)  # each possible number, of which one is chosen
+    columns = -(-n // rows)
+    across = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
+    up = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
+    best = np.argmax(np.minimum.reduce(_spacings(across, up)))
+    return int(rows[best]), int(columns[best]), float(across[best]), float(up[best])
+
+
+def _spacings(across: Any, up: Any) -> tuple[Any, Any, Any]:
+    """Return the distances of neighbours: in a row, in the next row but one, and in the next row."""
+    return across, 2 * up, np.hypot(across / 2, up)
+
+
+def lattice_gaps(scene: Scene) -> tuple[float, float]:
+    """Return the gaps [length] between edges of disks on the lattice of a scene without a fixed disk.
+
+    In a row (two neighbours) and to the next row (four); the disks are those of the largest radius.
+    """
+    radius = float(scene.radius.max())
+    _, _, across, up = _rows_and_columns(scene.box.accessible(radius)[1], scene.box.periodic, scene.particles)
+    in_row, _, to_next = _spacings(across, up)
+    return in_row - 2 * radius, float(to_next) - 2 * radius

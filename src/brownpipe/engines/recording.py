@@ -7,10 +7,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from brownpipe.engines.kernels import entry_point
-from brownpipe.engines.units import SMALLEST_NORMAL, Frame
+from brownpipe.engines.units import Frame
 from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
 
@@ -42,20 +41,15 @@ def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track |
 
     And whether all positions and velocities are finite numbers in the scene's units.
     """
-    tracer, finite = _converted(scene, frame, recorder.position, recorder.velocity, recorder.image)
-    if len(frame.back) == 0 or recorder.whole_position.shape[1] == 0:
-        return tracer, None, finite
-    samples = (recorder.whole_position, recorder.whole_velocity, recorder.whole_image)
-    whole, all_finite = _converted(scene, frame, *(values.take(frame.back, axis=1) for values in samples))
-    return tracer, whole, finite and all_finite
-
-
-def _converted(
-    scene: Scene, frame: Frame, position: np.ndarray, velocity: np.ndarray, image: np.ndarray
-) -> tuple[Track, bool]:
-    """Return samples (T, M, 2) in the scene's units, to which the arrays are converted, and whether they are finite."""
-    finite = convert(position, velocity, frame.origin, frame.length, frame.length / frame.time)
-    return Track(position, velocity, image if scene.box.periodic else None), finite
+    samples = [(recorder.position, recorder.velocity, recorder.image)]
+    if len(frame.back) and recorder.whole_position.shape[1]:
+        whole = (recorder.whole_position, recorder.whole_velocity, recorder.whole_image)
+        samples.append(tuple(values.take(frame.back, axis=1) for values in whole))
+    tracks, finite = [], True
+    for position, velocity, image in samples:
+        finite &= convert(position, velocity, frame.origin, frame.length, frame.speed)
+        tracks.append(Track(position, velocity, image if scene.box.periodic else None))
+    return tracks[0], tracks[1] if len(tracks) > 1 else None, finite
 
 
 @entry_point
@@ -71,19 +65,23 @@ def convert(position: np.ndarray, velocity: np.ndarray, origin: np.ndarray, leng
     return finite
 
 
-@entry_point
-def sums(
-    mass: np.ndarray, first: np.ndarray, last: np.ndarray
-) -> tuple[float, float, float, float, float, float, bool]:
-    """Return sum m v^2 of motion (N, 4) at the beginning and the end, sum m (v' - v), sum m |v|, the least mass.
+def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, walls: list[float]) -> Conservation:
+    """Compare positions and velocities (N, 4) at the beginning and at the end of a run of disks of masses (N,).
 
-    And whether all numbers at the end are finite. Disks of infinite mass are left out of the sums.
+    `walls` are the total impulses >= 0 given by the walls left, right, bottom and top.
     """
+    return Conservation(*compare(mass, first, last, *walls))
+
+
+@entry_point
+def compare(
+    mass: np.ndarray, first: np.ndarray, last: np.ndarray, left: float, right: float, bottom: float, top: float
+) -> tuple[float, float, float, float, bool]:
+    """Return the fields of `Conservation`. Disks of infinite mass are left out of the sums."""
     energy, energy_after, x, y, scale, lightest, finite = 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, True
     for i in range(len(mass)):
         u, v, u_after, v_after = first[i, 2], first[i, 3], last[i, 2], last[i, 3]
-        finite &= math.isfinite(last[i, 0]) and math.isfinite(last[i, 1])
-        finite &= math.isfinite(u_after) and math.isfinite(v_after)
+        finite &= math.isfinite(last[i, 0] + last[i, 1] + u_after + v_after)
         if mass[i] < math.inf:
             energy += mass[i] * (u * u + v * v)
             energy_after += mass[i] * (u_after * u_after + v_after * v_after)
@@ -91,24 +89,10 @@ def sums(
             y += mass[i] * (v_after - v)
             scale += mass[i] * math.sqrt(u * u + v * v)
             lightest = min(lightest, mass[i])
-    return energy, energy_after, x, y, scale, lightest, finite
-
-
-def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, walls: list[float]) -> Conservation:
-    """Compare positions and velocities (N, 4) at the beginning and at the end of a run of disks of masses (N,).
-
-    `walls` are the total impulses >= 0 given by the walls left, right, bottom and top.
-    """
-    energy, energy_after, x, y, scale, lightest, finite = sums(mass, first, last)
-    left, right, bottom, top = walls
     missing, scale = max(abs(x - (left - right)), abs(y - (bottom - top))), scale + left + right + bottom + top
-    return Conservation(
-        energy=0.5 * energy,
-        energy_drift=(energy_after - energy) / energy if energy > 0 else 0.0,
-        momentum_residual=missing / scale if scale > 0 else 0.0,
-        fastest=math.sqrt(energy / lightest) if energy > 0 else 0.0,
-        finite=finite,
-    )
+    drift = (energy_after - energy) / energy if energy > 0.0 else 0.0
+    fastest = math.sqrt(energy / lightest) if energy > 0.0 else 0.0
+    return 0.5 * energy, drift, missing / scale if scale > 0.0 else 0.0, fastest, finite
 
 
 def report(
@@ -128,7 +112,6 @@ def report(
     `worst_overlap` is in contact distances. A run fails if it is not `sound`, if its energy drift exceeds HEALTH_BOUND
     or if it has numbers that are not finite. Files list the observables in the order of the report.
     """
-    speed = frame.length / frame.time
     sound = sound and conserved.finite and abs(conserved.energy_drift) <= HEALTH_BOUND
     sound = sound and math.isfinite(conserved.energy) and math.isfinite(sum(impulses))
     values = {
@@ -139,43 +122,18 @@ def report(
         "worst_overlap": worst_overlap,
         "momentum_residual": conserved.momentum_residual,
         "failed": np.uint8(not sound),
-        "kinetic_energy": represented(conserved.energy, frame.mass, speed, speed),
-        "virial": represented(impulses[0], frame.mass, speed, frame.length),
+        "kinetic_energy": conserved.energy * frame.mass * frame.speed * frame.speed,
+        "virial": impulses[0] * frame.mass * frame.speed * frame.length,
         **further,
     }
     if not scene.box.periodic:
-        values["wall_impulse"] = represented(sum(impulses[1:]), frame.mass, speed)
+        values["wall_impulse"] = sum(impulses[1:]) * frame.mass * frame.speed
     return values
-
-
-@entry_point
-def multiply(values: np.ndarray, mantissa: float, exponent: int) -> None:
-    """Multiply values (K,) by mantissa 2^exponent, rounded once; NaN where that overflows or underflows (0 stays 0)."""
-    for i in range(len(values)):
-        part, power = math.frexp(values[i])
-        product = math.ldexp(part * mantissa, power + exponent)
-        lost = not math.isfinite(product) or (abs(product) < SMALLEST_NORMAL and part != 0.0)
-        values[i] = math.nan if lost else product
-
-
-def represented(values: ArrayLike, *units: float) -> np.ndarray:
-    """Return values * product(units), rounded once; NaN where the result overflows or underflows (0 stays 0).
-
-    Intermediate products may be beyond the range of floating-point numbers.
-    """
-    mantissa, exponent = 1.0, 0
-    for unit in units:
-        part, power = math.frexp(unit)
-        mantissa, exponent = mantissa * part, exponent + power
-    product = np.array(values, float, order="C")
-    multiply(product.reshape(-1), mantissa, exponent)
-    return product
 
 
 def report_nothing() -> None:
     """Compile the kernels of a report."""
     conservation(np.zeros(0), np.zeros((0, 4)), np.zeros((0, 4)), [0.0, 0.0, 0.0, 0.0])
-    represented(0.0)
     convert(np.zeros((0, 1, 2)), np.zeros((0, 1, 2)), np.zeros(2), 1.0, 1.0)
 
 

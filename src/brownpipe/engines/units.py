@@ -41,6 +41,11 @@ class Frame(NamedTuple):
     order: np.ndarray  # (N,) int64, number in the scene of each of the engine's disks; much bigger disks come first
     back: np.ndarray  # (N,) int64, the inverse: number in the engine of each of the scene's disks
 
+    @property
+    def speed(self) -> float:
+        """Engine's unit of speed [length/time], a power of two."""
+        return self.length / self.time
+
 
 def power_of_two(value: float) -> float:
     """Return the power of two at or below a positive number; 1 for 0."""
@@ -96,7 +101,7 @@ def motion_of(state: State, frame: Frame) -> np.ndarray:
     """Return positions and velocities (N, 4) float64 in the engine's units and order."""
     motion = np.empty((len(frame.order), 4))
     motion[:, :2] = (state.position.take(frame.order, axis=0) - frame.origin) / frame.length
-    motion[:, 2:] = state.velocity.take(frame.order, axis=0) / (frame.length / frame.time)
+    motion[:, 2:] = state.velocity.take(frame.order, axis=0) / frame.speed
     return motion
 
 

@@ -4,9 +4,9 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 """
 
 from brownpipe.engines import forecast, friction
+from brownpipe.engines.forecast import settling_caution, settling_in_words
 from brownpipe.engines.friction import DECAY_TIMES, diffusive_from, window_caution
-from brownpipe.engines.saturation import is_grown, placement_caution
-from brownpipe.engines.settling import settling_caution, settling_in_words
+from brownpipe.engines.placement import is_grown
 from brownpipe.errors import RequestError
 from brownpipe.formatting import in_bytes, in_time
 from brownpipe.observables.quarters import claims_equilibrium
@@ -16,8 +16,6 @@ from brownpipe.scene.reading import read_yaml
 from brownpipe.scene.scene import is_study
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import RunSet, describe_workload, run_sets, with_assumed_runs
-
-RUNS = 100  # of a scene, for which its placement should succeed
 
 
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:
@@ -45,11 +43,11 @@ def _scene(scene: Scene) -> list[str]:
         "diffusion": f"from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)" if start > 0 else None,
         "collisions": f"{cost.pair_collisions:,.0f} between disks, {cost.wall_collisions:,.0f} with walls per run"
         f" ({theory}, in equilibrium)",
-        "cost": f"some {in_time(cost.seconds + cost.storing)} of CPU and {in_bytes(cost.recorded)} of file per run"
+        "cost": f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.recorded)} of file per run"
         f" of the exact engine; {in_bytes(forecast.memory(cost, 1))} of memory",
     }
     window = window_caution(friction.default_windows([scene])[0], {scene.name: start})
-    cautions = [placement_caution(scene, RUNS), settling_caution(scene), window]
+    cautions = [forecast.caution(scene), settling_caution(scene), window]
     return [*(f"{name:12}{text}" for name, text in said.items() if text), *_cautions(cautions)]
 
 
@@ -92,7 +90,7 @@ def _study(study: Study) -> list[str]:
             "engine": runs.engine.label,
             "runs": f"{len(runs.seeds):,}",
             "collisions": f"{runs.cost.pair_collisions + runs.cost.wall_collisions:,.0f}",
-            "CPU": in_time(runs.cost.seconds + runs.cost.storing),
+            "CPU": in_time(runs.cost.seconds),
         }
         for runs in sets
     ]
@@ -105,10 +103,7 @@ def _study(study: Study) -> list[str]:
     cautions += [settling_caution(case) for case in study.cases]
     starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
     cautions += [window_caution(window, starts) for window in study.fit_windows or ()]
-    for runs in sets:
-        placed = runs.engine.definition.scene_with_disks(runs.case, dict(runs.engine.settings))
-        cautions += [placed and placement_caution(placed, len(runs.seeds)), _too_large(runs)]
-    lines += _cautions(cautions)
+    lines += _cautions([*cautions, *map(_too_large, sets)])
     if study.tolerance is not None:
         goal = f"{study.target} to {100 * study.tolerance:g} %"
         lines.append(f"seeds     as many as {goal} needs, by pilot runs; here assumed {len(assumed.seeds):,}")

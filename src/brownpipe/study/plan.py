@@ -18,7 +18,7 @@ import numpy as np
 from brownpipe import tradeoff
 from brownpipe.analysis import drift
 from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
-from brownpipe.engines.saturation import share_failing
+from brownpipe.engines.placement import never_placed
 from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.formatting import in_time
 from brownpipe.quoting import in_lines
@@ -32,7 +32,6 @@ from brownpipe.tradeoff import timing
 
 COMMENT = "# The number of runs that the tolerance of this study needs, determined once."
 SQUARES, DISTRIBUTION = "square_displacement", "displacement_distribution"  # an observable; a target
-LEAST_SOUND = 0.01  # share of runs that do not fail
 FIRST_SEED = 2**40
 PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
 FEWEST_RUNS, MOST_RUNS = 10, 400  # of a pilot
@@ -86,10 +85,10 @@ def run_pilot(study: Study, scene: Scene, engine: Engine, target: str) -> tradeo
 
     Squared displacements are averaged within a run as in the study, unless the target is their distribution.
     """
-    failing = 1.0 - _share_sound(scene)
+    _refuse_unplaceable(scene)
     names = (SQUARES,) if SQUARES in study.observables and target != DISTRIBUTION else ()
     measured: dict[str, Any] = {"observables": names, "average": study.average if names else "runs"}
-    seconds = forecast.of_run(scene, **measured).seconds - forecast.SECONDS_TO_FAIL * failing
+    seconds = forecast.of_run(scene, **measured).seconds
     number = int(np.clip(PILOT_SECONDS / seconds, FEWEST_RUNS, MOST_RUNS))  # of failing ones more, as they take no time
     ensemble = engine.simulate(scene, range(FIRST_SEED, FIRST_SEED + number), frozenset({"tracer"}), **measured)
     runs = tradeoff.runs_of(scene, engine, ensemble)
@@ -102,19 +101,18 @@ def case_title(scene: Scene) -> str:
     return f"{scene.name}, N = {scene.particles}"
 
 
-def _share_sound(scene: Scene) -> float:
-    """Return the share of runs that find places for all disks. Raises RequestError if hardly any does."""
-    failing = share_failing(scene)
-    if failing > 1 - LEAST_SOUND:
-        share = f"{100 * failing:.4g} % of the runs are expected to fail"
-        raise RequestError(f"{case_title(scene)}: {share}; must be fewer or smaller disks, or `placement: lattice`")
-    return 1.0 - failing
+def _refuse_unplaceable(scene: Scene) -> None:
+    """Raise RequestError if hardly any run finds places for all disks."""
+    if never_placed(scene):
+        cure = "must be fewer or smaller disks, or `placement: lattice`"
+        raise RequestError(f"{case_title(scene)}: the runs are expected to fail at placement; {cure}")
 
 
 def _runs_needed(scene: Scene, study: Study) -> int:
     """Return the number of exact runs of a scene, with failing ones, whose standard error is the study's tolerance."""
     if study.target == DISTRIBUTION:  # known without pilot runs
-        scatter, sound = tradeoff.bias.spread_of_shares(), _share_sound(scene)
+        _refuse_unplaceable(scene)
+        scatter, sound = tradeoff.bias.spread_of_shares(), 1.0
     else:
         pilot = run_pilot(study, scene, REFERENCE, study.target)
         try:

@@ -73,7 +73,7 @@ def batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int 
     batches stay valid when seeds are added. Every range of consecutive seeds is cut from its first seed on.
     """
     most = length or max(1, forecast.most_runs(cost, LARGEST))
-    size = length or min(most, _power_of_two((SECONDS + OFTEN * cost.once) / (cost.seconds + cost.storing)))
+    size = length or min(most, _power_of_two((SECONDS + OFTEN * cost.once) / cost.seconds))
     found = []
     for first, last in ranges(seeds):
         start = first
@@ -170,7 +170,7 @@ def digests(study: Study) -> dict[str, str]:
 
 def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
     """Return the CPU seconds of so many processes that make and write so many runs together."""
-    return jobs * (forecast.START_UP + cost.once) + runs * (cost.seconds + cost.storing)
+    return jobs * (forecast.START_UP + cost.once) + runs * cost.seconds
 
 
 def with_assumed_runs(study: Study) -> Study:

@@ -196,12 +196,13 @@ class Study(Record):
 
     def _check_figures(self) -> None:
         """Refuse figures without data; by default there are all whose needs are met."""
-        measured = {name for one in self.engines for name in one.definition.measured(self.observables, "runs")[0]}
+        moves_all = any(engine.definition.moves_all_disks for engine in self.engines)
+        measured = self.observables if moves_all else measures.of_tracer(self.observables)[0]
         counts, is_tracked = sorted({case.particles for case in self.cases}), self.record == "tracer"
         along = [*self.vary.values()][: 1 if self.vary_together else None]
         conditions = {f"the observable {name}": name in measured for name in measures.OBSERVABLES} | {
             FOLLOWED: max(counts) > 0,
-            COLLISIONS: any(use.case.particles and use.engine.definition.counts_collisions for use in self.uses),
+            COLLISIONS: any(use.case.particles and use.engine.definition.moves_all_disks for use in self.uses),
             SCAN: len(set(counts) - {0}) > 1
             or any(len(values) > 1 and all(map(is_number, values)) for values in along),
             TRACKED: is_tracked,

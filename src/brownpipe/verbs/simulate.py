@@ -11,7 +11,6 @@ import numpy as np
 from brownpipe import progress
 from brownpipe.engines import DEFINITIONS, Engine, option, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures
-from brownpipe.engines.saturation import growth_caution
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.observables import OBSERVABLES
@@ -81,7 +80,7 @@ def simulate(arguments: Namespace) -> int:
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
     refuse_if_too_large(output, len(seeds) * cost.recorded)
 
-    for remark in filter(None, (engine.definition.caution(scene), growth_caution(scene, len(seeds)))):
+    if remark := engine.definition.caution(scene):
         say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
@@ -123,7 +122,7 @@ def _checkpoints(arguments: Namespace, path: str, scene: Scene, seeds: Sequence[
     """
     if arguments.checkpoint_every is None:
         return ()
-    from brownpipe.engines.exact.checkpoint import Checkpoints  # imports Numba
+    from brownpipe.engines.exact.simulation import Checkpoints  # imports Numba
 
     options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
     options |= {"observables": ",".join(arguments.observables) or "none", "average": arguments.average}

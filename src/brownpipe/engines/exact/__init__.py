@@ -4,7 +4,7 @@
 """
 
 from brownpipe.engines import forecast
-from brownpipe.engines.definition import Definition
+from brownpipe.engines.forecast import Definition
 
 EXACT = Definition(
     name="exact",
@@ -12,7 +12,7 @@ EXACT = Definition(
     simulation="brownpipe.engines.exact.simulation",
     settings={},
     model=lambda scenes, settings: "from collision to collision",
-    caution=forecast.few_collisions,
+    caution=forecast.caution,
     forecast=lambda scene, settings, *recorded: forecast.of_run(scene, *recorded),
     keeps_checkpoints=True,
 )

@@ -72,16 +72,9 @@ def store_deferred(deferred: ws.Deferred | None, w: ws.Workspace, parity: int) -
     first = MOST_DEFERRED * parity
     for j in range(first, first + deferred.number[parity]):
         bucket, i = deferred.bucket[j], np.int64(deferred.disk[j])
-        if is_valid(w, i, bucket & w.calendar.ring):
+        if w.link[ws.ROW * i + ws.BUCKET] == bucket & w.calendar.ring:
             store(w, i, bucket)
     deferred.number[parity] = 0
-
-
-@kernel
-def forget_deferred(deferred: ws.Deferred | None) -> None:
-    """Discard the deferred insertions."""
-    if deferred is not None:
-        deferred.number[:] = 0
 
 
 @kernel
@@ -155,19 +148,13 @@ def entries(w: ws.Workspace, number: int) -> range:
 
 
 @kernel
-def is_valid(w: ws.Workspace, i: int, number: int) -> bool:
-    """Whether the entry of disk i in a bucket is valid."""
-    return w.link[ws.ROW * i + ws.BUCKET] == number
-
-
-@kernel
 def keep_valid(w: ws.Workspace, number: int) -> None:
     """Remove the outdated entries of a bucket."""
     first, n = BUCKET_WORDS * number + 1, 0
     for j in entries(w, number):
-        i = w.bucket[j]
+        i = np.int64(w.bucket[j])
         w.bucket[first + n] = i
-        n += is_valid(w, np.int64(i), number)  # a branch would be mispredicted often
+        n += w.link[ws.ROW * i + ws.BUCKET] == number  # a branch would be mispredicted often
     w.bucket[first - 1] = n
 
 
@@ -201,9 +188,10 @@ def has_next_event(w: ws.Workspace) -> bool:
 
 
 @kernel
-def clear(w: ws.Workspace) -> None:
+def clear(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
     """Empty the queue and set it to the beginning of a block."""
     w.bucket[::BUCKET_WORDS] = 0
     w.progress[ws.CURRENT_BUCKET] = 0
     w.progress[ws.CURRENT_EVENTS] = 0
-    forget_deferred(w.deferred)
+    if deferred is not None:
+        deferred.number[:] = 0

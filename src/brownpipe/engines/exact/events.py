@@ -16,10 +16,10 @@ import numpy as np
 from brownpipe.engines.collisions import exchange
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.disks import apply_impulse, mass_of, move, radius_of, relative_motion
 from brownpipe.engines.exact.predictions import predict
 from brownpipe.engines.exact.prefetch import prefetch_entry, prefetch_upcoming
 from brownpipe.engines.exact.sampling import audit_place, take_sample
+from brownpipe.engines.exact.workspace import apply_impulse, mass_of, move, radius_of, relative_motion
 from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import local_copy
 
@@ -27,32 +27,24 @@ from brownpipe.engines.records import local_copy
 
 
 @kernel
-def wrap(image: np.ndarray | None, w: ws.Workspace, i: int, column: int, row: int) -> bool:
-    """Move disk i, about to enter a cell outside a periodic box, to the opposite side; return whether it was moved.
+def enter_cell(image: np.ndarray | None, w: ws.Workspace, i: int, column: int, row: int) -> bool:
+    """List disk i in a cell, after moving it to the opposite side if the cell is outside a periodic box.
 
-    Other disks then see it as another image, so all predictions with disk i are outdated.
+    Return whether it was moved: other disks then see it as another image, so all predictions with it are outdated.
     """
-    if image is None:
-        return False
-    across, up = cells.boxes_away(w.shift, w, column, row)
-    if across == 0 and up == 0:
-        return False
-    w.disk[ws.ROW * i + ws.X] -= across * w.grid.width
-    w.disk[ws.ROW * i + ws.Y] -= up * w.grid.height
-    image[2 * i] += across
-    image[2 * i + 1] += up
-    w.disk[ws.ROW * i + ws.CHANGES] += 1.0
-    return True
-
-
-@kernel
-def enter_cell(w: ws.Workspace, i: int, column: int, row: int) -> bool:
-    """List disk i in a cell, after wrapping it if the cell is outside a periodic box; return whether it was wrapped."""
-    is_wrapped = wrap(w.image, w, i, column, row)
-    if is_wrapped:
-        column, row = column % w.grid.columns, row % w.grid.rows
-    cells.enter(w.big, w, i, column, row)
-    return is_wrapped
+    is_moved = False
+    if image is not None:
+        across, up = cells.boxes_away(w.shift, w, column, row)
+        is_moved = across != 0 or up != 0
+        if is_moved:
+            w.disk[ws.ROW * i + ws.X] -= across * w.grid.width
+            w.disk[ws.ROW * i + ws.Y] -= up * w.grid.height
+            image[2 * i] += across
+            image[2 * i + 1] += up
+            w.disk[ws.ROW * i + ws.CHANGES] += 1.0
+            column, row = column % w.grid.columns, row % w.grid.rows
+    cells.enter(w, i, column, row)
+    return is_moved
 
 
 @kernel
@@ -60,17 +52,15 @@ def cross(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: float, 
     """Move disk i to the next cell, or renew its square and list; return whether all must be predicted anew."""
     if lists is not None:
         neighbour_lists.clear(lists, i)
-        column, row = cells.place(w, i, now)
-        cells.leave(w.big, w, i)
-        enter_cell(w, i, column, row)
+        cells.update_disk(w.big, w, i, *cells.place_of(w, i), False)
+        enter_cell(w.image, w, i, *cells.place(w.shift, w, i, now))
         neighbour_lists.centre(lists, w, i, now)
         neighbour_lists.meet(lists, w, i, 0)
         return True
     column, row = cells.place_of(w, i)
-    cells.leave(w.big, w, i)
-    return enter_cell(
-        w, i, column + (event == ws.RIGHT) - (event == ws.LEFT), row + (event == ws.UP) - (event == ws.DOWN)
-    )
+    cells.update_disk(w.big, w, i, column, row, False)
+    column += (event == ws.RIGHT) - (event == ws.LEFT)
+    return enter_cell(w.image, w, i, column, row + (event == ws.UP) - (event == ws.DOWN))
 
 
 @kernel
@@ -190,11 +180,10 @@ def begin_block(w: ws.Workspace) -> None:
     left a periodic box by half a square; its neighbours are found only from its cell inside.
     """
     w.cell[:: w.grid.slots] = 0
-    calendar.clear(w)
+    calendar.clear(w.deferred, w)
     for i in range(len(w.disk) // ws.ROW - 1, -1, -1):
         a = ws.ROW * i
-        column, row = cells.place(w, i, 0.0)
-        enter_cell(w, i, column, row)
+        enter_cell(w.image, w, i, *cells.place(w.shift, w, i, 0.0))
         w.disk[a + ws.PAIR_TIME] = w.disk[a + ws.CHANGES] = w.event_time[ws.EVENT_ROW * i] = 0.0
         w.link[a + ws.EVENT], w.link[a + ws.PARTNER], w.link[a + ws.PARTNER_CHANGES] = ws.PAIR, i, 1
         calendar.insert(w, i, 0.0)

@@ -9,13 +9,9 @@ then holds the disks by the centres of their squares, and is read only to make l
 `lists` is `w.lists`, a `NeighbourLists`.
 """
 
-import math
-
-import numpy as np
-
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.disks import contact_distance, position, shifted
+from brownpipe.engines.exact.workspace import contact_distance, position, shifted
 from brownpipe.engines.fours import replace_in_four
 from brownpipe.engines.kernels import kernel, prefetch
 
@@ -97,9 +93,8 @@ def centre(lists: ws.NeighbourLists, w: ws.Workspace, i: int, now: float) -> Non
 @kernel
 def meet(lists: ws.NeighbourLists, w: ws.Workspace, i: int, least: int) -> None:
     """Find the neighbours of disk i numbered `least` or more in the cell list, and add each to the other's list."""
-    column, row = cells.place_of(w, i)
     n = 0
-    for j in range(cells.gather_around(w, column, row)):
+    for j in range(cells.gather(w.big, w, i, ws.PAIR)):
         candidate = w.candidate[j]
         k = candidate & ws.DISK_MASK
         w.candidate[n] = candidate
@@ -122,25 +117,12 @@ def make_all(lists: ws.NeighbourLists | None, w: ws.Workspace) -> None:
 
 
 @kernel
-def edges_ahead(lists: ws.NeighbourLists, i: int, vx: float, vy: float) -> tuple[float, float]:
-    """Return the edges (x, y) of the square of disk i to which it moves."""
-    return lists.centre[2 * i] + math.copysign(lists.half, vx), lists.centre[2 * i + 1] + math.copysign(lists.half, vy)
-
-
-@kernel
-def neighbours(lists: ws.NeighbourLists, i: int) -> tuple[np.ndarray, int, int]:
-    """Return the array that holds the list of disk i, the index at which it begins, and its length."""
-    first = words(lists.wide) * i
-    return lists.neighbour, first + 1, lists.neighbour[first]
-
-
-@kernel
 def prefetch_list(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int) -> None:
     """Prefetch the list of disk i; if the event makes a new one, also the cells that `meet` reads."""
     prefetch(lists.neighbour, words(lists.wide) * i)
     prefetch(lists.centre, 2 * i)
     if cells.is_crossing(event):
-        cells.prefetch_cells_around(w, cells.cell_of(w, i))
+        cells.prefetch_cells(w, i, ws.PAIR)
 
 
 @kernel

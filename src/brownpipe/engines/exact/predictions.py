@@ -11,7 +11,7 @@ import numpy as np
 from brownpipe.engines.collisions import delay, encounter, meets, wall_time
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.disks import four_contact_distances, four_disks, four_shifted, position, radius_of
+from brownpipe.engines.exact.workspace import four_contact_distances, four_disks, four_shifted, position, radius_of
 from brownpipe.engines.fours import any_of, four, four_entries, four_from, least, where
 from brownpipe.engines.kernels import kernel
 
@@ -39,15 +39,16 @@ def earliest(
         x_k, y_k, vx_k, vy_k, pair_time_k, radius_k = four_disks(w, k, now)
         x, y = four_shifted(w.shift, candidate, x_k - x_i, y_k - y_i)
         sigma = four_contact_distances(w.mass, w, i, radius_k)
-        b, c, d = encounter(x, y, vx_k - vx_i, vy_k - vy_i, sigma)
+        sigma2 = sigma * sigma
+        b, c, d = encounter(x, y, vx_k - vx_i, vy_k - vy_i, sigma2)
         time = now + delay(b, c, d)
         latest = where(meets(b, d), pair_time_k, four(math.nan))
         sooner = (time < best) & (time <= latest)
         best, chosen = where(sooner, time, best), where(sooner, index, chosen)
         index = index + 4.0
-        closer = (c < nearest * (sigma * sigma)) & (k != i)
+        closer = (c < nearest * sigma2) & (k != i)
         if any_of(closer):
-            nearest = least(where(closer, c / (sigma * sigma), four(nearest)))
+            nearest = least(where(closer, c / sigma2, four(nearest)))
             w.tally[ws.NEAREST] = nearest
     return best, chosen
 
@@ -66,14 +67,8 @@ def set_partner(
     partner, changes = np.int64(link[a + ws.PARTNER]), np.int64(link[a + ws.PARTNER_CHANGES])
     other = np.int64(candidates[int(least(where(best <= time, chosen, four(math.inf))))])  # of several, the first
     other_changes = np.int64(disk[ws.ROW * (other & ws.DISK_MASK) + ws.CHANGES])
-    link[a + ws.PARTNER] = either(sooner, other, partner)
-    link[a + ws.PARTNER_CHANGES] = either(sooner, other_changes, changes)
-
-
-@kernel
-def either(condition: bool, one: int, other: int) -> int:
-    """Return one of two integers, without a branch."""
-    return other + condition * (one - other)
+    link[a + ws.PARTNER] = partner + sooner * (other - partner)
+    link[a + ws.PARTNER_CHANGES] = changes + sooner * (other_changes - changes)
 
 
 @kernel
@@ -103,7 +98,8 @@ def leave_time(
 def edges_ahead(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, vx: float, vy: float) -> tuple[float, float]:
     """Return the edges (x, y) of the cell of disk i, or of the square of its list, to which it moves."""
     if lists is not None:
-        return neighbour_lists.edges_ahead(lists, i, vx, vy)
+        x, y = lists.centre[2 * i], lists.centre[2 * i + 1]
+        return x + math.copysign(lists.half, vx), y + math.copysign(lists.half, vy)
     box, a = w.grid, ws.ROW * i
     x = box.x + (w.link[a + ws.CELL_COLUMN] + (vx > 0.0)) * box.cell_width
     return x, box.y + (w.link[a + ws.CELL_ROW] + (vy > 0.0)) * box.cell_height
@@ -141,11 +137,12 @@ def candidates_after(
     """
     if lists is not None:
         w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
-        return neighbour_lists.neighbours(lists, i)
+        first = neighbour_lists.words(lists.wide) * i
+        return lists.neighbour, first + 1, lists.neighbour[first]
     if cells.is_crossing(event):
-        return w.candidate, 0, cells.gather_new(w.big, w, i, event)
+        return w.candidate, 0, cells.gather(w.big, w, i, event)
     w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
-    return w.candidate, 0, cells.gather(w.big, w, i)
+    return w.candidate, 0, cells.gather(w.big, w, i, ws.PAIR)
 
 
 @kernel

@@ -1,32 +1,45 @@
-"""One run of the exact engine, and its state at the end of a block of time, from which it can be resumed.
+"""One run of the exact engine: its samples, its report, and its state, from which it can be resumed.
 
 At the end of a block all disks are at the same time, and the next block starts from their positions and velocities
 alone (`events.begin_block`): cell list, event queue and neighbour lists are built anew. A run that continues from a
 RunState is therefore bit-identical to one that was never interrupted.
 """
 
+import math
 from collections.abc import Callable, Collection
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.ensemble import Events, RunResult
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
-from brownpipe.engines.exact.recording import joined, logged, new_recorder, quarter_of, report_of, take_totals
 from brownpipe.engines.insertion import insert_nothing
-from brownpipe.engines.recording import SAMPLES, report_nothing, tracks_of
+from brownpipe.engines.kernels import compile_all
+from brownpipe.engines.recording import (
+    HEALTH_BOUND,
+    SAMPLES,
+    conservation,
+    images_fit,
+    report,
+    report_nothing,
+    sample_arrays,
+    tracks_of,
+)
 from brownpipe.engines.units import Frame, State, frame_of, motion_of
-from brownpipe.errors import RunError
+from brownpipe.errors import RequestError, RunError
+from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
+from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
 FEW_EVENTS = 10_000  # and 2 per disk: of the first call of the kernel, and while buckets are shorter than estimated
 EVENTS_PER_CALL = 2_000_000  # of all others; between two calls Python handles signals such as Ctrl-C
+EVENTS_PER_LOG = 65_536  # collisions that a recorder holds; a full log is emptied between two calls of the kernel
 SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
+MOST_BLOCKS = 2.0**62  # an int64 counts the blocks of a run
 
 
 class PreparedScene(NamedTuple):
@@ -62,60 +75,42 @@ NOT_SAVED = Saving(lambda: False, lambda _: None)
 def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
     """Return a scene with its workspace and with its kernels compiled; a `pinned` tracer has infinite mass."""
     frame = frame_of(scene)
-    w = prepare(scene, frame, pinned)
-    compile_all(insert_nothing, report_nothing, partial(advance, w, new_recorder(scene, frame, w, np.zeros(0), ()), 0))
-    return PreparedScene(scene, frame, w, pinned)
+    prepared = PreparedScene(scene, frame, prepare(scene, frame, pinned), pinned)
+    nothing = partial(advance, prepared.workspace, new_recorder(prepared, np.zeros(0)), 0)
+    compile_all(insert_nothing, report_nothing, nothing)
+    return prepared
 
 
-def beginning(prepared: PreparedScene, state: State) -> RunState:
+def beginning(prepared: PreparedScene, state: State, equilibrating: bool = False) -> RunState:
     """Return a run that begins from the given state of all disks."""
     motion = motion_of(state, prepared.frame)
-    return RunState(False, prepared.workspace.grid.slots, motion, motion, {})
+    return RunState(equilibrating, prepared.workspace.grid.slots, motion, motion, {})
 
 
 def run(prepared: PreparedScene, state: State, times: np.ndarray, record: Collection[str] = ()) -> RunResult:
-    """Run from a state without checkpoints, and sample at the given times (T,) [time]; raise RunError as `evolve`."""
-    return evolve(prepared, beginning(prepared, state), times, record)
-
-
-def evolve(
-    prepared: PreparedScene,
-    start: RunState,
-    times: np.ndarray,
-    record: Collection[str],
-    saving: Saving = NOT_SAVED,
-) -> RunResult:
-    """Continue a run, sample it at the given times (T,) [time] and return its result.
-
-    Raises RunError if the run makes no progress.
-    """
-    return to_end(prepared, start, recorder_of(prepared, times, record), saving)
-
-
-def recorder_of(prepared: PreparedScene, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
-    """Return a recorder for runs one after the other, sampled at the given times (T,) [time].
-
-    It also serves a run that restarts with larger cells: the duration of a block is that of the scene.
-    """
-    return new_recorder(prepared.scene, prepared.frame, prepared.workspace, times, record)
+    """Run from a state without checkpoints, and sample at the given times (T,) [time]; raise RunError as `to_end`."""
+    return to_end(prepared, beginning(prepared, state), new_recorder(prepared, times, record))
 
 
 def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Saving = NOT_SAVED) -> RunResult:
-    """Continue a run to its end, as `evolve`; the tracer's track is in the recorder's arrays.
+    """Continue a run to its end and return its result; the tracer's track is in the recorder's arrays.
 
     A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next run starts with the
-    default capacity, as it must not depend on earlier runs.
+    default capacity, as it must not depend on earlier runs. Raises RunError if the run makes no progress.
     """
     scene, frame, w, pinned = prepared
     while True:
         if start.slots != w.grid.slots:
             w = prepare(scene, frame, pinned, start.slots)
-        logs = _restore(start, w, recorder)
+        begin(w, start.motion)  # cells, event queue and neighbour lists are built by the next block
+        for name, array in _arrays_of(w, recorder).items() if start.arrays else ():
+            array[: len(start.arrays[name])] = start.arrays[name]
+        logs = [] if start.events is None else [start.events]
         if _to_last_sample(prepared, w, recorder, start, logs, saving):
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first, {})
     tracer, whole, finite = tracks_of(scene, frame, recorder)
-    return RunResult(tracer, whole, joined(logs), report_of(scene, frame, w, recorder, start.first, finite))
+    return RunResult(tracer, whole, _joined(logs), report_of(scene, frame, w, recorder, start.first, finite))
 
 
 def _to_last_sample(
@@ -128,41 +123,36 @@ def _to_last_sample(
 ) -> bool:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
     scene, frame = prepared.scene, prepared.frame
-    before, events, estimated = _block_and_time(w), 0, w.calendar.width
+    before, events, estimated = time_since_start(w), 0, w.calendar.width
     few = most = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
+    settled = 0.0 if start.equilibrating else scene.equilibrate.time
     quarter = quarter_of(recorder, w)
-    while True:
+    while w.progress[ws.SAMPLE] < len(recorder.block):
         w.progress[ws.STOP] = saving.due()
-        done, elapsed = events_so_far(w), time_since_start(w)
+        done, began = events_so_far(w), time_since_start(w)
         outcome = advance(w, quarter, most)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
+            now = time_since_start(w)
             events += most if outcome == ws.PAUSED else len(recorder.log_time)
-            w = with_fitting_buckets(w, events_so_far(w) - done, time_since_start(w) - elapsed, estimated)
+            w = with_fitting_buckets(w, events_so_far(w) - done, now - began, estimated)
             most = few if w.calendar.width < estimated else EVENTS_PER_CALL
-            if events >= max(EVENTS_PER_CALL, 2 * scene.particles):
-                _refuse_standstill(w, frame, before, events)
-                before, events = _block_and_time(w), 0
-            stages.within(_fraction(scene, frame, w, start.equilibrating))
+            if events >= max(EVENTS_PER_CALL, 2 * scene.particles):  # each block begins with an event of every disk
+                _refuse_standstill(scene, frame, now, now - before, events)
+                before, events = now, 0
+            stages.within((settled + now * frame.time) / (scene.equilibrate.time + scene.duration))
         if len(recorder.log_time):
-            logs.append(logged(recorder, w, frame))
+            logs.append(_logged(recorder, w, frame))
             w.progress[ws.LOGGED] = 0
         if outcome == ws.CELL_FULL:
             return False
-        if outcome == ws.DONE:
-            if len(recorder.quarter):
-                take_totals(recorder, w)
-            if w.progress[ws.SAMPLE] == len(recorder.block):
-                return True
+        if outcome == ws.DONE and len(recorder.quarter):
+            _take_totals(recorder, w)
             quarter = quarter_of(recorder, w)
         if outcome == ws.BLOCK_OVER:
-            saving.store(_state_of(w, recorder, start, logs))
-
-
-def _state_of(w: ws.Workspace, recorder: ws.Recorder, start: RunState, logs: list[Events]) -> RunState:
-    """Return a run at the end of a block, as views of the arrays of its workspace and recorder."""
-    arrays = _arrays_of(w, recorder)
-    arrays |= {name: arrays[name][: w.progress[ws.SAMPLE]] for name in SAMPLES}
-    return start._replace(motion=_moving(w), arrays=arrays, events=joined(logs))
+            arrays = _arrays_of(w, recorder)
+            arrays |= {name: arrays[name][: w.progress[ws.SAMPLE]] for name in SAMPLES}
+            saving.store(start._replace(motion=_motion(w), arrays=arrays, events=_joined(logs)))
+    return True
 
 
 def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
@@ -172,32 +162,14 @@ def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
     return arrays | {name: getattr(recorder, name) for name in SAMPLES}
 
 
-def _moving(w: ws.Workspace) -> np.ndarray:
+def _motion(w: ws.Workspace) -> np.ndarray:
     """Return positions and velocities (N, 4) of all disks, a view of the workspace."""
     return w.disk.reshape(-1, ws.ROW)[:, ws.MOTION]
 
 
-def _restore(state: RunState, w: ws.Workspace, recorder: ws.Recorder) -> list[Events]:
-    """Set a workspace and a recorder to a run's state; return the log so far, in parts.
-
-    Cells, event queue and neighbour lists are left alone, as the next block builds them anew.
-    """
-    begin(w, state.motion)
-    if state.arrays:
-        for name, array in _arrays_of(w, recorder).items():
-            array[: len(state.arrays[name])] = state.arrays[name]
-    return [] if state.events is None else [state.events]
-
-
-def _block_and_time(w: ws.Workspace) -> tuple[int, float]:
-    """Return the number of the current block and the time within it [engine's units]."""
-    return int(w.progress[ws.BLOCK]), float(w.tally[ws.NOW])
-
-
 def time_since_start(w: ws.Workspace) -> float:
     """Return the time since the beginning of a run [engine's unit]."""
-    block, time = _block_and_time(w)
-    return block * w.calendar.block + time
+    return float(w.progress[ws.BLOCK] * w.calendar.block + w.tally[ws.NOW])
 
 
 def events_so_far(w: ws.Workspace) -> int:
@@ -205,23 +177,137 @@ def events_so_far(w: ws.Workspace) -> int:
     return int(w.count.sum() - w.count[ws.STALE])
 
 
-def _fraction(scene: Scene, frame: Frame, w: ws.Workspace, equilibrating: bool) -> float:
-    """Return the fraction of a run that is done, in simulated time with that to equilibrate."""
-    elapsed = time_since_start(w) * frame.time
-    before = 0.0 if equilibrating else scene.equilibrate.time
-    return (before + elapsed) / (scene.equilibrate.time + scene.duration)
-
-
-def _refuse_standstill(w: ws.Workspace, frame: Frame, before: tuple[int, float], events: int) -> None:
-    """Raise RunError if at least `events` events since `before` took less time than round-off resolves.
-
-    At the start of a block each disk has one event, its prediction, at the same time: `events` must be twice as many.
-    """
-    block, time = _block_and_time(w)
-    elapsed = (block - before[0]) * w.calendar.block + (time - before[1])
-    if elapsed * len(frame.order) < SHORTEST_PATH * events:
-        now = (block * w.calendar.block + time) * frame.time
+def _refuse_standstill(scene: Scene, frame: Frame, now: float, elapsed: float, events: int) -> None:
+    """Raise RunError if so many events took less time than round-off resolves."""
+    if elapsed * scene.particles < SHORTEST_PATH * events:
         raise RunError(
-            f"no progress at t = {now:.9g}: {events} events took {elapsed * frame.time:.3g}; "
+            f"no progress at t = {now * frame.time:.9g}: {events} events took {elapsed * frame.time:.3g}; "
             "the disks touch all round, and must have room to move"
         )
+
+
+# -- samples and the log --------------------------------------------------------------------------------------------
+
+
+def new_recorder(prepared: PreparedScene, times: np.ndarray, record: Collection[str] = ()) -> ws.Recorder:
+    """Return an empty recorder for samples at the times (T,) [scene's units]; `record` as of `simulate`.
+
+    It also serves a run that restarts with larger cells: the duration of a block is that of the scene. Raises
+    RequestError if the last time is more blocks away than can be counted.
+    """
+    scene, frame, w, _ = prepared
+    n = scene.particles
+    log_length = EVENTS_PER_LOG if "events" in record else 0
+    engine_times = times / frame.time
+    block = np.floor(engine_times / w.calendar.block)
+    if len(block) and not block[-1] < MOST_BLOCKS:
+        longest = w.calendar.block * frame.time * MOST_BLOCKS
+        raise RequestError(
+            f"{scene.name}: duration: must be at most {longest:.3g} for disks so fast, not {times[-1]:g}"
+        )
+    return ws.Recorder(
+        tracer=int(frame.back[0]) if n else 0,
+        block=block.astype(np.int64),
+        time=engine_times - block * w.calendar.block,  # exact, as the length of a block is a power of two
+        **sample_arrays(len(times), n if "all" in record else 0),
+        **_quarter_arrays(scene, frame, times),
+        log_block=np.empty(log_length, np.int64),
+        log_time=np.empty(log_length),
+        log_pair=np.empty((log_length, 2), np.int32),
+        log_impulse=np.empty((log_length, 2)),
+    )
+
+
+def _logged(recorder: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
+    """Return the collisions in the recorder's log, in the scene's units and numbers of the disks."""
+    n = w.progress[ws.LOGGED]
+    time = (recorder.log_block[:n] * w.calendar.block + recorder.log_time[:n]) * frame.time
+    pair = recorder.log_pair[:n]
+    disks = np.where(pair >= 0, frame.order[np.maximum(pair, 0)], pair).astype(np.int32)  # < 0: a wall
+    return Events(time, disks[:, 0], disks[:, 1], recorder.log_impulse[:n] * frame.mass * frame.speed)
+
+
+def _joined(logs: list[Events]) -> Events | None:
+    """Return the parts of a log as one; None if there are none."""
+    return Events(*(np.concatenate(column) for column in zip(*logs, strict=True))) if logs else None
+
+
+# -- quarters of the run --------------------------------------------------------------------------------------------
+
+
+def _quarter_arrays(scene: Scene, frame: Frame, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the arrays of an empty Recorder for quarters of a run sampled at `times` (T,); empty if it has none.
+
+    The energy of a single species is that of the run, which is conserved: it is left out.
+    """
+    ends = ends_of_quarters(times)
+    if not (len(ends) and claims_equilibrium(scene)):
+        return {"quarter": ends[:0], "species": ends[:0], "totals": np.zeros((0, 2))}
+    table = species_table(scene)
+    kinds = len(table.name) if len(table.name) > 1 else 0
+    species = table.label[frame.order] if kinds else ends[:0]
+    return {"quarter": ends, "species": species, "totals": np.zeros((len(ends), 2 + kinds))}
+
+
+def quarter_of(recorder: ws.Recorder, w: ws.Workspace) -> ws.Recorder:
+    """Return the recorder for samples up to the next end of a quarter, or for all if there is none.
+
+    The kernel takes no totals itself: even where it never did, this made every collision 2 to 3 % slower.
+    """
+    ends = recorder.quarter[recorder.quarter >= w.progress[ws.SAMPLE]]
+    return recorder._replace(block=recorder.block[: ends[0] + 1]) if len(ends) else recorder
+
+
+def _take_totals(recorder: ws.Recorder, w: ws.Workspace) -> None:
+    """Write pair collisions and virial so far, and the kinetic energy of each species now, at the end of a quarter."""
+    for row in np.flatnonzero(recorder.quarter == w.progress[ws.SAMPLE] - 1):
+        totals = recorder.totals[row]
+        totals[:2] = w.count[ws.PAIRS], w.tally[ws.VIRIAL]
+        if len(recorder.species):
+            vx, vy = w.disk.reshape(-1, ws.ROW)[:, [ws.VX, ws.VY]].T
+            half_mass = 0.5 if w.mass is None else 0.5 * w.mass
+            totals[2:] = np.bincount(recorder.species, half_mass * (vx * vx + vy * vy), len(totals) - 2)
+
+
+def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
+    """Return what a run reports by quarters, in the scene's units; {} if nothing.
+
+    The energy of a quarter is the mean of those at its beginning and its end, per disk.
+    """
+    totals = recorder.totals
+    if not len(totals):
+        return {}
+    collisions, virial = np.diff(totals[:, :2], axis=0).T
+    values = {
+        "quarter_collisions": collisions.astype(np.int64),
+        "quarter_virial": virial * frame.mass * frame.speed * frame.length,
+    }
+    if len(recorder.species):
+        energy = (totals[1:, 2:] + totals[:-1, 2:]) / (2 * np.bincount(recorder.species))
+        values["quarter_energy"] = energy * frame.mass * frame.speed * frame.speed
+    return values
+
+
+# -- the report -----------------------------------------------------------------------------------------------------
+
+
+def report_of(
+    scene: Scene, frame: Frame, w: ws.Workspace, recorder: ws.Recorder, first: np.ndarray, finite: bool
+) -> dict[str, Any]:
+    """Return the report of a run from its workspace and recorder at the end, and its motion (N, 4) at the beginning.
+
+    A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers
+    that are not `finite`. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
+    """
+    mass = np.ones(len(first)) if w.mass is None else w.mass
+    count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :].tolist()
+    conserved = conservation(mass, first, _motion(w).copy(), impulses[1:])
+    # A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen: its distance from the
+    # cell then counts as an overlap.
+    overlap, stray = 1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0))), float(w.tally[ws.STRAY])
+    overlap = max(overlap, stray) if stray > HEALTH_BOUND else overlap
+    pinned = len(mass) > 0 and mass.max() == np.inf
+    sound = finite and overlap <= HEALTH_BOUND and (pinned or conserved.momentum_residual <= HEALTH_BOUND)
+    sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], conserved.fastest * time_since_start(w))
+    collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
+    return report(scene, frame, conserved, collisions, impulses, overlap, sound, _quarters(frame, recorder))

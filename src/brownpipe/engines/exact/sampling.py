@@ -10,31 +10,28 @@ import numpy as np
 from brownpipe.engines.collisions import encounter
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.disks import four_contact_distances, four_disks, four_shifted, position
+from brownpipe.engines.exact.workspace import four_contact_distances, four_disks, four_shifted, position
 from brownpipe.engines.fours import four, four_entries, least, where
 from brownpipe.engines.kernels import kernel
 
 
 @kernel
-def surroundings(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int) -> tuple[float, float, float, float]:
-    """Return centre and half sides (x, y, half width, half height) of the cell of disk i, or of its list's square."""
-    if lists is not None:
-        return lists.centre[2 * i], lists.centre[2 * i + 1], lists.half, lists.half
-    box, a = w.grid, ws.ROW * i
-    x, y = 0.5 * box.cell_width, 0.5 * box.cell_height
-    return box.x + (2.0 * w.link[a + ws.CELL_COLUMN] + 1.0) * x, box.y + (2.0 * w.link[a + ws.CELL_ROW] + 1.0) * y, x, y
-
-
-@kernel
 def audit_place(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: float) -> None:
-    """Record in STRAY how far disk i is outside its cell or square, in cells.
+    """Record in STRAY how far disk i is outside its cell, or the square of its list, in cells.
 
     A disk that crossed an edge unnoticed could pass through another between two predictions without a visible overlap.
     """
-    centre_x, centre_y, half_width, half_height = surroundings(lists, w, i)
+    box, a = w.grid, ws.ROW * i
+    if lists is not None:
+        half_width = half_height = lists.half
+        centre_x, centre_y = lists.centre[2 * i], lists.centre[2 * i + 1]
+    else:
+        half_width, half_height = 0.5 * box.cell_width, 0.5 * box.cell_height
+        centre_x = box.x + (2.0 * w.link[a + ws.CELL_COLUMN] + 1.0) * half_width
+        centre_y = box.y + (2.0 * w.link[a + ws.CELL_ROW] + 1.0) * half_height
     x, y = position(w, i, now)
-    beyond_x = (abs(x - centre_x) - half_width) / w.grid.cell_width
-    beyond_y = (abs(y - centre_y) - half_height) / w.grid.cell_height
+    beyond_x = (abs(x - centre_x) - half_width) / box.cell_width
+    beyond_y = (abs(y - centre_y) - half_height) / box.cell_height
     w.tally[ws.STRAY] = max(w.tally[ws.STRAY], max(beyond_x, beyond_y))
 
 
@@ -43,40 +40,21 @@ def audit(w: ws.Workspace, i: int, now: float) -> None:
     """Check disk i for overlaps with its neighbours (NEAREST), and its position against its cell (STRAY)."""
     audit_place(w.lists, w, i, now)
     x_i, y_i = position(w, i, now)
-    m = cells.gather(w.big, w, i)
+    m = cells.gather(w.big, w, i, ws.PAIR)
     for j in range(0, m, 4):
         candidate = four_entries(w.candidate, j, m, i)
         k = candidate & ws.DISK_MASK
         x_k, y_k, u, v, _, radius = four_disks(w, k, now)
         x, y = four_shifted(w.shift, candidate, x_k - x_i, y_k - y_i)
         sigma = four_contact_distances(w.mass, w, i, radius)
-        c = encounter(x, y, u, v, sigma)[1]  # whatever the velocities
-        w.tally[ws.NEAREST] = min(w.tally[ws.NEAREST], least(where(k != i, c / (sigma * sigma), four(math.inf))))
-
-
-@kernel
-def boxes_beyond(image: np.ndarray | None, w: ws.Workspace, x: float, y: float) -> tuple[int, int]:
-    """Return how many boxes to the right and above a position is.
-
-    It can be outside a periodic box, as with neighbour lists a disk is wrapped only when it leaves its square.
-    """
-    if image is None:
-        return 0, 0
-    return math.floor((x - w.grid.x) / w.grid.width), math.floor((y - w.grid.y) / w.grid.height)
-
-
-@kernel
-def write_image(
-    image: np.ndarray | None, i: int, images: np.ndarray, sample: int, column: int, across: int, up: int
-) -> None:
-    """Write the image of disk i, how often it has left a periodic box, to (sample, column) of a record."""
-    if image is not None:
-        images[sample, column, 0] = image[2 * i] + across
-        images[sample, column, 1] = image[2 * i + 1] + up
+        sigma2 = sigma * sigma
+        c = encounter(x, y, u, v, sigma2)[1]  # whatever the velocities
+        w.tally[ws.NEAREST] = min(w.tally[ws.NEAREST], least(where(k != i, c / sigma2, four(math.inf))))
 
 
 @kernel
 def write_motion(
+    image: np.ndarray | None,
     w: ws.Workspace,
     i: int,
     now: float,
@@ -86,14 +64,19 @@ def write_motion(
     sample: int,
     column: int,
 ) -> None:
-    """Write position, velocity and image of disk i at the time now to (sample, column) of a record."""
+    """Write position, velocity and image of disk i at the time now to (sample, column) of a record.
+
+    A disk can be outside a periodic box, as with neighbour lists it is wrapped only when it leaves its square.
+    """
     x, y = position(w, i, now)
-    across, up = boxes_beyond(w.image, w, x, y)
-    positions[sample, column, 0] = x - across * w.grid.width
-    positions[sample, column, 1] = y - up * w.grid.height
+    if image is not None:
+        across, up = math.floor((x - w.grid.x) / w.grid.width), math.floor((y - w.grid.y) / w.grid.height)
+        x, y = x - across * w.grid.width, y - up * w.grid.height
+        images[sample, column, 0] = image[2 * i] + across
+        images[sample, column, 1] = image[2 * i + 1] + up
+    positions[sample, column, 0], positions[sample, column, 1] = x, y
     velocities[sample, column, 0] = w.disk[ws.ROW * i + ws.VX]
     velocities[sample, column, 1] = w.disk[ws.ROW * i + ws.VY]
-    write_image(w.image, i, images, sample, column, across, up)
 
 
 @kernel
@@ -103,11 +86,11 @@ def take_sample(w: ws.Workspace, r: ws.Recorder, now: float) -> None:
     w.progress[ws.SAMPLE] = sample + 1
     if len(w.disk) == 0:
         return
-    write_motion(w, r.tracer, now, r.position, r.velocity, r.image, sample, 0)
+    write_motion(w.image, w, r.tracer, now, r.position, r.velocity, r.image, sample, 0)
     whole = r.whole_position.shape[1] > 0
     is_last = sample == len(r.block) - 1
     first, end = (0, len(w.disk) // ws.ROW) if whole or is_last else (r.tracer, r.tracer + 1)
     for i in range(first, end):
         audit(w, i, now)
         if whole:
-            write_motion(w, i, now, r.whole_position, r.whole_velocity, r.whole_image, sample, i)
+            write_motion(w.image, w, i, now, r.whole_position, r.whole_velocity, r.whole_image, sample, i)

@@ -1,4 +1,4 @@
-"""The arrays on which the kernels of the exact engine work, and the names of their columns.
+"""The arrays on which the kernels of the exact engine work, the names of their columns, and a disk's motion in them.
 
 How to read a kernel
 --------------------
@@ -11,7 +11,7 @@ How to read a kernel
     w.event_time  EVENT_ROW * i    `---'   the first 8 bytes of that row, as a float64
 
 `w.disk[ROW * i + VX]` is the x velocity of disk i. (Two-dimensional arrays cost 10 to 28 % of the speed.) No index is
-negative (see `engines.indices`). A `four` of numbers belongs to four disks (see `engines.fours`).
+negative (see `engines.compiler`). A `four` of numbers belongs to four disks (see `engines.fours`).
 
 An optional field is an argument of its own beside `w`, as in `gather(w.big, w, i)`: where the argument is
 None, Numba removes the branch behind `if big is not None` when it compiles; a branch on `w.big` would remain. Every
@@ -24,6 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.engines.collisions import shares
+from brownpipe.engines.fours import all_bits, four, four_columns
+from brownpipe.engines.kernels import kernel
 from brownpipe.engines.records import by_reference
 
 # A row of `disk`: position and velocity at the disk's own time TIME; the time of its next pair collision; how often its
@@ -168,3 +171,118 @@ class Recorder(NamedTuple):
     log_time: np.ndarray  # (L,) float64, within the block
     log_pair: np.ndarray  # (L, 2) int32, the disks; the second is -side for a wall
     log_impulse: np.ndarray  # (L, 2) float64, given to the first disk
+
+
+# -- a disk, and a pair of disks as seen from one of them -------------------------------------------------------------
+# A disk's position is that at its own time TIME, from which it moves straight. `mass` and `shift` may be None.
+
+
+@kernel
+def contact_distance(mass: np.ndarray | None, w: Workspace, i: int, k: int) -> float:
+    """Return sigma of disks i and k; without masses all disks are equal."""
+    if mass is None:
+        return w.grid.sigma
+    return w.disk[ROW * i + RADIUS] + w.disk[ROW * k + RADIUS]
+
+
+@kernel
+def radius_of(mass: np.ndarray | None, w: Workspace, i: int) -> float:
+    """Return the radius of disk i."""
+    if mass is None:
+        return 0.5 * w.grid.sigma
+    return w.disk[ROW * i + RADIUS]
+
+
+@kernel
+def mass_of(mass: np.ndarray | None, i: int) -> float:
+    """Return the mass of disk i."""
+    if mass is None:
+        return 1.0
+    return mass[i]
+
+
+@kernel
+def apply_impulse(mass: np.ndarray | None, w: Workspace, i: int, k: int, fx: float, fy: float) -> float:
+    """Apply eqs. (5)-(6) to the velocities of disks i and k; return m, where m f is the impulse given to disk i."""
+    disk, a, b = w.disk, ROW * i, ROW * k
+    if mass is None:
+        disk[a + VX] += fx
+        disk[a + VY] += fy
+        disk[b + VX] -= fx
+        disk[b + VY] -= fy
+        return 1.0
+    whole_a, part_a, whole_b, part_b, impulse_mass = shares(mass[i], mass[k])
+    disk[a + VX] = disk[a + VX] + whole_a * fx + part_a * fx
+    disk[a + VY] = disk[a + VY] + whole_a * fy + part_a * fy
+    disk[b + VX] = disk[b + VX] - whole_b * fx - part_b * fx
+    disk[b + VY] = disk[b + VY] - whole_b * fy - part_b * fy
+    return impulse_mass
+
+
+@kernel
+def shifted(shift: np.ndarray | None, candidate: int, x: float, y: float) -> tuple[float, float]:
+    """Return the position of the candidate whose disk is at (x, y): periodic images are displaced by a box."""
+    if shift is None:
+        return x, y
+    a = SHIFT_ROW * (candidate >> DISK_BITS)
+    return x + shift[a], y + shift[a + 1]
+
+
+@kernel
+def position(w: Workspace, i: int, now: float) -> tuple[float, float]:
+    """Return the position of disk i at the time now."""
+    a = ROW * i
+    dt = now - w.disk[a + TIME]
+    return w.disk[a + X] + w.disk[a + VX] * dt, w.disk[a + Y] + w.disk[a + VY] * dt
+
+
+@kernel
+def relative_motion(w: Workspace, i: int, candidate: int, now: float) -> tuple[float, float, float, float]:
+    """Return position and velocity of a candidate relative to disk i, (x, y, u, v) of `collisions.encounter`."""
+    k = candidate & DISK_MASK
+    x_i, y_i = position(w, i, now)
+    x_k, y_k = position(w, k, now)
+    x, y = shifted(w.shift, candidate, x_k - x_i, y_k - y_i)
+    disk, a, b = w.disk, ROW * i, ROW * k
+    return x, y, disk[b + VX] - disk[a + VX], disk[b + VY] - disk[a + VY]
+
+
+@kernel
+def move(w: Workspace, i: int, now: float) -> None:
+    """Advance disk i to the time now."""
+    a = ROW * i
+    w.disk[a + X], w.disk[a + Y] = position(w, i, now)
+    w.disk[a + TIME] = now
+
+
+# -- four disks at a time, see `engines.fours` ------------------------------------------------------------------------
+
+
+@kernel
+def four_disks(w: Workspace, k: np.ndarray, now: float) -> tuple[np.ndarray, ...]:
+    """Return position at the time now, velocity, time of the next pair collision and radius of four disks."""
+    x, y, vx, vy = four_columns(w.disk, ROW * k)
+    time, pair_time, _, radius = four_columns(w.disk, ROW * k + TIME)
+    dt = now - time
+    return x + vx * dt, y + vy * dt, vx, vy, pair_time, radius
+
+
+@kernel
+def four_contact_distances(mass: np.ndarray | None, w: Workspace, i: int, radius: np.ndarray) -> np.ndarray:
+    """Return sigma of disk i and four others, as of `contact_distance`."""
+    if mass is None:
+        return four(w.grid.sigma)
+    return w.disk[ROW * i + RADIUS] + radius
+
+
+@kernel
+def four_shifted(
+    shift: np.ndarray | None, candidate: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions of four candidates, as of `shifted`; seldom is one of them an image."""
+    if shift is None:
+        return x, y
+    if all_bits(candidate) <= DISK_MASK:
+        return x, y
+    across, up, _, _ = four_columns(shift, (candidate >> DISK_BITS) * SHIFT_ROW)
+    return x + across, y + up

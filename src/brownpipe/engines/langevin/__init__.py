@@ -9,11 +9,11 @@ bath the neighbours form a cage; neither tail nor cage is modelled. docs/theory.
 
 import math
 from collections.abc import Collection, Sequence
-from typing import NoReturn
+from typing import Literal, NoReturn
 
 from brownpipe.engines import forecast
-from brownpipe.engines.definition import Definition, one_of
-from brownpipe.engines.friction import DENSEST, bath_of, bath_share, followed, friction_rate, partners_of
+from brownpipe.engines.forecast import Definition, Setting
+from brownpipe.engines.friction import DENSEST, bath_of, bath_share, followed, friction_rate, moves, partners_of
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables import of_tracer
@@ -28,9 +28,8 @@ RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.
 RATE_RUNS = 8  # of the exact engine that share these collisions
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
 SECONDS_PER_RUN = 7.5e-5  # CPU seconds, most of them to set up random number generators
-SECONDS_PER_SAMPLE = 1.3e-7  # CPU seconds
 BYTES_PER_SAMPLE = 180.0  # of memory, during a run: random numbers, the path and intermediate arrays
-FRICTIONS = ("enskog", "boltzmann", "measured")
+Friction = Literal["enskog", "boltzmann", "measured"]
 
 
 def refuse_unfit(scene: Scene, settings: dict, record: Collection[str] = frozenset({"tracer"})) -> None:
@@ -46,13 +45,9 @@ def refuse_unfit(scene: Scene, settings: dict, record: Collection[str] = frozens
     if _mass_ratio(scene) < LIGHTEST:
         ratio = f"the disk that is followed has {_mass_ratio(scene):.3g} times the mass of the heaviest of the others"
         _refuse(scene, f"is for a heavy tracer: {ratio}; must be at least {LIGHTEST:g}")
-    temperature = bath_of(scene).temperature
-    moves = bool(scene.velocities.temperature or scene.velocities.standard_deviation)
-    if not math.isfinite(temperature):
-        _refuse(scene, "needs a temperature of the bath below 1.8e308")
-    if moves and not min(temperature, temperature / followed(scene).mass) >= SMALLEST_NORMAL:
-        shown = f"{temperature:.3g} for a disk of mass {followed(scene).mass:g}"
-        _refuse(scene, f"needs kT and kT/m of at least {SMALLEST_NORMAL:.3g}, found kT = {shown}; choose other units")
+    energy = bath_of(scene).temperature
+    if moves(scene) and not SMALLEST_NORMAL <= min(energy, energy / followed(scene).mass) <= energy < math.inf:
+        _refuse(scene, f"needs kT and kT/m from {SMALLEST_NORMAL:.3g} to 1.8e308, found kT = {energy:.3g}")
     if settings["friction"] == "enskog" and scene.packing_fraction > DENSEST:
         phi = f"the packing fraction is {scene.packing_fraction:.4g}; must be at most {DENSEST:g}"
         _refuse(scene, f"has no contact value for --friction enskog: {phi}, or --friction measured")
@@ -99,25 +94,25 @@ def _forecast(
     scene: Scene, settings: dict, record: Collection[str], observables: Collection[str], average: str
 ) -> forecast.Cost:
     """Return the cost of a run; measuring the friction by runs of the exact engine costs once per process."""
-    seconds = SECONDS_PER_RUN + SECONDS_PER_SAMPLE * len(scene.times)
-    seconds += forecast.seconds_to_measure_tracer(scene, observables, average)
-    exact = forecast.of_run(scene, record, observables, average)
-    storing = forecast.SECONDS_PER_BYTE * exact.recorded
+    names, average = of_tracer(observables, average)
+    exact = forecast.of_run(scene, record, names, average)
+    seconds = SECONDS_PER_RUN + forecast.seconds_to_record(len(scene.times), exact.recorded)
+    seconds += forecast.seconds_to_measure(scene, names, average, of_bath=False)
     once, working = 0.0, BYTES_PER_SAMPLE * len(scene.times)
-    if rate_scene := scene_with_disks(scene, settings):
+    if rate_scene := scene_of_rate(scene, settings["friction"]):
         rate = forecast.of_run(rate_scene)
         once, working = RATE_RUNS * rate.seconds, max(rate.working, working)
-    return forecast.Cost(0.0, 0.0, seconds, exact.recorded, exact.kept, working, storing, once)
+    return forecast.Cost(0.0, 0.0, seconds, exact.recorded, exact.kept, working, once)
 
 
-def scene_with_disks(scene: Scene, settings: dict) -> Scene | None:
+def scene_of_rate(scene: Scene, friction: str) -> Scene | None:
     """Return the scene in which the exact engine measures the tracer's collision rate.
 
     None if the friction is not `measured`, or nothing moves. All disks are in equilibrium at the temperature of the
     bath, and the tracer moves freely. The rate, from the first RATE_RUNS seeds, is an average over the positions of the
     tracer and does not depend on the seeds of the study.
     """
-    expected = partners_of(scene).rate.sum() if settings["friction"] == "measured" else 0.0
+    expected = partners_of(scene).rate.sum() if friction == "measured" else 0.0
     if expected == 0:
         return None
     duration = float(RATE_COLLISIONS / (RATE_RUNS * expected))
@@ -134,13 +129,11 @@ LANGEVIN = Definition(
     name="langevin",
     summary="the tracer alone, in friction and noise",
     simulation="brownpipe.engines.langevin.simulation",
-    settings={"friction": one_of(FRICTIONS, "WHICH", "enskog, boltzmann or measured")},
+    settings={"friction": Setting(Friction, "WHICH", "enskog, boltzmann or measured")},
     model=_model,
     refuse_unfit=refuse_unfit,
     caution=caution,
     forecast=_forecast,
-    scene_with_disks=scene_with_disks,
-    measured=of_tracer,
-    counts_collisions=False,
+    moves_all_disks=False,
     candidates=lambda scene: [{"friction": "enskog"}],  # it needs no runs of the exact engine
 )

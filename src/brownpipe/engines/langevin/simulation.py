@@ -12,23 +12,27 @@ the friction near them. The noise is one random stream for each (N, seed). With 
 gives another path, of the same distribution.
 """
 
+import math
 from collections.abc import Collection, Sequence
 from functools import partial
 
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines.compiling import compile_all
+from brownpipe.elementary import exp, expm1, tanh
 from brownpipe.engines.ensemble import Ensemble, RunResult, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
-from brownpipe.engines.langevin import RATE_RUNS, refuse_unfit, scene_with_disks
-from brownpipe.engines.langevin.step import fold, follow, step_weights
+from brownpipe.engines.kernels import compile_all, entry_point
+from brownpipe.engines.langevin import RATE_RUNS, refuse_unfit, scene_of_rate
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
 from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
+
+FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) cancels and is summed as a power series
+MOST_BOXES = 2.0**30  # greatest distance of the free path from the box, in sides of the box
 
 
 def simulate(
@@ -69,7 +73,7 @@ def simulate(
 
 def rate_of(scene: Scene, friction: str) -> float:
     """Return gamma [1/time] as `friction.friction_rate` does; for `measured`, after runs of the exact engine."""
-    rate_scene = scene_with_disks(scene, {"friction": friction})
+    rate_scene = scene_of_rate(scene, friction)
     return friction_rate(scene, friction, None if rate_scene is None else _collision_rate(rate_scene))
 
 
@@ -97,9 +101,101 @@ def _path(scene: Scene, mass: np.ndarray, seed: int, weights: np.ndarray) -> np.
 
 
 def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
-    """Return the track (M = 1) of a free path (T, 2, 2) in the box, and whether the path is known, by `step.fold`."""
+    """Return the track (M = 1) of a free path (T, 2, 2) in the box, and whether the path is known, by `fold`."""
     region = scene.box.accessible(followed(scene).radius)
     position, velocity = np.empty((2, len(path), 1, 2))
     image = np.empty((len(path), 1, 2), np.int32) if scene.box.periodic else None
     known = fold(path, *region, position, velocity, image)
     return Track(position, velocity, image), known
+
+
+# -- the exact step, of any length: D. T. Gillespie, Phys. Rev. E 54, 2084 (1996) --------------------------------------
+
+
+def step_weights(dt: np.ndarray, gamma: float, square_speed: float) -> np.ndarray:
+    """Return the weights (steps, 4) e, w1, w2, w3 of exact steps of lengths `dt` (steps,) [time].
+
+    `gamma` is the friction rate [1/time], `square_speed` the variance kT/m of a velocity component [length^2/time^2].
+
+    v' = e v + w1 xi and x' = x + w2 (v + v') + w3 eta with independent standard normal xi, eta, where X = gamma dt,
+    e = exp(-X), w1^2 = kT/m (1 - e^2), w2 = tanh(X/2)/gamma, w3^2 = 2 kT/(m gamma^2) (X - 2 tanh(X/2)). This is
+    equivalent to Gillespie's pair of correlated random numbers: given v and v', the displacement x' - x is normal with
+    mean w2 (v + v') and standard deviation w3. Without friction x' = x + v dt. docs/theory.md, section 4.
+    """
+    dt = np.asarray(dt, float)
+    x = gamma * dt
+    speed = np.sqrt(square_speed)
+    w1 = speed * np.sqrt(-expm1(-2 * x))
+    w2 = dt / 2 * _tanh_ratio(x / 2)
+    w3 = dt * np.sqrt(2 * _undetermined(x)) * speed
+    return np.stack([exp(-x), w1, w2, w3], axis=-1)
+
+
+def _tanh_ratio(y: np.ndarray) -> np.ndarray:
+    """Return tanh(y)/y, 1 at y = 0."""
+    safe = np.where(y == 0.0, 1.0, y)
+    return np.where(y == 0.0, 1.0, tanh(safe) / safe)
+
+
+def _undetermined(x: np.ndarray) -> np.ndarray:
+    """Return (x - 2 tanh(x/2))/x^2; below FLAT by five terms of the power series of tanh, exact to round-off."""
+    y2 = (np.minimum(x, FLAT) / 2) ** 2
+    series = x / 12 * (1 + y2 * (-2 / 5 + y2 * (17 / 105 + y2 * (-62 / 945 + y2 * 1382 / 51975))))
+    safe = np.where(x < FLAT, 1.0, x)
+    return np.where(x < FLAT, series, (1 - 2 * tanh(safe / 2) / safe) / safe)
+
+
+@entry_point
+def follow(path: np.ndarray, normal: np.ndarray, weights: np.ndarray) -> None:
+    """Continue a path from its first entry, in place.
+
+    path (T, 2, 2) holds positions and velocities; normal (T - 1, 2, 2) standard normal numbers xi and eta for each
+    step and coordinate; weights (T - 1, 4) is from `step_weights`.
+    """
+    for k in range(len(normal)):
+        decay, w1, w2, w3 = weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3]
+        for c in range(2):
+            v = path[k, 1, c]
+            after = decay * v + w1 * normal[k, 0, c]
+            path[k + 1, 1, c] = after
+            path[k + 1, 0, c] = path[k, 0, c] + w2 * (v + after) + w3 * normal[k, 1, c]
+
+
+@entry_point
+def fold(
+    path: np.ndarray,
+    low: np.ndarray,
+    size: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    image: np.ndarray | None,
+) -> bool:
+    """Fold a free path (T, 2, 2) into a region from `low` (2,) of a `size` (2,): the one that the centre can reach.
+
+    It is written to `position` and `velocity` (T, 1, 2): wrapped, with an `image` (T, 1, 2) int32 counted from the
+    first sample on, or without one mirrored at the walls. Return whether the path is finite and close enough to the
+    box: further away than MOST_BOXES sides the round-off of a position exceeds 2e-7 of the box, and soon an int32
+    cannot count the images.
+    """
+    known = True
+    for c in range(2):
+        furthest, high = MOST_BOXES * size[c], np.nextafter(low[c] + size[c], low[c])
+        first = 0.0
+        for t in range(len(path)):
+            x, v, boxes = path[t, 0, c], path[t, 1, c], 0.0
+            known &= math.isfinite(x) and math.isfinite(v)
+            if size[c] > 0.0:
+                known &= abs(x - low[c]) < furthest
+                boxes = np.floor((x - low[c]) / size[c])
+                boxes = min(max(boxes, -MOST_BOXES), MOST_BOXES) if math.isfinite(boxes) else 0.0
+            if image is not None:
+                first = boxes if t == 0 else first
+                image[t, 0, c] = int(boxes - first)
+                x = min(max(x - boxes * size[c], low[c]), high)
+            else:
+                x = x - low[c] - boxes * size[c]
+                if boxes % 2.0 == 1.0:
+                    x, v = size[c] - x, -v
+                x = low[c] + min(max(x, 0.0), max(size[c], 0.0))
+            position[t, 0, c], velocity[t, 0, c] = x, v
+    return known

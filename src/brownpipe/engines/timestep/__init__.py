@@ -5,11 +5,12 @@ This file has its `Definition`, and the time steps that a scene can be run with;
 
 import math
 from collections.abc import Collection
+from typing import Literal
 
 import numpy as np
 
 from brownpipe.engines import forecast
-from brownpipe.engines.definition import Definition, Setting, one_of
+from brownpipe.engines.forecast import Definition, Setting
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import Positive
@@ -76,7 +77,7 @@ def _forecast(
     exact = forecast.of_run(scene, record, observables, average)
     steps = scene.duration / settings["time_step"]
     seconds = SECONDS_PER_DISK_STEP * scene.particles * steps
-    seconds += SECONDS_PER_CROSSING * scene.duration * forecast.crossing_rate(scene, forecast.mixture_of(scene))
+    seconds += SECONDS_PER_CROSSING * scene.duration * forecast.crossing_rate(scene)
     return exact._replace(seconds=exact.seconds + seconds)
 
 
@@ -86,11 +87,11 @@ TIMESTEP = Definition(
     simulation="brownpipe.engines.timestep.simulation",
     settings={
         "time_step": Setting(Positive, "DT", "must be given"),
-        "collisions": one_of(COLLISIONS, "WHEN", "at_contact (default) or late", default="at_contact"),
+        "collisions": Setting(Literal[COLLISIONS], "WHEN", "at_contact (default) or late", "at_contact"),
     },
     model=lambda scenes, settings: "all disks, in time steps",
     refuse_unfit=refuse_unfit,
-    caution=forecast.few_collisions,
+    caution=forecast.caution,
     forecast=_forecast,
     candidates=lambda scene: [{"time_step": float(f"{largest_step(scene) * part:.1g}")} for part in TRIAL_STEPS],
 )

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.ensemble import Ensemble, RunResult, make_runs, new_batch
-from brownpipe.engines.exact.equilibration import equilibrate, prepare_equilibration
+from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
+from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.recording import (
     conservation,
     images_fit,
@@ -29,12 +29,15 @@ from brownpipe.engines.recording import (
 )
 from brownpipe.engines.timestep import refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
-from brownpipe.engines.timestep.layout import begin, prepare
 from brownpipe.engines.timestep.steps import advance
-from brownpipe.engines.units import Frame, State, frame_of, motion_of
+from brownpipe.engines.timestep.workspace import EngineBox, PairList, Workspace
+from brownpipe.engines.units import Frame, State, common_radius, frame_of, motion_of, rms_speed
 from brownpipe.scene import Scene
 
 REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
+REAL_ARRAYS = ("x", "y", "vx", "vy", "x_at_build", "y_at_build", "sorted_x", "sorted_y", "sorted_radius")
+INT_ARRAYS = ("disk", "image_x", "image_y", "order", "cell", "scratch")
+SKIN_FACTOR = 3.2  # measured factor of `skin_of`
 DISK_STEPS_PER_CALL = 100_000_000  # between two chances for Python to handle signals
 
 
@@ -45,7 +48,7 @@ class SteppingSetup(NamedTuple):
     frame: Frame
     time_step: float  # [time]
     collisions: str
-    workspace: ws.Workspace
+    workspace: Workspace
 
 
 def simulate(
@@ -113,11 +116,79 @@ def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> RunResu
     return RunResult(tracer, whole, None, report_of(scene, frame, w, first, finite))
 
 
-def _with_twice_the_capacity(setup: SteppingSetup, w: ws.Workspace) -> ws.Workspace:
+def _with_twice_the_capacity(setup: SteppingSetup, w: Workspace) -> Workspace:
     """Return the workspace in its present state with lists of twice the capacity."""
     larger = prepare(*setup[:-1], capacity=2 * len(w.within.a))
     names = ("within", "across", "candidate", "contact_time", "contact_key", "contact_pair")
     return w._replace(**{name: getattr(larger, name) for name in names})
+
+
+# -- the workspace of a scene ----------------------------------------------------------------------------------------
+
+
+def prepare(scene: Scene, frame: Frame, time_step: float, collisions: str, capacity: int = 0) -> Workspace:
+    """Return a workspace for the runs of a scene; `capacity` of the lists of pairs where the default was too small."""
+    n, box = scene.particles, scene.box
+    radius = scene.radius[frame.order] / frame.length
+    common = common_radius(radius) if n else 0.5
+    x, y = ((np.array((box.x[0], box.y[0])) - frame.origin) / frame.length).tolist()
+    width, height = box.width / frame.length, box.height / frame.length
+    capacity = max(capacity, 16 * n + 64)
+
+    def pairs(capacity: int) -> PairList:
+        return PairList(*(np.zeros(capacity, kind) for kind in (np.uint32, np.uint32, float, float, float)))
+
+    return Workspace(
+        box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
+        step=time_step / frame.time,
+        late=collisions == "late",
+        skin=2 * common * skin_of(scene, time_step),
+        common_radius=float(common),
+        big=int(np.count_nonzero(radius > common)),
+        tracer=int(frame.back[0]) if n else 0,
+        **{name: np.zeros(n) for name in REAL_ARRAYS},
+        radius=radius,
+        **{name: np.zeros(n, np.int32) for name in INT_ARRAYS},
+        mass=scene.mass[frame.order] / frame.mass,
+        straight_since=np.zeros(n),
+        cell_start=np.zeros(4 * n + 9, np.int32),
+        within=pairs(capacity),
+        across=pairs(capacity if box.periodic else 0),
+        candidate=np.zeros(2 * capacity, np.uint32),
+        contact_time=np.zeros(2 * capacity),
+        contact_key=np.zeros(2 * capacity, np.int64),
+        contact_pair=np.zeros(2 * capacity, np.uint32),
+        counters=np.zeros(ws.COUNTERS, np.int64),
+        count=np.zeros(ws.COUNTS, np.int64),
+        tally=np.zeros(ws.TALLY),
+    )
+
+
+def skin_of(scene: Scene, time_step: float) -> float:
+    """Return the skin of the lists, in contact distances, at which a run costs least.
+
+    Per step, listed pairs cost in proportion to phi skin, and building lists costs in proportion to (path per
+    step)/skin. The sum is least for a skin in proportion to sqrt(path per step/phi).
+    """
+    sigma = 2 * common_radius(scene.radius) if scene.particles else 1.0
+    path = rms_speed(scene) * time_step / sigma
+    most = 0.5 * min(scene.box.width, scene.box.height) / sigma
+    return min(SKIN_FACTOR * math.sqrt(path / max(scene.packing_fraction, 1e-6)), most)
+
+
+def begin(w: Workspace, motion: np.ndarray) -> None:
+    """Set a workspace to the start of a run with positions and velocities (N, 4), as `engines.units.motion_of` returns.
+
+    BUDGET is negative, so that the first step builds the lists.
+    """
+    w.x[:], w.y[:], w.vx[:], w.vy[:] = motion.T
+    w.x_at_build[:], w.y_at_build[:] = w.x, w.y
+    w.radius[:] = w.radius[np.argsort(w.disk, kind="stable")]
+    w.disk[:] = np.arange(len(w.disk))
+    w.image_x[:], w.image_y[:], w.straight_since[:] = 0, 0, 0.0
+    w.counters[:], w.count[:], w.tally[:] = 0, 0, 0.0
+    w.counters[ws.TRACER] = w.tracer
+    w.tally[ws.BUDGET], w.tally[ws.NEAREST] = -1.0, 1.0
 
 
 # -- samples and reports --------------------------------------------------------------------------------------------
@@ -137,7 +208,7 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
     )
 
 
-def report_of(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray, finite: bool) -> dict[str, Any]:
+def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finite: bool) -> dict[str, Any]:
     """Return the report of a run from its workspace at the end and its motion (N, 4) at the beginning.
 
     It fails, too, if its samples are not `finite`.
@@ -154,7 +225,7 @@ def report_of(scene: Scene, frame: Frame, w: ws.Workspace, first: np.ndarray, fi
     return report(scene, frame, conserved, collisions, impulses, overlap, sound, missed)
 
 
-def _are_inside(scene: Scene, frame: Frame, w: ws.Workspace, place: np.ndarray) -> bool:
+def _are_inside(scene: Scene, frame: Frame, w: Workspace, place: np.ndarray) -> bool:
     """Whether, between walls, no disk at `place` (N, 2) has escaped: REACHES."""
     if w.box.periodic:
         return True

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from brownpipe.engines.collisions import exchange, shares
+from brownpipe.engines.collisions import encounter, exchange, shares
 from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import local_copy
 from brownpipe.engines.timestep import verlet_lists
@@ -24,12 +24,11 @@ MOST_HITS = 1e6  # wall hits of a disk in a step; with more, in a very narrow ga
 @kernel
 def fly(w: ws.Workspace, x: np.ndarray, y: np.ndarray, vx: np.ndarray, vy: np.ndarray, radius: np.ndarray) -> int:
     """Move all disks straight for a time step; return how many of them then reach beyond a wall."""
-    dt, left, right, bottom, top = w.real[ws.DT], w.real[ws.LEFT], w.real[ws.RIGHT], w.real[ws.BOTTOM], w.real[ws.TOP]
-    beyond = 0
+    dt, box, beyond = w.step, w.box, 0
     for i in range(len(x)):
         x[i] += vx[i] * dt
         y[i] += vy[i] * dt
-        beyond += reaches_beyond(x[i], y[i], radius[i], left, right, bottom, top)
+        beyond += reaches_beyond(x[i], y[i], radius[i], box.x, box.right, box.y, box.top)
     return beyond
 
 
@@ -40,65 +39,41 @@ def reaches_beyond(x: float, y: float, r: float, left: float, right: float, bott
 
 
 @kernel
-def candidates_within(
-    x: np.ndarray,
-    y: np.ndarray,
-    a: np.ndarray,
-    b: np.ndarray,
-    contact: np.ndarray,
-    number: int,
-    slack: float,
-    candidate: np.ndarray,
-) -> int:
-    """Write the pairs of a list that overlap, or did within the last two steps, to `candidate`; return their number.
+def candidates(images: ws.PairList | None, w: ws.Workspace, pairs: ws.PairList, number: int, first: int, m: int) -> int:
+    """Append the pairs of a list that overlap, or did within the last two steps, to m candidates; return their number.
 
-    Every pair is written, but the count increases only if it is close enough, so that there is no branch to predict.
+    The pairs are numbered from `first`; `images` are those of a disk and a periodic image. Every pair is written, but
+    the number increases only if it is close enough, so that there is no branch to predict.
     """
-    m = 0
+    slack = w.tally[ws.SLACK]
     for j in range(number):
-        dx, dy = x[b[j]] - x[a[j]], y[b[j]] - y[a[j]]
-        candidate[m] = j
-        m += dx * dx + dy * dy < contact[j] + slack
+        x, y = w.x[pairs.b[j]] - w.x[pairs.a[j]], w.y[pairs.b[j]] - w.y[pairs.a[j]]
+        if images is not None:
+            x, y = x + images.shift_x[j], y + images.shift_y[j]
+        w.candidate[m] = first + j
+        m += x * x + y * y < pairs.contact[j] + slack
     return m
 
 
 @kernel
-def candidates_across(w: ws.Workspace, pairs: ws.PairList, number: int, slack: float, offset: int, m: int) -> int:
-    """Append pairs of a disk and a periodic image, numbered from `offset`, to m candidates; return the new number."""
-    for j in range(number):
-        dx = w.x[pairs.b[j]] - w.x[pairs.a[j]] + pairs.shift_x[j]
-        dy = w.y[pairs.b[j]] - w.y[pairs.a[j]] + pairs.shift_y[j]
-        w.candidate[m] = offset + j
-        m += dx * dx + dy * dy < pairs.contact[j] + slack
-    return m
-
-
-@kernel
-def relative(w: ws.Workspace, pair: int) -> tuple[int, int, float, float, float, float]:
-    """Return disks a and b of a pair, and the position and velocity of b relative to a.
+def relative(w: ws.Workspace, pair: int) -> tuple[int, int, float, float, float, float, float]:
+    """Return disks a and b of a pair, the position and velocity of b relative to a, and sigma^2.
 
     `pair` below the capacity of a list is an index into `w.within`; the others, less the capacity, are indices into
     `w.across`. Disk a has the lower number in the engine.
     """
     j, capacity = pair, len(w.within.a)
     if j < capacity:
-        a, b = int(w.within.a[j]), int(w.within.b[j])
+        a, b, sigma2 = int(w.within.a[j]), int(w.within.b[j]), w.within.contact[j]
         x, y = w.x[b] - w.x[a], w.y[b] - w.y[a]
     else:
         j -= capacity
-        a, b = int(w.across.a[j]), int(w.across.b[j])
+        a, b, sigma2 = int(w.across.a[j]), int(w.across.b[j]), w.across.contact[j]
         x = w.x[b] - w.x[a] + w.across.shift_x[j]
         y = w.y[b] - w.y[a] + w.across.shift_y[j]
     if w.disk[a] > w.disk[b]:
         a, b, x, y = b, a, -x, -y
-    return a, b, x, y, w.vx[b] - w.vx[a], w.vy[b] - w.vy[a]
-
-
-@kernel
-def squared_contact(w: ws.Workspace, pair: int) -> float:
-    """Return sigma^2 of a listed pair."""
-    capacity = len(w.within.a)
-    return w.within.contact[pair] if pair < capacity else w.across.contact[pair - capacity]
+    return a, b, x, y, w.vx[b] - w.vx[a], w.vy[b] - w.vy[a], sigma2
 
 
 @kernel
@@ -108,35 +83,29 @@ def time_since_contact(x: float, y: float, u: float, v: float, sigma2: float) ->
     (x, y) and (u, v) are their present relative position and velocity. Of the two roots of the quadratic equation this
     is the one at which they approached, in a form without cancellation.
     """
-    approach, speed2, cross = x * u + y * v, u * u + v * v, x * v - y * u
-    root = speed2 * sigma2 - cross * cross
-    if root <= 0.0:
+    b, c, d = encounter(x, y, u, v, sigma2)
+    if d <= 0.0:
         return -1.0
-    root = math.sqrt(root)
-    return (approach + root) / speed2 if approach > 0.0 else (sigma2 - (x * x + y * y)) / (root - approach)
+    root = math.sqrt(d)
+    return (b + root) / (u * u + v * v) if b > 0.0 else -c / (root - b)
 
 
 @kernel
-def met_late(w: ws.Workspace, x: float, y: float, u: float, v: float, sigma2: float) -> bool:
-    """Return whether two disks overlap; if not, count them as missed if they met and separated within the step."""
-    approach, speed2, cross = x * u + y * v, u * u + v * v, x * v - y * u
-    if x * x + y * y < sigma2:
-        return True
-    w.count[ws.MISSED] += (approach > 0.0) & (approach < speed2 * w.step) & (cross * cross < sigma2 * speed2)
-    return False
+def gather_contacts(w: ws.Workspace, number: int, now: float) -> int:
+    """Write those candidates that met by the time `now`, with the time of contact; return their number.
 
-
-@kernel
-def gather_contacts(w: ws.Workspace, candidates: int, now: float) -> int:
-    """Write those candidates that met by the time `now`, with the time of contact; return their number."""
+    Late collisions are of pairs that overlap now; pairs that met and separated within the step are counted as missed.
+    """
     n, m = len(w.x), 0
-    for c in range(candidates):
-        pair = int(w.candidate[c])
-        a, b, x, y, u, v = relative(w, pair)
-        sigma2, i, k = squared_contact(w, pair), int(w.disk[a]), int(w.disk[b])
+    for j in range(number):
+        pair = int(w.candidate[j])
+        one, other, x, y, u, v, sigma2 = relative(w, pair)
+        i, k = int(w.disk[one]), int(w.disk[other])
         w.tally[ws.NEAREST] = min(w.tally[ws.NEAREST], (x * x + y * y) / sigma2)
         if w.late:
-            met, since = met_late(w, x, y, u, v, sigma2), 0.0
+            b, c, d = encounter(x, y, u, v, sigma2)
+            met, since = c < 0.0, 0.0
+            w.count[ws.MISSED] += (c >= 0.0) & (b > 0.0) & (b < (u * u + v * v) * w.step) & (d > 0.0)
         else:
             met, since = meeting(w, i, k, now, x, y, u, v, sigma2)
         if met:
@@ -202,12 +171,12 @@ def collide(w: ws.Workspace, pair: int, now: float) -> None:
 
     An earlier collision of the same step may have changed a path; if the pair then no longer meets, nothing happens.
     """
-    a, b, x, y, u, v = relative(w, pair)
+    a, b, x, y, u, v, sigma2 = relative(w, pair)
     i, k, back = int(w.disk[a]), int(w.disk[b]), 0.0
     if w.late:
         met = x * u + y * v < 0.0
     else:
-        met, back = meeting(w, i, k, now, x, y, u, v, squared_contact(w, pair))
+        met, back = meeting(w, i, k, now, x, y, u, v, sigma2)
     if not met:
         return
     x, y = x - u * back, y - v * back
@@ -231,24 +200,17 @@ def deflect(w: ws.Workspace, i: int, fx: float, fy: float, gx: float, gy: float,
     ux, uy = w.vx[i], w.vy[i]
     w.vx[i] = ux + fx + gx
     w.vy[i] = uy + fy + gy
-    raise_speed_bound(w, i)
+    speed = math.sqrt(w.vx[i] * w.vx[i] + w.vy[i] * w.vy[i])
+    if speed > w.tally[ws.FASTEST]:
+        verlet_lists.set_fastest(w, speed)
     if back == 0.0:
         return 0.0
     dx, dy = (w.vx[i] - ux) * back, (w.vy[i] - uy) * back
     w.x[i] = w.x[i] + dx
     w.y[i] = w.y[i] + dy
-    left, right, bottom, top = w.real[ws.LEFT], w.real[ws.RIGHT], w.real[ws.BOTTOM], w.real[ws.TOP]
-    w.counters[ws.BEYOND] += reaches_beyond(w.x[i], w.y[i], w.radius[i], left, right, bottom, top)
+    box = w.box
+    w.counters[ws.BEYOND] += reaches_beyond(w.x[i], w.y[i], w.radius[i], box.x, box.right, box.y, box.top)
     return math.sqrt(dx * dx + dy * dy)
-
-
-@kernel
-def raise_speed_bound(w: ws.Workspace, i: int) -> None:
-    """Raise the upper bound on all speeds if disk i exceeds it."""
-    speed = math.sqrt(w.vx[i] * w.vx[i] + w.vy[i] * w.vy[i])
-    if speed > w.tally[ws.FASTEST]:
-        w.tally[ws.FASTEST] = speed
-        w.real[ws.SLACK] = verlet_lists.slack(speed * w.step)
 
 
 @kernel
@@ -295,30 +257,22 @@ def bounce(
 
 
 @kernel
-def bounce_all(w: ws.Workspace, now: float) -> None:
-    """Reflect all disks that reach beyond a wall."""
-    left, right = w.real[ws.LEFT], w.real[ws.RIGHT]
-    bottom, top = w.real[ws.BOTTOM], w.real[ws.TOP]
-    for i in range(len(w.x)):
-        x, y, r = w.x[i], w.y[i], w.radius[i]
-        bounce(w, w.x, w.vx, i, left - (x - r), x + r - right, right - left - 2.0 * r, 0, now)
-        bounce(w, w.y, w.vy, i, bottom - (y - r), y + r - top, top - bottom - 2.0 * r, 2, now)
-
-
-@kernel
 def step(w: ws.Workspace) -> None:
     """Take a time step: flight, pair collisions in the order of time, wall collisions."""
     w.counters[ws.BEYOND] = fly(w, w.x, w.y, w.vx, w.vy, w.radius)
-    pairs, slack, now = w.within, w.real[ws.SLACK], (w.counters[ws.STEP] + 1) * w.step
-    m = candidates_within(w.x, w.y, pairs.a, pairs.b, pairs.contact, w.counters[ws.WITHIN], slack, w.candidate)
-    m = candidates_across(w, w.across, w.counters[ws.ACROSS], slack, len(pairs.a), m)
+    box, now = w.box, (w.counters[ws.STEP] + 1) * w.step
+    m = candidates(None, w, w.within, w.counters[ws.WITHIN], 0, 0)
+    m = candidates(w.across, w, w.across, w.counters[ws.ACROSS], len(w.within.a), m)
     if m > 0:
         m = gather_contacts(w, m, now)
         sort_contacts(w, m)
         for j in range(m):
             collide(w, int(w.contact_pair[j]), now)
-    if w.counters[ws.BEYOND] > 0 and not w.box.periodic:
-        bounce_all(w, now)
+    if w.counters[ws.BEYOND] > 0 and not box.periodic:
+        for i in range(len(w.x)):
+            x, y, r = w.x[i], w.y[i], w.radius[i]
+            bounce(w, w.x, w.vx, i, box.x - (x - r), x + r - box.right, box.right - box.x - 2.0 * r, 0, now)
+            bounce(w, w.y, w.vy, i, box.y - (y - r), y + r - box.top, box.top - box.y - 2.0 * r, 2, now)
     w.tally[ws.BUDGET] -= w.tally[ws.FASTEST] * w.step
     w.counters[ws.STEP] += 1
 

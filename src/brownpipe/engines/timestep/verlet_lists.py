@@ -18,20 +18,10 @@ WORTH = 0.25  # the lists are kept while at least this part of the skin is unuse
 
 
 @kernel
-def survey(w: ws.Workspace) -> tuple[float, float]:
-    """Return the largest distance of a disk from its position when the lists were built, and the highest speed."""
-    furthest, fastest = 0.0, 0.0
-    for i in range(len(w.x)):
-        x, y = w.x[i] - w.x_at_build[i], w.y[i] - w.y_at_build[i]
-        furthest = max(furthest, x * x + y * y)
-        fastest = max(fastest, w.vx[i] * w.vx[i] + w.vy[i] * w.vy[i])
-    return math.sqrt(furthest), math.sqrt(fastest)
-
-
-@kernel
-def slack(path: float) -> float:
-    """Return the largest excess of r^2 over sigma^2 two steps after contact, for disks with this path per step."""
-    return 16.0 * path * path
+def set_fastest(w: ws.Workspace, speed: float) -> None:
+    """Set the upper bound on all speeds, and by how much r^2 then exceeds sigma^2 two steps after contact."""
+    path = speed * w.step
+    w.tally[ws.FASTEST], w.tally[ws.SLACK] = speed, 16.0 * path * path
 
 
 @kernel
@@ -40,11 +30,14 @@ def renew(w: ws.Workspace) -> bool:
 
     BUDGET becomes the distance that any disk may still move before the next call.
     """
-    furthest, fastest = survey(w)
-    w.tally[ws.FASTEST] = fastest
-    limit = 2.0 * fastest * w.step  # by how much a pair may come nearer in a step
-    w.real[ws.SLACK] = slack(fastest * w.step)
-    free = 0.5 * SAFE * w.tally[ws.SKIN] - furthest
+    furthest, fastest = 0.0, 0.0  # squares of the path since the lists were built, and of the speed
+    for i in range(len(w.x)):
+        x, y = w.x[i] - w.x_at_build[i], w.y[i] - w.y_at_build[i]
+        furthest = max(furthest, x * x + y * y)
+        fastest = max(fastest, w.vx[i] * w.vx[i] + w.vy[i] * w.vy[i])
+    set_fastest(w, math.sqrt(fastest))
+    limit = 2.0 * w.tally[ws.FASTEST] * w.step  # by how much a pair may come nearer in a step
+    free = 0.5 * SAFE * w.tally[ws.SKIN] - math.sqrt(furthest)
     if free < max(0.5 * WORTH * w.tally[ws.SKIN], limit) or w.counters[ws.OVERFULL]:
         w.tally[ws.SKIN] = max(w.skin, 1.5 * limit)
         free = 0.5 * SAFE * w.tally[ws.SKIN]

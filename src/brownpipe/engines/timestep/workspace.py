@@ -1,7 +1,7 @@
 """The arrays on which the time-stepping kernels work, in the engine's units, one array per quantity.
 
-Real numbers are float64. Disks are stored roughly in the order of their cells, big
-ones first; `disk` has the engine's number of the disk at each place in memory.
+Real numbers are float64. Disks are stored roughly in the order of their cells, big ones first; `disk` has the engine's
+number of the disk at each place in memory.
 """
 
 from typing import NamedTuple
@@ -15,12 +15,11 @@ from brownpipe.engines.records import by_reference
 STEP, SAMPLE, TRACER, WITHIN, ACROSS, BEYOND, OVERFULL, LISTS_BUILT, COUNTERS = range(9)
 # w.count: collisions of pairs, of the tracer, with walls, and missed ones
 PAIRS, TRACER_PAIRS, WALLS, MISSED, COUNTS = range(5)
-# w.tally: the distance a disk may move before the lists are checked, an upper bound on all speeds, the skin, the least
-# squared distance of a pair / sigma^2, the virial, the impulses given to the walls left, right, bottom, top
-BUDGET, FASTEST, SKIN, NEAREST, VIRIAL, WALL_IMPULSE = range(6)
+# w.tally: the distance a disk may move before the lists are checked, an upper bound on all speeds, the skin, by how
+# much the squared distance of candidates may exceed sigma^2, the least squared distance of a pair / sigma^2, the
+# virial, the impulses given to the walls left, right, bottom, top
+BUDGET, FASTEST, SKIN, SLACK, NEAREST, VIRIAL, WALL_IMPULSE = range(7)
 TALLY = WALL_IMPULSE + 4
-# w.real: the time step, by how much the squared distance of candidates may exceed sigma^2, the walls
-DT, SLACK, LEFT, RIGHT, BOTTOM, TOP, REALS = range(7)
 
 DONE, PAUSED, LISTS_FULL = range(3)  # why `advance` returned
 
@@ -33,6 +32,8 @@ class EngineBox(NamedTuple):
     y: float
     width: float
     height: float
+    right: float
+    top: float
     periodic: bool
 
 
@@ -77,7 +78,6 @@ class Workspace(NamedTuple):
     cell: np.ndarray  # (N,) int32, the cell of each disk
     cell_start: np.ndarray  # (4 N + 9,) int32, where each cell starts in `order`
     scratch: np.ndarray  # (N,) int32
-    real: np.ndarray  # (REALS,)
     within: PairList  # pairs of disks in the box
     across: PairList  # pairs of a disk and a periodic image
     candidate: np.ndarray  # (2 C,) uint32, listed pairs close enough to have met
