@@ -113,7 +113,7 @@ ACCEPTED = {
     "scene": [file for file in SCENES if not file.stem.startswith(("refuse_", "expected"))],
     "study": [*(ROOT / "config").glob("*.yaml")],
 }
-OF_THE_NOTE = {"scenes", "particles", "shown_particles", "seeds", "figures"}
+OF_THE_NOTE = {"scenes", "particles", "shown_particles", "seeds", "title", "note", "panel", "figures"}
 OF_THE_NOTE |= {"fit_windows", "displacement_times", "rings"}
 
 

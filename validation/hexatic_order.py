@@ -94,7 +94,7 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     """Draw pressure and orientational order against the packing fraction."""
     cases = list(_cases(datasets["hexatic_order"]))
     figure, ((above,), (below,)) = grid(2, 1, 5.0, 2.7, sharex=True)
-    for (n, published), (colour, line, marker) in zip(LI.items(), SERIES, strict=True):
+    for (n, published), (colour, line, marker) in zip(LI.items(), SERIES, strict=False):
         phi, pressure = np.array([(phi, value) for phi, (value, _) in published.items()]).T
         above.plot(phi, pressure, linestyle=line, color=colour if n < 1000 else GREY, label=f"$N = {n}$, Li et al.")
         own = [(phi, case) for number, phi, case in cases if number == n]

@@ -60,7 +60,7 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     figure, ((left, right),) = grid(1, 2, 4.1, 3.1)
     line = np.linspace(0, 1.05 * x.max())
     terms = [b * line**k for k, b in enumerate(VIRIAL_COEFFICIENTS[1:])]
-    for last, (colour, dashes, _) in zip((2, 3, 4, 5, 10), (*SERIES, (INK, "-", "")), strict=True):
+    for last, (colour, dashes, _) in zip((2, 3, 4, 5, 10), (*SERIES[:4], (INK, "-", "")), strict=True):
         looks = {"color": colour, "linestyle": dashes, "linewidth": 1.2, "label": f"series to $B_{{{last}}}$"}
         left.plot(line, sum(terms[: last - 1]), **looks)
         right.plot(line, 1e3 * (sum(terms[: last - 1]) / sum(terms) - 1), **looks)

@@ -79,7 +79,7 @@ def draw(found: Found) -> Figure:
     """Draw the energy drift and the worst overlap against the number of events."""
     figure, (panels,) = grid(1, 2, 4.4, 3.5)
     names = dict.fromkeys(scene for scene, _ in found)
-    looks = dict(zip((*OTHERS, GAME), SERIES[1:], strict=True))
+    looks = dict(zip((*OTHERS, GAME), SERIES[1:], strict=False))
     labels = {"energy_drift": "energy drift (relative)", "worst_overlap": "worst overlap [contact distances]"}
     for axes, (field, label) in zip(panels, labels.items(), strict=True):
         for name, colour in zip(names, shades(len(names)), strict=True):

@@ -58,7 +58,7 @@ def _cell(gap: float, run: Outcome | None) -> str:
 def draw(found: Found) -> Figure:
     """Draw the worst overlap and the energy drift against the gap."""
     figure, (panels,) = grid(1, 2, 4.4, 3.5)
-    for (name, runs), (colour, line, marker) in zip(found.items(), SERIES, strict=True):
+    for (name, runs), (colour, line, marker) in zip(found.items(), SERIES, strict=False):
         looks = {"color": colour, "linestyle": line, "marker": marker, "label": name}
         gaps = np.array(list(runs))
         panels[0].plot(gaps, [max(run.worst_overlap, 1e-17) for run in runs.values()], **looks)

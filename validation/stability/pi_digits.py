@@ -52,7 +52,7 @@ def _cell(run: Outcome | None) -> str:
 def draw(found: Found) -> Figure:
     """Draw the error of the count and the energy drift against k."""
     figure, (panels,) = grid(1, 2, 4.4, 3.5)
-    for (name, runs), (colour, line, marker) in zip(found.items(), SERIES, strict=True):
+    for (name, runs), (colour, line, marker) in zip(found.items(), SERIES, strict=False):
         looks = {"color": colour, "linestyle": line, "marker": marker, "label": name}
         panels[0].plot(list(runs), [run.events - math.floor(10**k * math.pi) for k, run in runs.items()], **looks)
         panels[1].plot(list(runs), [max(abs(run.energy_drift), 1e-17) for run in runs.values()], **looks)

@@ -100,7 +100,7 @@ def _cell(values: np.ndarray) -> str:
 def draw(found: Reversals) -> Figure:
     """Draw distances against T, and separations against time."""
     figure, ((left, right),) = grid(1, 2, 4.4, 3.5)
-    for (name, distance), (colour, line, marker) in zip(found.distance.items(), SERIES, strict=True):
+    for (name, distance), (colour, line, marker) in zip(found.distance.items(), SERIES, strict=False):
         seen = ~np.isnan(distance).all(axis=0)
         if seen.any():
             middle = np.median(distance[:, seen], axis=0)
