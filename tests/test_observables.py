@@ -199,7 +199,7 @@ def test_density_profile_is_that_of_plain_loops(boundary):
 def test_averages_are_those_of_plain_loops(boundary, average):
     scene = make(boundary, (*BATH, {"name": "same", "count": 4, **TRACER}))  # 2.05 is no multiple of 0.1
     run = made_up(scene)
-    found = observe(scene, run, TRACER_ALONE, average)
+    found = observe(scene, run, (*TRACER_ALONE, "bath_velocity_autocorrelation"), average)
     unwrapped = run.whole.position
     if boundary == P:
         unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
@@ -475,12 +475,12 @@ def test_what_needs_every_disk():
     for scene, names, average, expected in (
         (make(), (), "runs", False),
         (make(), SQUARE, "origins", False),
-        (make(), ("velocity_autocorrelation",), "runs", True),  # that of the bath
+        (make(), ("bath_velocity_autocorrelation",), "runs", True),
         (alone, ("square_displacement", "velocity_autocorrelation"), "runs", False),
         (alone, SQUARE, "disks", True),
         (alone, ("species_energy",), "runs", True),
     ):
-        assert observables.needs_every_disk(scene, names, average) == expected
+        assert observables.needs_every_disk(names, average) == expected
         found = simulate(scene, [0, 1], {"none"}, observables=names, average=average)
         assert observables.arrays_of(scene, names) == tuple(name for name in MEASURED if name in found.observables)
 
@@ -496,7 +496,7 @@ def test_the_tracer_is_enough_exactly_where_the_record_says_so(name):
         except AttributeError:  # it reads from None
             found = {}
         enough = found.keys() == expected.keys()
-        assert observables.needs_every_disk(scene, (name,)) != enough
+        assert observables.needs_every_disk((name,)) != enough
         assert all(np.array_equal(found[array], expected[array]) for array in found)
         assert bool(observables.of_tracer((name,))[0]) == (next(iter(OBSERVABLES[name].arrays)) in found)
 
@@ -520,7 +520,7 @@ def test_the_record_of_an_observable_is_complete(name):
     lone = make(kinds=())
     assert next(iter(observable.arrays.values())).is_there(lone) or observable.unfit(lone)
     assert observable.seconds_per_disk_sample > 0
-    assert (observable.seconds_per_product > 0) == observable.of_single_disks
+    assert (observable.seconds_per_product > 0) == (observable.of != "all")
 
 
 def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, capsys):
@@ -531,7 +531,7 @@ def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, ca
 
     costs = {"seconds_per_disk_sample": 1e-3, "seconds_per_product": 1e-2}
     arrays = {"tracer_speed": RunArray(("time",), "length/time", "speed of the tracer")}
-    monkeypatch.setitem(OBSERVABLES, "speed", Observable(speed, arrays, of_single_disks=True, **costs))
+    monkeypatch.setitem(OBSERVABLES, "speed", Observable(speed, arrays, of="tracer", **costs))
     monkeypatch.setitem(ARRAYS, "tracer_speed", arrays["tracer_speed"])
     monkeypatch.chdir(tmp_path)
     (tmp_path / "some.yaml").write_text(TEXT.replace("BOUNDARY", P))
@@ -544,7 +544,7 @@ def test_a_new_observable_needs_nothing_but_its_record(tmp_path, monkeypatch, ca
     assert seen.observables["tracer_speed"][0, 0] ** 2 == pytest.approx(seen.observables["initial_square_speed"][0])
     assert "speed of the tracer (seed 1, time 21)" in inspection.report("x.h5")
     scene = read_scene("some.yaml")
-    assert not observables.needs_every_disk(scene, ("speed",))
+    assert not observables.needs_every_disk(("speed",))
     alone, by_origins = (
         forecast.of_run(scene, observables=names, average=average).seconds - forecast.of_run(scene).seconds
         for names, average in ((("speed",), "runs"), (("speed",), "origins"))

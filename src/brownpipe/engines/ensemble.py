@@ -71,7 +71,7 @@ class Batch(NamedTuple):
     @property
     def needed_record(self) -> frozenset[str]:
         """What the engine must record of a run: `record`, and every disk if an observable needs it."""
-        every_disk = observables.needs_every_disk(self.scene, self.observables, self.ensemble.average)
+        every_disk = observables.needs_every_disk(self.observables, self.ensemble.average)
         return self.record | {"all"} if every_disk else self.record
 
 

@@ -89,7 +89,7 @@ def of_run(
     wall_collisions = time * wall_rate(scene, mixture)
     collisions = pair_collisions + wall_collisions
     recorded, kept = _bytes_of_record(scene, record, observables, collisions)
-    every_disk = "all" in record or measures.needs_every_disk(scene, observables, average)
+    every_disk = "all" in record or measures.needs_every_disk(observables, average)
     disks_recorded = 1 + (scene.particles if every_disk else 0)
     working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * len(scene.times) * disks_recorded
     slower = max(scene.particles / FITS_CACHE, 1.0) ** SLOWER
@@ -133,19 +133,20 @@ def memory(cost: Cost, runs: int) -> float:
 def seconds_to_measure_tracer(scene: Scene, observables: Iterable[str], average: str) -> float:
     """Return the CPU seconds to measure the tracer's part of `observables`, for an engine of the tracer alone."""
     names, average = measures.of_tracer(observables, average)
-    return sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average, of_bath=False) for name in names)
+    return sum(_seconds_to_measure(scene, measures.OBSERVABLES[name], average) for name in names)
 
 
-def _seconds_to_measure(scene: Scene, observable: Observable, average: str, of_bath: bool = True) -> float:
-    """Return the CPU seconds to measure an observable in a run, or without its part `of_bath`."""
+def _seconds_to_measure(scene: Scene, observable: Observable, average: str) -> float:
+    """Return the CPU seconds to measure an observable in a run."""
     samples, disks = len(scene.times), scene.particles
-    if observable.of_single_disks:
+    if observable.of == "tracer":
         disks = len(equal_disks(scene)) if average == "disks" else 1
-        disks += len(bath_disks(scene)) if of_bath and observable.is_also_of_bath else 0
+    elif observable.of == "bath":
+        disks = len(bath_disks(scene))
     elif observable.is_over_samples and not is_stationary(scene):
         samples = 1
     of_sample = disks * observable.seconds_per_disk_sample
-    if average == "origins" and observable.of_single_disks:
+    if average == "origins" and observable.of != "all":
         of_sample = SECONDS_PER_LAG + disks * observable.seconds_per_product * samples / 2
     return SECONDS_TO_MEASURE + samples * of_sample
 

@@ -16,7 +16,7 @@ import numpy as np
 from brownpipe.errors import RequestError
 from brownpipe.observables import displacement, orientation, pairs, profile, quarters, time_origins, velocity
 from brownpipe.observables.observable import Axis, Observable, RunArray
-from brownpipe.observables.species import bath_disks, equal_disks, species_table
+from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.observables.time_origins import why_not_stationary
 from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
@@ -25,6 +25,7 @@ AVERAGES = ("runs", "origins", "disks")  # over runs alone, and within each run 
 OBSERVABLES: dict[str, Observable] = {
     "square_displacement": displacement.SQUARE_DISPLACEMENT,
     "velocity_autocorrelation": velocity.AUTOCORRELATION,
+    "bath_velocity_autocorrelation": velocity.BATH_AUTOCORRELATION,
     "species_energy": velocity.ENERGY,
     "velocity_distribution": velocity.DISTRIBUTION,
     "pair_distribution": pairs.DISTRIBUTION,
@@ -53,17 +54,14 @@ def observe(scene: Scene, run: Run, names: Iterable[str], average: str = "runs")
     return arrays
 
 
-def needs_every_disk(scene: Scene, names: Iterable[str], average: str = "runs") -> bool:
+def needs_every_disk(names: Collection[str], average: str = "runs") -> bool:
     """Return whether these observables need the tracks of all disks; otherwise the tracer's is enough."""
-    asked = [OBSERVABLES[name] for name in names]
-    if average == "disks" or not all(observable.of_single_disks for observable in asked):
-        return bool(asked)
-    return any(observable.is_also_of_bath for observable in asked) and len(bath_disks(scene)) > 0
+    return bool(names) and (average == "disks" or any(OBSERVABLES[name].of != "tracer" for name in names))
 
 
 def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, ...], str]:
     """Return which of these observables an engine of the tracer alone can measure, and with which average."""
-    names = tuple(name for name in names if OBSERVABLES[name].of_single_disks)
+    names = tuple(name for name in names if OBSERVABLES[name].of == "tracer")
     return names, average if names else "runs"
 
 
@@ -125,7 +123,7 @@ def _unfit_average(scene: Scene, names: tuple[str, ...], average: str) -> str | 
         return f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
     if average == "runs":
         return None
-    averageable = [name for name, observable in OBSERVABLES.items() if observable.of_single_disks]
+    averageable = [name for name, observable in OBSERVABLES.items() if observable.of == "tracer"]
     if not set(averageable) & set(names):
         return f"{average} needs {' or '.join(averageable)} among the observables"
     why = why_not_stationary(scene)
