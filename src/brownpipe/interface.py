@@ -8,7 +8,7 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 
 import reprlib
 import warnings
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,6 +17,7 @@ from xarray import Dataset, DataTree
 
 from brownpipe import progress
 from brownpipe.analysis import aggregate
+from brownpipe.analysis.dataset import refuse_taken
 from brownpipe.engines import read_record, requested
 from brownpipe.engines.ensemble import failures
 from brownpipe.engines.saturation import growth_caution
@@ -25,6 +26,7 @@ from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw
 from brownpipe.figures.style import image_bytes
 from brownpipe.inspection import read_contents
+from brownpipe.observables.own import named
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene
@@ -89,7 +91,7 @@ def simulate(
     particles: int | None = None,
     engine: str = "exact",
     record: str | Iterable[str] = "tracer",
-    observables: Collection[str] = (),
+    observables: Collection[str | Callable] = (),
     average: str = "runs",
     quiet: bool = False,
     **settings: object,
@@ -101,7 +103,8 @@ def simulate(
     particles: number of disks instead of that of the scene file.
     engine, settings: "exact", "timestep" (time_step=...) or "langevin" (friction=...), as in studies.
     record: "tracer", "all", "events", "none", or several of them.
-    observables, average: measured in each run, and over what displacements are averaged within it.
+    observables, average: measured in each run, by names or functions of your own, and over what displacements are
+    averaged within it.
     quiet: no progress on stderr.
 
     Returns a tree with `position` (time, seed, component) of the tracer [length] and the engine's report on each run
@@ -121,7 +124,8 @@ def simulate(
         raise RequestError("particles: must not be given with a scene, which has its number of disks")
     chosen = requested(engine, {key: plain(value) for key, value in settings.items()}, str)
     recorded = read_record(_words("record", record), "record")
-    names = tuple(filter(None, _words("observables", observables).split(",")))
+    given = observables.split(",") if isinstance(observables, str) else observables
+    names = tuple(filter(None, map(named, given)))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
         seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
     numbers = read_seeds(plain(seeds))
@@ -130,6 +134,7 @@ def simulate(
         warnings.warn(remark, stacklevel=2)
     with progress.shown("simulate", silent=quiet):
         ensemble = chosen.simulate(scene, numbers, recorded, observables=names, average=average)
+    refuse_taken(ensemble.own)
     if failed := failures(ensemble):
         warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=2)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))
@@ -197,7 +202,7 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation, velocity_distribution,
-    pair_distribution, energy, thermodynamics, scan or health.
+    pair_distribution, energy, own_observables, thermodynamics, scan or health.
     particles: show the runs with this many disks; by default each scene's largest number.
 
     Notebooks show it by themselves. Raises FigureError if the dataset has no data for it.

@@ -1,16 +1,39 @@
 """Observables whose averages over runs are of interest as they are; `brownpipe.observables` has unit and meaning."""
 
-from brownpipe.analysis.estimator import Columns, Estimator
-from brownpipe.analysis.variables import EACH, Mean
-from brownpipe.observables import ARRAYS
+import numpy as np
+
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
+from brownpipe.analysis.resampling import Estimate
+from brownpipe.analysis.runs import RunBlock
+from brownpipe.analysis.variables import EACH, Mean, Variable
+from brownpipe.observables import ARRAYS, AXES
+from brownpipe.observables.own import Own
 
 NAMES = (
     *("bath_velocity_autocorrelation", "species_energy", "density_profile"),
     *("orientational_order", "orientational_order_squared"),
 )
 
+
+def variables_of(own: Own) -> dict[str, Variable]:
+    """Return the variables of arrays that a user's own functions measured."""
+    return {
+        name: Mean((*EACH, *array.dims), array.units, array.long_name, extra={"observable": array.observable})
+        for name, array in own.items()
+    }
+
+
+def _columns(case: Case, runs: RunBlock) -> Columns:
+    return Columns({name: runs.observables[name] for name in (*NAMES, *case.own) if name in runs.observables})
+
+
+def _of_own(case: Case, averages: Averages) -> dict[str, Estimate | np.ndarray]:
+    """Return the averages of the user's own arrays, and numbers along their own dimensions."""
+    own = {name: array for name, array in case.own.items() if name in averages}
+    sizes = {dim: size for array in own.values() for dim, size in zip(array.dims, array.shape, strict=True)}
+    counted = {dim: np.arange(size) for dim, size in sizes.items() if dim not in AXES}
+    return {name: averages.estimate(name) for name in own} | counted
+
+
 VARIABLES = {name: Mean((*EACH, *ARRAYS[name].dims), *ARRAYS[name][1:3]) for name in NAMES}
-ESTIMATOR = Estimator(
-    lambda case, runs: Columns({name: runs.observables[name] for name in NAMES if name in runs.observables}),
-    VARIABLES,
-)
+ESTIMATOR = Estimator(_columns, VARIABLES, _of_own)

@@ -34,13 +34,16 @@ from brownpipe.analysis.variables import (
     SAME_TIME,
     VARIABLES,
     Variable,
+    names_of,
     with_uncertainties,
 )
 from brownpipe.analysis.varied import over_keys
 from brownpipe.engines.ensemble import HEALTH
 from brownpipe.engines.friction import default_windows
-from brownpipe.errors import AnalysisError
+from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.observables import AXES
+from brownpipe.observables.own import Own, OwnArray
+from brownpipe.storage.layout import MEANING
 from brownpipe.storage.origin import made_by, origin_attributes
 from brownpipe.storage.trajectories import Outline
 
@@ -53,8 +56,7 @@ ESTIMATORS = [module.ESTIMATOR for module in (*SINGLE, *COLLECTIVE)]
 TABLES = [VARIABLES, *(estimator.variables for estimator in ESTIMATORS)]
 ALL_VARIABLES = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
 ALWAYS = {name for estimator in ESTIMATORS if estimator.always for name in with_uncertainties(estimator.variables)}
-DIMENSIONS = {dim for one in ALL_VARIABLES.values() for dim in one.dims}
-ALL_COORDINATES = {dim: Variable((dim,), *AXES[dim][:2]) for dim in AXES if dim in DIMENSIONS} | COORDINATES
+ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | COORDINATES
 ALL_COORDINATES |= {name: one for estimator in ESTIMATORS for name, one in estimator.coordinates.items()}
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 
@@ -92,7 +94,7 @@ def aggregate(
     outlines = [group.outline for group in groups]
     fitted = windows or default_windows([outline.scene for outline in outlines])
     options = Options(fitted, edges, tuple(displacement_times or ()))
-    cases = [Case(one.scene, one.engine, one.times, options, one.average) for one in outlines]
+    own, cases = _own_of(outlines), [Case(*one[:2], one.times, options, one.average, own=one.own) for one in outlines]
     _refuse_unfit(options, cases)
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
     parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
@@ -101,8 +103,27 @@ def aggregate(
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
     attributes = ATTRIBUTES | {"msd_of": " or ".join(sorted({_followed(one) for one in outlines}))} | made
-    dataset = joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS)
+    variables = ALL_VARIABLES | with_uncertainties(averaged.variables_of(own))
+    dataset = joined(parts, variables, ALL_COORDINATES, attributes, ALWAYS)
     return over_keys(dataset, [outline.scene for outline in outlines], vary, vary_together)
+
+
+def _own_of(outlines: Sequence[Outline]) -> Own:
+    """Return the arrays of the user's own functions. Raises AnalysisError if cases differ in more than shapes."""
+    own: dict[str, OwnArray] = {}
+    for name, array in chain.from_iterable(outline.own.items() for outline in outlines):
+        if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):
+            raise AnalysisError(f"{name}: was measured by another function, or has other dimensions, in other runs")
+    return own
+
+
+def refuse_taken(own: Own) -> None:
+    """Raise RequestError for arrays of the user's own with names that variables of runs or datasets have."""
+    new = [(name, array.observable) for name, array in own.items() for name in (name, *array.dims) if name not in AXES]
+    for name, function in new:
+        taken = {*names_of(name)} & (ALL_VARIABLES.keys() | ALL_COORDINATES.keys() | MEANING.keys())
+        if taken:
+            raise RequestError(f"{function}: {name}: {min(taken)} is a name in runs or datasets; choose another one")
 
 
 def _followed(outline: Outline) -> str:
@@ -166,5 +187,6 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
     for estimator in ESTIMATORS:
         part |= estimator.estimate(case, averages)
     dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
+    dims |= {dim for array in case.own.values() for dim in array.dims}
     part |= {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
     return [part, *(labels | of_time for of_time in distribution.at_each_time(case, averages))]

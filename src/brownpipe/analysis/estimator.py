@@ -16,6 +16,7 @@ from brownpipe.analysis import resampling
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.variables import Variable, with_intervals
 from brownpipe.engines import Engine
+from brownpipe.observables.own import NO_OWN, Own
 from brownpipe.scene import Scene
 
 Arrays = Mapping[str, np.ndarray]
@@ -39,6 +40,7 @@ class Case(NamedTuple):
     options: Options
     average: str = "runs"  # what displacements and autocorrelations are averaged over (observables.AVERAGES)
     edges: tuple[np.ndarray, ...] = ()  # (K + 1,) edges of the rings at each of the displacement times
+    own: Own = NO_OWN  # arrays of the user's own functions
 
 
 class Columns(NamedTuple):

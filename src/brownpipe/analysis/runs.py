@@ -97,6 +97,8 @@ def _refuse_differing(files: Sequence[TrajectoryFile]) -> None:
             )
         if outline.tracer != first.tracer:
             raise AnalysisError(f"{other}: recorded with another --record than {path}; make one of the two again")
+        if outline.own and first.own and outline.own != first.own:
+            raise AnalysisError(f"{other}: measured by other functions than {path}; make one of the two again")
         if outline.average != first.average:
             raise AnalysisError(f"{other}: averages over {outline.average}, {path} over {first.average}; use one")
         if outline.source != first.source:

@@ -12,6 +12,7 @@ FOLLOWED = "a disk to follow"
 COLLISIONS = "disks, and an engine that counts their collisions"
 SCAN = "two particle counts or more, or a varied key"
 TRACKED = "record: tracer"
+OWN = "an observable of your own"
 SPREADING = "record: tracer, or square_displacement among the observables"
 
 
@@ -34,6 +35,7 @@ FIGURES = {
         Figure("velocity_distribution", ("the observable velocity_distribution",), ("velocity_density",)),
         Figure("pair_distribution", ("the observable pair_distribution",), ("pair_distribution",)),
         Figure("energy", ("the observable species_energy",), ("species_energy",)),
+        Figure("own_observables", (OWN,), every_count=True),
         Figure("thermodynamics", (COLLISIONS,), ("collision_rate",), every_count=True),
         Figure("scan", (SCAN, SPREADING), ("msd",), every_count=True),
         Figure("health", every_count=True),

@@ -4,7 +4,8 @@ import numpy as np
 
 from brownpipe.engines.ensemble import Ensemble, Events, Track, blank
 from brownpipe.errors import StorageError
-from brownpipe.observables import ARRAYS, AXES, axes
+from brownpipe.observables import ARRAYS, AXES
+from brownpipe.observables.own import NO_OWN, Own
 from brownpipe.scene import Scene
 
 MEANING = {  # variable: units, long_name
@@ -47,14 +48,16 @@ NO_OBSERVABLES = {*SCALES, *Track._fields, "stopped"}  # variables of the root
 Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the root first
 
 
-def described(name: str) -> dict[str, str]:
-    """Return the units and the meaning of a variable."""
+def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
+    """Return the units and the meaning of a variable, and the function that measured it if it is one's own."""
+    if name in own:
+        return {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
     arrays = {name: (array.units, array.long_name) for name, array in (AXES | ARRAYS).items()}
     units, long_name = (MEANING | arrays).get(name, ("1", name.replace("_", " ")))
     return {"units": units, "long_name": long_name}
 
 
-def dims_of(group: str, name: str) -> tuple[str, ...]:
+def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
     """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
     if name in SCALES:
         return (name,)
@@ -64,14 +67,15 @@ def dims_of(group: str, name: str) -> tuple[str, ...]:
         return ("time", "seed", "component") if group == "/" else ("time", "seed", "disk", "component")
     if group == "/disks":
         return ("disk",)
-    return ("seed", *ARRAYS[name].dims) if name in ARRAYS else ("seed",)
+    known = own if name in own else ARRAYS
+    return ("seed", *known[name].dims) if name in known else ("seed",)
 
 
 def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     """Return runs as the variables of each group; tracks of several whole runs, and collisions, are copied."""
-    arrays = ARRAYS.keys() & ensemble.observables
-    scales = {dim: np.asarray(values) for name in ARRAYS if name in arrays for dim, values in axes(scene, name).items()}
-    root = scales | {"time": ensemble.times, "seed": ensemble.seeds, "component": np.array(["x", "y"])}
+    along = [dim for name in ensemble.observables for dim in dims_of("/", name, ensemble.own) if dim in AXES]
+    root = {dim: np.asarray(AXES[dim].coordinates(scene)) for dim in along}
+    root |= {"time": ensemble.times, "seed": ensemble.seeds, "component": np.array(["x", "y"])}
     root |= _recorded(ensemble.tracer) | ensemble.observables
     if ensemble.stopped:
         root["stopped"] = np.array([ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()])
@@ -101,10 +105,10 @@ def _side_by_side(ensemble: Ensemble) -> Track:
     return Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
 
 
-def ensemble_of(scene: Scene, groups: Groups, average: str) -> Ensemble:
+def ensemble_of(scene: Scene, groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
     """Return the runs of such variables. Raises StorageError if their sizes are not those of scene and seeds."""
     root = groups["/"]
-    _refuse_sizes(scene, groups)
+    _refuse_sizes(scene, groups, own)
     seeds = root["seed"].tolist()
     stopped = {seed: str(reason) for seed, reason in zip(seeds, root.get("stopped", ()), strict=False) if reason}
     columns = {seed: column for column, seed in enumerate(seeds) if seed not in stopped}
@@ -118,18 +122,18 @@ def ensemble_of(scene: Scene, groups: Groups, average: str) -> Ensemble:
         events=_events(groups["/events"], [*columns]) if "/events" in groups else {},
         average=average,
         stopped=stopped,
+        own=own,
     )
 
 
-def _refuse_sizes(scene: Scene, groups: Groups) -> None:
+def _refuse_sizes(scene: Scene, groups: Groups, own: Own) -> None:
     """Raise StorageError for arrays whose sizes are not those of the scene, its sample times and the seeds."""
     sizes = {"time": len(scene.times), "seed": len(groups["/"]["seed"]), "disk": scene.particles, "component": 2}
     for group, variables in groups.items():
         for name, values in variables.items():
-            along = axes(scene, name) if name in ARRAYS else {}
-            expected = sizes | {dim: len(coordinates) for dim, coordinates in along.items()}
-            dims = zip(dims_of(group, name), values.shape, strict=True)
-            shape = tuple(expected.get(dim, size) for dim, size in dims)
+            dims = dims_of(group, name, own)
+            expected = {dim: len(AXES[dim].coordinates(scene)) for dim in dims if dim in AXES} | sizes
+            shape = tuple(expected.get(dim, size) for dim, size in zip(dims, values.shape, strict=True))
             if values.shape != shape:
                 raise StorageError(f"holds {name} of shape {values.shape}; its scene and seeds make it {shape}")
 

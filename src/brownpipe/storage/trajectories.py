@@ -15,6 +15,7 @@ from brownpipe.engines import Engine, recorded
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import observables_making
+from brownpipe.observables.own import NO_OWN, Own, own_arrays
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
@@ -48,7 +49,8 @@ class Trajectories(NamedTuple):
         ensemble = self.ensemble
         record = _record(ensemble.tracer is not None, ensemble.whole, ensemble.events)
         setting = (self.scene, self.engine, ensemble.seeds, ensemble.times)
-        return Outline(*setting, record, self.source, _measured(ensemble.observables), ensemble.average)
+        observables = _measured(ensemble.observables, ensemble.own)
+        return Outline(*setting, record, self.source, observables, ensemble.average, own=ensemble.own)
 
     @property
     def attributes(self) -> dict:
@@ -66,6 +68,7 @@ class Trajectories(NamedTuple):
             "command": simulate_command(outline, outline.seeds, ",".join(sorted(outline.record - {"tracer"}))),
             "source_digest": self.source,
             "runs_digest": "",
+            **({"own_arrays": json.dumps(outline.own)} if outline.own else {}),
         }
         return {**made, **versions(), **self.header}
 
@@ -82,6 +85,7 @@ class Outline(NamedTuple):
     observables: tuple[str, ...] | None = ()  # measured in the runs; None if none of them came to its end
     average: str = "runs"  # as in Ensemble
     digest: str = ""  # of all that determines the runs (`store.runs_digest`); empty for runs that were only saved
+    own: Own = NO_OWN  # what is said of arrays of the user's own functions
 
     @property
     def tracer(self) -> bool:
@@ -114,28 +118,28 @@ def write_trajectories(
     """
     source = source or source_digest(*modules_of("simulate", engine.name))
     attributes = Trajectories(scene, engine, ensemble, source).attributes | {"runs_digest": digest}
-    write_file(path, sealed(_to_bytes(groups_of(scene, ensemble), attributes)))
+    write_file(path, sealed(_to_bytes(groups_of(scene, ensemble), attributes, ensemble.own)))
 
 
-def _to_bytes(groups: Groups, attributes: dict) -> bytes:
+def _to_bytes(groups: Groups, attributes: dict, own: Own) -> bytes:
     """Return the bytes of an HDF5 file of these groups, which are emptied. The same groups give the same bytes."""
     with h5py.File.in_memory(block_size=2**20) as file:
         file.attrs.update(attributes)
         for path, variables in groups.items():
             group = file.require_group(path)
             for name in sorted(variables, key=lambda name: (name not in SCALES, name)):
-                _write_variable(group, name, variables.pop(name))  # whole runs are copies: one variable at a time
+                _write_variable(group, name, variables.pop(name), own)  # whole runs are copies: one variable at a time
         file.flush()
         return file.id.get_file_image()
 
 
-def _write_variable(group: h5py.Group, name: str, values: np.ndarray) -> None:
+def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) -> None:
     """Write a variable with units, meaning and the scales of its dimensions, which are in the group or in the root."""
     kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
-    dims = dims_of(group.name, name)
+    dims = dims_of(group.name, name, own)
     filters = _filters(dims, values) if values.nbytes > SMALL and values.dtype.kind in "iuf" else {}
     dataset = group.create_dataset(name, data=values.astype(kind, copy=False), **filters)
-    dataset.attrs.update(described(name))
+    dataset.attrs.update(described(name, own))
     if name in SCALES:
         dataset.make_scale(name)
         return
@@ -171,8 +175,13 @@ def trajectories_in(image: bytes) -> Trajectories:
         groups = {
             path: {name: values_of(item) for name, item in _variables(file[path])} for path in GROUPS if path in file
         }
-    ensemble = ensemble_of(scene, groups, header["average"])
+    ensemble = ensemble_of(scene, groups, header["average"], own_arrays_in(header))
     return Trajectories(scene, engine, ensemble, header["source_digest"], header)
+
+
+def own_arrays_in(header: Mapping) -> Own:
+    """Return what the attributes of runs say of arrays of the user's own functions."""
+    return own_arrays(header.get("own_arrays", "{}"))
 
 
 def read_outline(path: str | Path) -> Outline:
@@ -184,13 +193,15 @@ def read_outline(path: str | Path) -> Outline:
         scene, engine, header = _setting(file)
         record = _record("position" in file, "disks" in file, "events" in file)
         stored = (values_of(file["seed"]), values_of(file["time"]), record, header["source_digest"])
-        observables = _measured(json.loads(header["variables"]))
-        return Outline(scene, engine, *stored, observables, header["average"], header["runs_digest"])
+        own = own_arrays_in(header)
+        observables = _measured(json.loads(header["variables"]), own)
+        return Outline(scene, engine, *stored, observables, header["average"], header["runs_digest"], own)
 
 
-def _measured(names: Collection[str]) -> tuple[str, ...] | None:
+def _measured(names: Collection[str], own: Own) -> tuple[str, ...] | None:
     """Return the observables that were measured, given the names of all numbers and arrays of the runs."""
-    return None if WITHOUT_RESULTS.issuperset(names) else observables_making(names)
+    found = (*observables_making(names), *dict.fromkeys(array.observable for array in own.values()))
+    return None if WITHOUT_RESULTS.issuperset(names) else found
 
 
 def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
@@ -264,8 +275,11 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     import xarray
 
     scene, _, ensemble, *_ = trajectories
+    own = ensemble.own
     nodes = {
-        path: xarray.Dataset({name: (dims_of(path, name), values, described(name)) for name, values in group.items()})
+        path: xarray.Dataset(
+            {name: (dims_of(path, name, own), values, described(name, own)) for name, values in group.items()}
+        )
         for path, group in groups_of(scene, ensemble).items()
     }
     nodes["/"].attrs = trajectories.attributes
@@ -282,17 +296,17 @@ def from_tree(tree: "DataTree") -> Trajectories:
     if not isinstance(tree, xarray.DataTree):
         raise RequestError(f"runs: must be what simulate or open returns, not a {type(tree).__name__}")
     try:
-        scene, engine = setting_of(tree.attrs)
+        (scene, engine), own = setting_of(tree.attrs), own_arrays_in(tree.attrs)
         _refuse_part(scene, tree)
         groups = {
             path: {
-                name: tree[path][name].transpose(*dims_of(path, name)).values
+                name: tree[path][name].transpose(*dims_of(path, name, own)).values
                 for name in sorted(names & tree[path].variables.keys())
             }
             for path, names in _own_names(tree).items()
             if path in tree.groups
         }
-        ensemble = ensemble_of(scene, groups, tree.attrs["average"])
+        ensemble = ensemble_of(scene, groups, tree.attrs["average"], own)
         return Trajectories(scene, engine, ensemble, tree.attrs["source_digest"])
     except (AttributeError, IndexError, KeyError, TypeError, ValueError, RequestError, StorageError) as error:
         wrong = "runs: must be what simulate or open returns, or a selection of its seeds"

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines import Engine, forecast
+from brownpipe.observables.own import identity
 from brownpipe.provenance import STEPS, digest_of, source_digest
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
@@ -109,7 +110,11 @@ def commands(study: Study) -> dict[str, str]:
         name: " ".join([shell_path(os.path.relpath(path)), *(f"--value {_assignment(*one)}" for one in values.items())])
         for name, (path, values) in study.varied.items()
     }
-    measured = f" --observables {','.join(study.observables)} --average {study.average}" if study.observables else ""
+    measured = (
+        f" --observables {shell_path(','.join(study.observables))} --average {study.average}"
+        if study.observables
+        else ""
+    )
     return {
         runs.key: f"{scenes[runs.case.name]} --particles {runs.case.particles} --engine {runs.engine.options}"
         f" --record {study.record}{measured} --planned {runs.digest}"
@@ -136,7 +141,7 @@ def digests(study: Study) -> dict[str, str]:
     aggregate = digest_of(runs, analysis, found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])
     return {
-        "plan": digest_of(runs, study.average, study.observables, found["tradeoff"]),
+        "plan": digest_of(runs, study.average, [*map(identity, study.observables)], found["tradeoff"]),
         "aggregate": aggregate,
         "figures": digest_of(aggregate, study.figures, study.shown_particles, found["figures"]),
         "tradeoff": tradeoff,

@@ -27,7 +27,8 @@ from brownpipe.engines.exact import EXACT
 from brownpipe.engines.friction import default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
-from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SCAN, SPREADING, TRACKED
+from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, OWN, SCAN, SPREADING, TRACKED
+from brownpipe.observables.own import beside, is_own
 from brownpipe.provenance import digest_of
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
@@ -99,7 +100,12 @@ EngineKey: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Discrim
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
 Engines = Annotated[tuple[Any, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
-Observables = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(measures.OBSERVABLES)], least=0))]
+OwnName = Annotated[str, Field(json_schema_extra={"pattern": ".:."}), Tag("{own}")]
+Measure: Any = Annotated[
+    Annotated[Literal[tuple(measures.OBSERVABLES)], Tag("{name}")] | OwnName,
+    Discriminator(lambda value: "{own}" if isinstance(value, str) and is_own(value) else "{name}"),
+]
+Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, least=0))]
 Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
@@ -158,6 +164,7 @@ class Study(Record):
         self._resolve(name=given.get("name", "study"))
         self._read_scenes(given.get("folder", Path()))
         self._read_engines()
+        self._resolve(observables=tuple(beside(given.get("folder", Path()), name) for name in self.observables))
         self._check_seeds()
         self._check_analysis()
         self._check_figures()
@@ -235,6 +242,7 @@ class Study(Record):
         counts, is_tracked = sorted({case.particles for case in self.cases}), self.record == "tracer"
         along = [*self.vary.values()][: 1 if self.vary_together else None]
         conditions = {f"the observable {name}": name in measured for name in measures.OBSERVABLES} | {
+            OWN: any(map(is_own, measured)),
             FOLLOWED: max(counts) > 0,
             COLLISIONS: any(use.case.particles and use.engine.definition.counts_collisions for use in self.uses),
             SCAN: len(set(counts) - {0}) > 1

@@ -40,7 +40,8 @@ def add_arguments(add: Callable) -> None:
             add(option(key), type=typed(setting.kind), metavar=setting.metavar, help=what)
     what = "tracer (default), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what)
-    measured = f"what to measure in each run: names joined by commas, some of {', '.join(OBSERVABLES)}"
+    some = f"some of {', '.join(OBSERVABLES)}, or a function of your own, my_module:my_function"
+    measured = f"what to measure in each run: names joined by commas, {some}"
     add("--observables", type=several(str), default=[], metavar="NAMES", help=measured)
     over = "runs (default), or all time origins or equal disks of a run"
     add("--average", default="runs", metavar="OVER", help=over)
@@ -95,6 +96,10 @@ def simulate(arguments: Namespace) -> int:
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
     with progress.shown("simulate"):
         ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
+    if ensemble.own:
+        from brownpipe.analysis.dataset import refuse_taken
+
+        refuse_taken(ensemble.own)
     write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
@@ -136,12 +141,13 @@ def _checkpoints(
     if arguments.checkpoint_every is None:
         return ()
     from brownpipe.engines.exact.checkpoint import Checkpoints
+    from brownpipe.observables.own import identity
     from brownpipe.provenance import made_with
     from brownpipe.scene.seeds import seed_text
     from brownpipe.storage.checkpoints import read_checkpoint, write_checkpoint
 
     options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
-    options |= {"observables": ",".join(arguments.observables) or "none", "average": arguments.average}
+    options |= {"observables": ",".join(map(identity, arguments.observables)) or "none", "average": arguments.average}
     made = {name.partition("_")[0]: value for name, value in made_with("simulate", "exact").items()}
     made_by = options | {"engine": arguments.engine, "scene": scene.digest} | made
     last_written = time.monotonic()

@@ -8,6 +8,7 @@ import numpy as np
 
 from brownpipe.engines.ensemble import Batch, Ensemble, Events, blank
 from brownpipe.engines.exact.run import RunState, Saving
+from brownpipe.observables.own import own_arrays
 from brownpipe.observables.tracks import Track
 
 Record = TypeVar("Record", bound=NamedTuple)
@@ -33,8 +34,8 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies.
 
     `done` is the number of finished runs; `tracer.*`, `observables`, `whole.SEED.*` and `events.SEED.*` are their
-    columns and records in the ensemble, `stopped` its reasons as JSON, if there are any; `run.*` is the RunState of the
-    unfinished run, with `run.events.*`.
+    columns and records in the ensemble, `stopped` its reasons and `own` what is said of one's own arrays, as JSON, if
+    there are any; `run.*` is the RunState of the unfinished run, with `run.events.*`.
     """
     arrays = {"done": np.array(finished)}
     if ensemble.tracer is not None:
@@ -49,6 +50,8 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
             arrays |= _named(f"{group}.{seed}", record)
     if ensemble.stopped:
         arrays["stopped"] = np.frombuffer(json.dumps(dict(ensemble.stopped)).encode(), np.uint8)
+    if ensemble.own:
+        arrays["own"] = np.frombuffer(json.dumps(ensemble.own).encode(), np.uint8)
     if state is not None:
         numbers = {"equilibrating": state.equilibrating, "slots": state.slots}
         motions = {"first": state.first, "motion": state.motion}
@@ -65,6 +68,8 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
     if "stopped" in arrays:
         stopped = json.loads(arrays["stopped"].tobytes())
         batch.stopped.update((int(seed), reason) for seed, reason in stopped.items())
+    if "own" in arrays:
+        batch.own.update(own_arrays(arrays["own"].tobytes()))
     finished = int(arrays["done"])
     if ensemble.tracer is not None:
         for values, stored in zip(ensemble.tracer, _record(Track, arrays, "tracer"), strict=True):
