@@ -1,5 +1,6 @@
 """How much of a long calculation is done: what is reported, and what a terminal or a log shows of it."""
 
+import json
 import os
 import re
 import signal
@@ -20,7 +21,7 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.figures.movie import movie
 from brownpipe.figures.snapshot import whole_run
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
-from brownpipe.study import plan
+from brownpipe.study import plan, read_study
 from synthetic import render
 from test_exact import P, box, make
 
@@ -109,17 +110,18 @@ def test_a_trade_off_reports_its_cases_by_the_settings_that_are_measured(files, 
     ]
 
 
-def test_a_pilot_reports_its_engines(reported, monkeypatch):
-    monkeypatch.setattr(plan.timing, "seconds_per_run", lambda engine, *_, **__: 1.0)
-    monkeypatch.setattr("brownpipe.study.plan.MOST_RUNS", 10)
-    study = SimpleNamespace(observables=(), average="runs", fit_windows=((0.2, 1.0),))
-    plan._by_pilots(study, SCENE, "msd")
-    total = 1 + len(plan.candidates(SCENE))
-    assert reported[-1] == ("engines", total, total) and {unit for unit, _, _ in reported} == {"engines"}
+def test_a_plan_reports_its_cases(reported, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("brownpipe.study.cost.MOST_PILOT_RUNS", 10)
+    (tmp_path / "scene.yaml").write_text(json.dumps(SCENE.model_dump(exclude_unset=True)))
+    engines = "engines: [exact, {name: langevin, friction: enskog}]"
+    (tmp_path / "study.yaml").write_text(f"scenes: scene.yaml\nseeds: 5\n{engines}\n")
+    plan.performance_of(read_study("study.yaml"), "msd")
+    assert reported[-1] == ("cases", 1, 1) and {unit for unit, _, _ in reported} == {"cases"}
 
 
 def test_timing_a_run_times_no_report(reported):
-    plan.timing.seconds_per_run(configured("langevin", friction="enskog"), SCENE, repeats=1)
+    tradeoff.timing.seconds_per_run(configured("langevin", friction="enskog"), SCENE, repeats=1)
     assert reported == []
 
 

@@ -57,7 +57,7 @@ def _scene(scene: Scene) -> list[str]:
         window_caution(window, {scene.name: start}),
     ]
     for name, definition in DEFINITIONS.items():
-        engine = configured(name, **definition.candidates(scene)[0])
+        engine = configured(name, **definition.example(scene))
         try:
             engine.refuse_unfit(scene)
         except RequestError as error:

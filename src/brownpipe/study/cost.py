@@ -8,7 +8,9 @@ import math
 from collections.abc import Callable, Mapping
 
 from brownpipe.engines import forecast
+from brownpipe.engines.saturation import share_failing
 from brownpipe.formatting import counted, in_bytes, in_time
+from brownpipe.scene import Scene
 from brownpipe.study.run_sets import run_sets
 from brownpipe.study.study import REFERENCE, Study
 
@@ -19,13 +21,21 @@ ANALYSIS = 300e6  # bytes of a process that analyses or draws, besides data
 REPLICATES = 10_000  # of one run's data in memory, to average over the runs of a case
 COPIES = 5  # of a file in memory while it is read; in the trade-off of all files
 SECONDS_PER_CASE, SECONDS_PER_BYTE = 1.0, 1e-7  # CPU, to analyse
-RUNS_TIMED = 30  # of each engine and case in the trade-off, and more than those of a pilot
+RUNS_TIMED = 30  # of each engine and case in the trade-off
+PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
+FEWEST_PILOT_RUNS, MOST_PILOT_RUNS = 10, 400
 Need = tuple[float, float]  # bytes of memory, CPU seconds
 
 
 def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
     """Return the CPU seconds of so many processes that make and write so many runs together."""
     return jobs * (forecast.START_UP + cost.once) + runs * (cost.seconds + cost.storing)
+
+
+def pilot_runs(scene: Scene, cost: forecast.Cost) -> int:
+    """Return the number of pilot runs of a scene; of failing ones it is larger, as they take no time."""
+    seconds = cost.seconds - forecast.SECONDS_TO_FAIL * share_failing(scene)
+    return int(min(max(PILOT_SECONDS / seconds, FEWEST_PILOT_RUNS), MOST_PILOT_RUNS))
 
 
 def with_assumed_runs(study: Study) -> Study:
@@ -56,16 +66,17 @@ def requests(study: Study) -> dict[str, dict[str, object]]:
     files = [runs.most_seeds * runs.cost.kept for runs in sets]
     memory = ANALYSIS + REPLICATES * max(runs.cost.kept for runs in sets) + COPIES * max(files)
     seconds = SECONDS_PER_CASE * len(sets) + SECONDS_PER_BYTE * sum(kept)
-    measured = [*costs.values(), *(REFERENCE.forecast(case, *study.recording) for case in study.cases)]
-    timed = seconds + sum(5.0 + RUNS_TIMED * cost.seconds for cost in measured)
+    exact = [(case, REFERENCE.forecast(case, *study.recording)) for case in study.cases]
+    timed = seconds + sum(5.0 + RUNS_TIMED * cost.seconds for cost in (*costs.values(), *(cost for _, cost in exact)))
+    pilots = sum(seconds_of_jobs(cost, pilot_runs(case, cost)) for case, cost in exact)
 
     def of_simulate(wildcards: Mapping[str, str]) -> Need:
         cost, runs = costs[wildcards["digest"]], int(wildcards["last"]) - int(wildcards["first"]) + 1
         return forecast.memory(cost, runs), seconds_of_jobs(cost, runs)
 
     analysis = dict.fromkeys(("aggregate", "figures", "tradeoff_drawings"), _asked(lambda _: (memory, seconds)))
-    measurements = dict.fromkeys(("plan", "tradeoff"), _asked(lambda _: (memory + COPIES * sum(kept), timed)))
-    return {"simulate": _asked(of_simulate), **analysis, **measurements}
+    plan, tradeoff = _asked(lambda _: (memory, pilots)), _asked(lambda _: (memory + COPIES * sum(kept), timed))
+    return {"simulate": _asked(of_simulate), **analysis, "plan": plan, "tradeoff": tradeoff}
 
 
 def _asked(need: Callable[[Mapping[str, str]], Need]) -> dict[str, object]:

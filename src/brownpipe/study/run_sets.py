@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines import Engine, forecast
-from brownpipe.observables.own import identity
 from brownpipe.provenance import STEPS, digest_of, source_digest
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
@@ -82,10 +81,14 @@ def run_sets(study: Study) -> list[RunSet]:
     sets = []
     for case in study.cases:
         for engine, _, seeds in (use for use in study.uses if use.case is case):
-            cost, digest = engine.forecast(case, *study.recording), runs_digest(case, engine, *study.recording)
-            folder = folder_of_runs(case, engine, digest)
-            sets.append(RunSet(engine, case, seeds or study.seeds, study.batch, cost, digest, folder))
+            sets.append(run_set(study, case, engine, seeds or study.seeds))
     return sets
+
+
+def run_set(study: Study, case: Scene, engine: Engine, seeds: Sequence[int]) -> RunSet:
+    """Return the runs of these seeds of one engine in one case, recorded and measured as the study says."""
+    cost, digest = engine.forecast(case, *study.recording), runs_digest(case, engine, *study.recording)
+    return RunSet(engine, case, seeds, study.batch, cost, digest, folder_of_runs(case, engine, digest))
 
 
 def batches_of(runs: RunSet) -> list[tuple[int, int]]:
@@ -141,7 +144,7 @@ def digests(study: Study) -> dict[str, str]:
     aggregate = digest_of(runs, analysis, found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])
     return {
-        "plan": digest_of(runs, study.average, [*map(identity, study.observables)], found["tradeoff"]),
+        "plan": digest_of(runs, found["tradeoff"]),
         "aggregate": aggregate,
         "figures": digest_of(aggregate, study.figures, study.shown_particles, found["figures"]),
         "tradeoff": tradeoff,

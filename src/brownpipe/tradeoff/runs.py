@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.drift import quarters_of
-from brownpipe.analysis.runs import Group, RunBlock, block_of, blocks_of, joined, reported, select
+from brownpipe.analysis.runs import Group, RunBlock, blocks_of, joined, reported, select
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import AnalysisError
 from brownpipe.observables.displacement import displacement
 from brownpipe.scene import Scene
@@ -49,21 +48,23 @@ def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
         outline = group.outline
         if not outline.tracer:
             raise AnalysisError(f"{group.files[0].path}: holds no tracer; make it again without --record none")
-        found.append(_of_blocks(outline.scene, outline.engine, outline.times, [*blocks_of(group)]))
+        found.append(runs_of(outline.scene, outline.engine, [*blocks_of(group)]))
     return found
 
 
-def runs_of(scene: Scene, engine: Engine, ensemble: Ensemble) -> EngineRuns:
-    """Return the runs of an ensemble with ascending seeds."""
-    return _of_blocks(scene, engine, ensemble.times, [block_of(ensemble)])
+def runs_of(scene: Scene, engine: Engine, blocks: Sequence[RunBlock], squares: str | None = None) -> EngineRuns:
+    """Return the runs of blocks; `squares` is an observable that stands for the tracer's squared displacement.
 
-
-def _of_blocks(scene: Scene, engine: Engine, times: np.ndarray, blocks: Sequence[RunBlock]) -> EngineRuns:
-    every = joined(blocks)
+    Without the tracer's track its displacement is NaN.
+    """
+    every, times = joined(blocks), scene.times
     runs = select(every, reported(every, "failed") == 0)
-    moved = displacement(runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height))
-    moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
-    squared, overlap = (moved**2).sum(axis=-1), reported(runs, "worst_overlap")
+    moved = np.full((len(runs.seeds), len(times), 2), np.nan)
+    if runs.tracer is not None:
+        moved = displacement(runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height))
+        moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
+    squared = runs.observables[squares] if squares else (moved**2).sum(axis=-1)
+    overlap = reported(runs, "worst_overlap")
     counts, failed = runs.observables.get("pair_counts"), len(every.seeds) - len(runs.seeds)
     quarters = quarters_of(scene, times, runs.observables)
     return EngineRuns(scene, engine, runs.seeds, times, moved, squared, overlap, counts, failed, quarters)

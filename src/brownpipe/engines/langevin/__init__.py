@@ -142,5 +142,5 @@ LANGEVIN = Definition(
     scene_with_disks=scene_with_disks,
     measured=of_tracer,
     counts_collisions=False,
-    candidates=lambda scene: [{"friction": "enskog"}],  # it needs no runs of the exact engine
+    example=lambda scene: {"friction": "enskog"},  # it needs no runs of the exact engine
 )
